@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from gauss_bench.report.build import all_findings
-from gauss_bench.report.rows import KEYS, Run, chose_steps, run_time
+from gauss_bench.report.cases import chose_steps, run_time
+from gauss_bench.report.rows import KEYS, Run
 
 KEY = ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 2.0)
 Row = dict[str, Any]

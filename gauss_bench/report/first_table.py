@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from statistics import median
 
 from gauss_bench.reach import Requirement, reach, trial_of
-from gauss_bench.report.content import NOTHING, Cell, Table, error_text, limit_text, range_text, ratio_text, text_cell, time_text
+from gauss_bench.report.content import Cell, Table, text_cell
 from gauss_bench.report.pages import markdown_cell
 from gauss_bench.report.rows import Row, Run, group_by, search_span
 from gauss_bench.report.site.settings import Setting, all_settings, cheapest, cheapest_stored, multiples
+from gauss_bench.report.words import NOTHING, error_text, limit_text, range_text, ratio_text, time_text
 
 FIRST = 1e-6  # [m] accuracy of the first table
 SHOWN = ("four_bar", "six_bar")  # linkages with all figures, of one loop and of two

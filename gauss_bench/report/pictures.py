@@ -19,7 +19,6 @@ from scipy.interpolate import PchipInterpolator
 from gauss_bench.atomic import write_text
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import GROUND, Mechanism
-from gauss_bench.report.content import itemise
 from gauss_bench.report.drawings.animation import STYLE, Film, make_film
 from gauss_bench.report.drawings.canvas import Canvas, make_part
 from gauss_bench.report.drawings.drawing import PIN, canvas_of, link_part, linkage_parts
@@ -33,6 +32,7 @@ from gauss_bench.report.site.linkage import pareto_front
 from gauss_bench.report.site.motion import Turn, find_turn
 from gauss_bench.report.site.playback import StoredRun, read_reference, read_runs
 from gauss_bench.report.site.settings import Setting, all_settings, cheapest
+from gauss_bench.report.words import itemise
 from gauss_bench.terms import Array
 
 FOLDER = "reports/pictures"  # relative to README

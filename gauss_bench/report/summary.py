@@ -8,42 +8,15 @@ import math
 from collections.abc import Iterable, Sequence
 
 from gauss_bench.reach import ERRORS
-from gauss_bench.report.content import (
-    AUTHORS,
-    NOTHING,
-    Block,
-    Bullets,
-    Cell,
-    Finding,
-    Section,
-    Table,
-    Text,
-    count,
-    itemise,
-    lay_out,
-    ratio_text,
-    status_cell,
-    text_cell,
-)
+from gauss_bench.report.cases import end_bar, end_error, has_ended, may_rank, measured_head, setting_words
+from gauss_bench.report.content import AUTHORS, Block, Bullets, Cell, Finding, Section, Table, Text, lay_out, status_cell, text_cell
 from gauss_bench.report.first_table import EXPLAINED, first_table, mark_own
 from gauss_bench.report.pages import SENTENCE
-from gauss_bench.report.rows import (
-    Row,
-    Run,
-    end_bar,
-    end_error,
-    group_by,
-    has_ended,
-    is_known,
-    may_rank,
-    measured_head,
-    search_span,
-    setting_words,
-    with_number,
-)
+from gauss_bench.report.rows import Row, Run, group_by, is_known, search_span, with_number
 from gauss_bench.report.sections.search import TRIED, answer_of
 from gauss_bench.report.site.settings import race_multiples
 from gauss_bench.report.site.write import SITE
+from gauss_bench.report.words import NOTHING, count, itemise, ratio_text
 
 LOST = "**"  # findings print defeats in bold
 SHORT, LONGEST = 40, 800  # characters of a finding

@@ -2,24 +2,20 @@
 
 from collections.abc import Iterator, Sequence
 
-from gauss_bench.report.content import Finding, Table, count, error_text, itemise, lay_out, range_text
-from gauss_bench.report.rows import (
-    METHOD,
+from gauss_bench.report.cases import (
     SAME_ACCELERATION,
-    Row,
-    Run,
     acceleration_rows,
     chose_steps,
     end_error,
-    group_by,
     has_ended,
-    is_known,
     measured_name,
     measured_unit,
     setting_words,
-    with_number,
 )
+from gauss_bench.report.content import Finding, Table, lay_out
+from gauss_bench.report.rows import METHOD, Row, Run, group_by, is_known, with_number
 from gauss_bench.report.sections.trajectories import list_cases
+from gauss_bench.report.words import count, error_text, itemise, range_text
 
 PLACE = 11
 SHRINKS = 2.0  # an error that falls by a smaller factor while the step falls 4-fold is not caused by the step

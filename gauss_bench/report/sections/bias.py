@@ -2,8 +2,10 @@
 
 from collections.abc import Mapping
 
-from gauss_bench.report.content import Bullets, Section, blocks_of, count
-from gauss_bench.report.rows import Row, Run, has_ended
+from gauss_bench.report.cases import has_ended
+from gauss_bench.report.content import Bullets, Section, blocks_of
+from gauss_bench.report.rows import Row, Run
+from gauss_bench.report.words import count
 
 PLACE = 91
 TITLE, ANCHOR = "Where this suite may be biased", "bias"

@@ -2,19 +2,10 @@
 
 from collections.abc import Iterator, Sequence
 
-from gauss_bench.report.content import (
-    Finding,
-    Section,
-    Text,
-    blocks_of,
-    count,
-    itemise,
-    lay_out,
-    list_unmeasured,
-    range_text,
-    ratio_text,
-)
-from gauss_bench.report.rows import Row, Run, cost_rows, group_by, is_unstabilised, number, with_number
+from gauss_bench.report.cases import cost_rows, is_unstabilised
+from gauss_bench.report.content import Finding, Section, Text, blocks_of, lay_out
+from gauss_bench.report.rows import Row, Run, group_by, number, with_number
+from gauss_bench.report.words import count, itemise, list_unmeasured, range_text, ratio_text
 
 PLACE = 20
 RACES = {

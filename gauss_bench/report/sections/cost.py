@@ -3,8 +3,10 @@
 import math
 from collections.abc import Iterator
 
-from gauss_bench.report.content import Finding, itemise, lay_out, range_text, ratio_text
-from gauss_bench.report.rows import Row, Run, Spread, cost_rows, is_known, is_unstabilised, spread
+from gauss_bench.report.cases import cost_rows, is_unstabilised
+from gauss_bench.report.content import Finding, lay_out
+from gauss_bench.report.rows import Row, Run, Spread, is_known, spread
+from gauss_bench.report.words import itemise, range_text, ratio_text
 
 PLACE = 14
 OWN, RIVAL = "gauss", "lagrange"

@@ -3,8 +3,10 @@
 import re
 from collections.abc import Iterator, Sequence
 
-from gauss_bench.report.content import Finding, Section, Table, Text, blocks_of, count, itemise, lay_out
-from gauss_bench.report.rows import Row, Run, group_by, has_ended, is_known
+from gauss_bench.report.cases import has_ended
+from gauss_bench.report.content import Finding, Section, Table, Text, blocks_of, lay_out
+from gauss_bench.report.rows import Row, Run, group_by, is_known
+from gauss_bench.report.words import count, itemise
 
 PLACE = 80
 NUMBER = re.compile(r"\d[\d.e+-]*")

@@ -6,34 +6,13 @@ from itertools import product
 from typing import Any
 
 from gauss_bench.reach import Requirement
-from gauss_bench.report.content import (
-    Finding,
-    Section,
-    Text,
-    blocks_of,
-    count,
-    itemise,
-    lay_out,
-    ratio_text,
-)
+from gauss_bench.report.cases import SAME_ACCELERATION, chose_steps, error_bar, has_ended
+from gauss_bench.report.content import Finding, Section, Text, blocks_of, lay_out
 from gauss_bench.report.first_table import mark_own
 from gauss_bench.report.pages import facts
 from gauss_bench.report.reaches import answer
-from gauss_bench.report.rows import (
-    METHOD,
-    SAME_ACCELERATION,
-    Row,
-    Run,
-    Spread,
-    chose_steps,
-    error_bar,
-    group_by,
-    has_ended,
-    is_known,
-    number,
-    spread,
-    with_number,
-)
+from gauss_bench.report.rows import METHOD, Row, Run, Spread, group_by, is_known, number, spread, with_number
+from gauss_bench.report.words import count, itemise, ratio_text
 from gauss_bench.trajectory import Status
 
 PLACE = 13

@@ -5,24 +5,10 @@
 
 from collections.abc import Callable, Iterator, Sequence
 
-from gauss_bench.report.content import (
-    Chart,
-    Finding,
-    Section,
-    Table,
-    Text,
-    blocks_of,
-    count,
-    error_text,
-    itemise,
-    lay_out,
-    layouts,
-    list_unmeasured,
-    range_text,
-    ratio_text,
-)
+from gauss_bench.report.content import Chart, Finding, Section, Table, Text, blocks_of, lay_out, layouts
 from gauss_bench.report.rows import Row, Run, group_by, is_known, number, spread, with_number
 from gauss_bench.report.site.charts import points
+from gauss_bench.report.words import count, error_text, itemise, list_unmeasured, range_text, ratio_text
 
 PLACE = 30
 WORDS = {

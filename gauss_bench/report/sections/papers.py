@@ -2,8 +2,9 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from gauss_bench.report.content import TONES, Block, Finding, Section, Text, blocks_of, count, error_text, itemise, lay_out, layouts
+from gauss_bench.report.content import TONES, Block, Finding, Section, Text, blocks_of, lay_out, layouts
 from gauss_bench.report.rows import Row, Run, group_by
+from gauss_bench.report.words import count, error_text, itemise
 
 PLACE = 70
 VERDICTS = {

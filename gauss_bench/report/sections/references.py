@@ -2,8 +2,10 @@
 
 from collections.abc import Iterator
 
-from gauss_bench.report.content import Bullets, Finding, Section, Text, blocks_of, count, lay_out
-from gauss_bench.report.rows import Row, Run, is_known, measured_head, number, with_number
+from gauss_bench.report.cases import measured_head
+from gauss_bench.report.content import Bullets, Finding, Section, Text, blocks_of, lay_out
+from gauss_bench.report.rows import Row, Run, is_known, number, with_number
+from gauss_bench.report.words import count
 
 PLACE = 50
 

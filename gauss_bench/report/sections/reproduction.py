@@ -3,22 +3,10 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from gauss_bench.report.content import (
-    NOTHING,
-    Block,
-    Bullets,
-    Chart,
-    Finding,
-    Section,
-    Text,
-    blocks_of,
-    error_text,
-    itemise,
-    lay_out,
-    layouts,
-)
+from gauss_bench.report.content import Block, Bullets, Chart, Finding, Section, Text, blocks_of, lay_out, layouts
 from gauss_bench.report.rows import Row, Run, group_by, is_known, number
 from gauss_bench.report.site.charts import over_time, place_names
+from gauss_bench.report.words import NOTHING, error_text, itemise
 
 PLACE = 60
 TITLE, ANCHOR = "The first paper's example, run again", "reproduction"

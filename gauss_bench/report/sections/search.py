@@ -9,35 +9,12 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from gauss_bench.reach import BY_AUTHORS, ERRORS, Kind, Reach, Requirement
-from gauss_bench.report.content import (
-    Block,
-    Finding,
-    Section,
-    Table,
-    Text,
-    blocks_of,
-    count,
-    itemise,
-    lay_out,
-    layouts,
-    limit_text,
-    range_text,
-    ratio_text,
-)
+from gauss_bench.report.cases import setting_words
+from gauss_bench.report.content import Block, Finding, Section, Table, Text, blocks_of, lay_out, layouts
 from gauss_bench.report.reaches import answer
-from gauss_bench.report.rows import (
-    Row,
-    Run,
-    first_number,
-    group_by,
-    is_known,
-    number,
-    search_span,
-    setting_words,
-    spread,
-    with_number,
-)
+from gauss_bench.report.rows import Row, Run, first_number, group_by, is_known, number, search_span, spread, with_number
 from gauss_bench.report.site.settings import race_multiples
+from gauss_bench.report.words import count, itemise, limit_text, range_text, ratio_text
 
 PLACE = 15
 TRIED = (Kind.TIMED, Kind.UNTIMED, Kind.NOT_REACHED)

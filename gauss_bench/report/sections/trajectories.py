@@ -4,28 +4,23 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
-from gauss_bench.report.content import Finding, Table, count, error_text, itemise, lay_out, layouts, ratio_text
-from gauss_bench.report.rows import (
-    KEYS,
+from gauss_bench.report.cases import (
     MEASURED_ERRORS,
-    Row,
-    Run,
     describe_case,
     end_bar,
     end_error,
     error_bar,
-    group_by,
     has_ended,
     is_below_reference,
-    is_known,
     is_unstabilised,
     may_rank,
     measured_name,
     measured_unit,
-    number,
     run_time,
-    with_number,
 )
+from gauss_bench.report.content import Finding, Table, lay_out, layouts
+from gauss_bench.report.rows import KEYS, Row, Run, group_by, is_known, number, with_number
+from gauss_bench.report.words import count, error_text, itemise, ratio_text
 
 PLACE = 12
 TARGETS = (1e-3, 1e-6)  # errors of the measured coordinate [rad or m] at which costs are compared

@@ -10,9 +10,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from gauss_bench.report.content import Chart, count, error_text, ratio_text
-from gauss_bench.report.rows import Row, Run, group_by, has_ended, is_unstabilised, with_number
+from gauss_bench.report.cases import has_ended, is_unstabilised
+from gauss_bench.report.content import Chart
+from gauss_bench.report.rows import Row, Run, group_by, with_number
 from gauss_bench.report.site.charts import FLOOR, bars
+from gauss_bench.report.words import count, error_text, ratio_text
 
 HOLDS = 1e-4  # [m, rad] a loop that opens by less, a tenth of a millimetre, counts as closed
 CARD = tomllib.loads((Path(__file__).parent / "assets" / "cards.toml").read_text(encoding="utf-8"))  # name of a card -> its texts

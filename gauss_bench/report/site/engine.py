@@ -7,22 +7,13 @@ from statistics import geometric_mean
 from typing import Any
 
 from gauss_bench.reach import ERRORS
-from gauss_bench.report.content import Table, count, error_text, itemise, lay_out, limit_text, ratio_text
+from gauss_bench.report.cases import SAME_ACCELERATION, has_ended, setting_words
+from gauss_bench.report.content import Table, lay_out
 from gauss_bench.report.faults import faults_of
 from gauss_bench.report.first_table import FIRST
 from gauss_bench.report.pages import facts
 from gauss_bench.report.reaches import engines_of
-from gauss_bench.report.rows import (
-    SAME_ACCELERATION,
-    Row,
-    Run,
-    group_by,
-    has_ended,
-    is_known,
-    number,
-    setting_words,
-    with_number,
-)
+from gauss_bench.report.rows import Row, Run, group_by, is_known, number, with_number
 from gauss_bench.report.sections import field
 from gauss_bench.report.sections.search import list_owned
 from gauss_bench.report.sections.settings import list_options
@@ -41,6 +32,7 @@ from gauss_bench.report.site.settings import (
     race_multiples,
     scenarios,
 )
+from gauss_bench.report.words import count, error_text, itemise, limit_text, ratio_text
 
 TABLED = sorted({*POSITIONS[1::2], USUAL, FIRST}, reverse=True)  # [m] accuracies in the table of an engine's best settings
 

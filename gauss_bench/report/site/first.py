@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from gauss_bench.report.content import AUTHORS, Finding, ratio_text
+from gauss_bench.report.content import AUTHORS, Finding
 from gauss_bench.report.first_table import EXPLAINED, first_table
 from gauss_bench.report.palette import slots
 from gauss_bench.report.rows import Run, is_known
@@ -23,6 +23,7 @@ from gauss_bench.report.site.settings import (
     fastest_first,
     scenarios,
 )
+from gauss_bench.report.words import ratio_text
 
 LEAD = (
     "This page finds the engine and the settings that simulate a closed-loop linkage accurately enough at the least cost. Errors "

@@ -10,24 +10,12 @@ from markupsafe import Markup
 
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.reach import Kind
-from gauss_bench.report.content import Chart, Table, count, lay_out, ratio_text
+from gauss_bench.report.cases import end_error, has_ended, is_unstabilised, may_rank, setting_words
+from gauss_bench.report.content import Chart, Table, lay_out
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.linkages import pose_in
 from gauss_bench.report.palette import inline
-from gauss_bench.report.rows import (
-    Item,
-    Row,
-    Run,
-    end_error,
-    group_by,
-    has_ended,
-    is_known,
-    is_unstabilised,
-    may_rank,
-    number,
-    setting_words,
-    with_number,
-)
+from gauss_bench.report.rows import Item, Row, Run, group_by, is_known, number, with_number
 from gauss_bench.report.sections.trajectories import all_cases, best_cases, name_most_accurate
 from gauss_bench.report.site.charts import FLOOR, MOST_LINES, over_time, place_names, points
 from gauss_bench.report.site.motion import draw_turn
@@ -44,6 +32,7 @@ from gauss_bench.report.site.settings import (
     fastest_first,
     variant_of,
 )
+from gauss_bench.report.words import count, ratio_text
 
 STEP = 1e-3  # [s] of the runs whose drift is drawn
 HELD = 1e-4  # [m] accuracy at which the cheapest engines are named

@@ -12,9 +12,10 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from gauss_bench.report.content import NOTHING, UNMEASURED, Cell, Finding, Table
+from gauss_bench.report.content import UNMEASURED, Cell, Finding, Table
 from gauss_bench.report.pages import MARKED, SENTENCE, make_environment
 from gauss_bench.report.site.formulas import is_formula, mathml
+from gauss_bench.report.words import NOTHING
 
 LONG, LABEL = 60, 40  # characters: a cell longer than LONG is folded behind a label of at most LABEL
 LEAST_LABEL = 12  # characters: shorter beginnings, such as a time, do not say what is behind them

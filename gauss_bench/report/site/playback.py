@@ -21,14 +21,15 @@ import numpy as np
 
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load_document
-from gauss_bench.report.content import round_digits
+from gauss_bench.report.cases import setting_words
 from gauss_bench.report.drawings.canvas import Canvas
 from gauss_bench.report.drawings.drawing import canvas_of
 from gauss_bench.report.drawings.pose import crank_angles, unwrap_angles
 from gauss_bench.report.linkages import document_in
 from gauss_bench.report.palette import inline
-from gauss_bench.report.rows import KEYS, Row, Run, group_by, number, setting_words
+from gauss_bench.report.rows import KEYS, Row, Run, group_by, number
 from gauss_bench.report.site.motion import Turn, draw_numbered, find_turn, in_pixels, list_frames
+from gauss_bench.report.words import round_digits
 from gauss_bench.terms import Array
 
 MAGNIFIED = (1, 10, 100, 1_000, 10_000, 100_000, 1_000_000)

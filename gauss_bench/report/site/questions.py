@@ -4,14 +4,16 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from gauss_bench.linkage.errors import LinkageError
-from gauss_bench.report.content import Finding, count
+from gauss_bench.report.cases import end_error, may_rank
+from gauss_bench.report.content import Finding
 from gauss_bench.report.linkages import pose_in
-from gauss_bench.report.rows import Run, end_error, is_known, may_rank
+from gauss_bench.report.rows import Run, is_known
 from gauss_bench.report.sections import bias
 from gauss_bench.report.sections.trajectories import name_most_accurate
 from gauss_bench.report.site.engine import explain_time
 from gauss_bench.report.site.page import file_name, sentence_of
 from gauss_bench.report.site.settings import USUAL, cheapest_stored, describe_setting, describe_size, scenarios
+from gauss_bench.report.words import count
 
 CLAIM = "The paper's claim"  # title of the finding on Gauss against Lagrange
 

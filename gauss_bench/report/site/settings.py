@@ -14,23 +14,11 @@ from functools import cache, lru_cache
 from typing import Any
 
 from gauss_bench.reach import BY_AUTHORS, Kind, Reach, Requirement, Trial, reach
-from gauss_bench.report.content import round_digits, to_json
+from gauss_bench.report.cases import chose_steps, may_rank, run_time
+from gauss_bench.report.content import to_json
 from gauss_bench.report.reaches import answer, engines_of
-from gauss_bench.report.rows import (
-    METHOD,
-    Key,
-    Row,
-    Run,
-    chose_steps,
-    first_number,
-    group_by,
-    is_known,
-    may_rank,
-    number,
-    run_time,
-    spread,
-    with_number,
-)
+from gauss_bench.report.rows import METHOD, Key, Row, Run, first_number, group_by, is_known, number, spread, with_number
+from gauss_bench.report.words import round_digits
 
 POSITIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  # [m] that can be required
 FORCES = (math.inf, 10.0, 1.0, 0.1, 0.01, 1e-3)  # [N] that can be required; infinity requires nothing
