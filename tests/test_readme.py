@@ -13,8 +13,9 @@ from gauss_bench.api.options import VERBS
 from gauss_bench.engines import AUTHORED
 from gauss_bench.report.build import read_run
 from gauss_bench.report.first_table import renew
-from gauss_bench.report.pictures import FOLDER, PLAYED, UNTIL, length_text, write_pictures
+from gauss_bench.report.pictures import FOLDER, PLAYED, UNTIL, write_pictures
 from gauss_bench.report.rows import Run
+from gauss_bench.report.words import length_text
 from gauss_bench.tables import read_table
 
 ROOT = Path(__file__).parents[1]
