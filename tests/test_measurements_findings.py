@@ -210,7 +210,7 @@ CALLS += [asked("called from Python", "as called", 0.8), asked("called from Pyth
     ("title", "tables", "parts"),
     [
         ("What is left to be gained", {"bounds": SHARES}, ["42 to 50 % for a batch"]),
-        ("Kinematics", {"kinematics": [TURN]}, ["7.9 million on four_bar", "3.0e-14 at most"]),
+        ("Kinematics", {"kinematics": [TURN]}, ["7.9e+06 on four_bar", "at most 3.0e-14"]),
         (
             "One right-hand side",
             {"rhs": CALLS},

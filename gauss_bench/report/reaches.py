@@ -20,7 +20,7 @@ def answer(run: Run, mechanism: str, engine: str, wanted: Sequence[Requirement])
     Args:
         wanted: requirements that a setting must hold together. Races are known for a single requirement alone.
     """
-    race = _find_race(run, mechanism, engine, wanted[0]) if len(wanted) == 1 else None
+    race = find_race(run, mechanism, engine, wanted[0]) if len(wanted) == 1 else None
     ladders = _ladders(run).get(mechanism, {}).get(engine, [])
     if race is None or (ladders and race["status"] == Status.SKIP):
         return reach(ladders, wanted, "no race took it in")
@@ -36,7 +36,7 @@ def engines_of(run: Run, mechanism: str) -> list[str]:
     return list(_ladders(run).get(mechanism, ()))
 
 
-def _find_race(run: Run, mechanism: str, engine: str, wanted: Requirement) -> Row | None:
+def find_race(run: Run, mechanism: str, engine: str, wanted: Requirement) -> Row | None:
     """Return the row of `search_winners` of an engine at a requirement, or None if there was no race at it."""
     races = _races(run).get((mechanism, engine, wanted.kind), ())
     return next((r for r in races if math.isclose(number(r, "accuracy"), wanted.limit, rel_tol=1e-6)), None)

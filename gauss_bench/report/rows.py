@@ -87,8 +87,8 @@ class Spread:
     high: float
 
     def print_with(self, form: Callable[[float], str]) -> str:
-        """Return the text "value (low..high)", with each number formatted by `form`."""
-        return f"{form(self.value)} ({form(self.low)}..{form(self.high)})"
+        """Return the text "value (low..high)", or the value alone if its range is unknown, with numbers formatted by `form`."""
+        return f"{form(self.value)} ({form(self.low)}..{form(self.high)})" if is_known(self.low) else form(self.value)
 
 
 def is_known(x: Any) -> bool:

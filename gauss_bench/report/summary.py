@@ -67,7 +67,7 @@ def describe_run(run: Run) -> list[Block]:
 def shorten(finding: Finding) -> str:
     """Return a finding's title with its bold sentences.
 
-    A finding without any has its first sentence instead, with the second one if the first is short, and sentences on what is slower.
+    Without bold sentences it has the first sentence, the second one if the first is short, and all sentences with "slower".
     """
     sentences = SENTENCE.split(finding.text)
     chosen = [x for x in sentences if LOST in x]

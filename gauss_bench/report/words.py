@@ -54,6 +54,11 @@ def itemise(words: Iterable[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
+def itemise_code(names: Iterable[str]) -> str:
+    """Join names, each marked as code, as "`a`, `b` and `c`"; a name that occurs again is left out."""
+    return itemise(f"`{name}`" for name in dict.fromkeys(names))
+
+
 def count(n: int, word: str) -> str:
     """Return a number with its noun, in the plural unless the number is 1."""
     return f"{n} {word}" if n == 1 else f"{n} {word}s"
