@@ -46,9 +46,9 @@ def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
     multiples = race_multiples(run)
     winners = []
     for row in rows:
-        marks = (
-            ["own"] * (row["engine"] in run.own_engines) + ["base"] * bool(row.get("own")) + [BY_AUTHORS] * bool(row.get("owner"))
-        )
+        marks = ["own"] if row["engine"] in run.own_engines else []
+        marks += ["base"] if row.get("own") else []  # the engine to which ratios are relative
+        marks += [BY_AUTHORS] if row.get("owner") else []
         more: dict[str, Any] = {
             "within": f"{limit_text(row['accuracy'])} {row['unit']}",
             "name": f"{row['engine']} ({', '.join(marks)})" if marks else row["engine"],
