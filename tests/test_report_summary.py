@@ -35,13 +35,13 @@ def test_defeats_come_first_in_the_summary() -> None:
     found = [
         Finding("Fine", "All is well.", "good"),
         Finding("Odd", "Something is odd.", "warn"),
-        Finding("Race", "It is fast. **Slower than `x` on y 0.5.** **Short of the aim**: y 2 of 3. More of it.", "warn"),
+        Finding("Race", "It is fast. **Slower than `x` on y 0.5.** **Our lead misses its target** over y. More of it.", "warn"),
     ]
     _, lost, won = summary(Run(), found)
     (bullets,), (others,) = lost.blocks, won.blocks
     assert isinstance(bullets, Bullets)
     assert isinstance(others, Bullets)
-    assert bullets.items == ["**Race.** Slower than `x` on y 0.5. Short of the aim: y 2 of 3.", "**Odd.** Something is odd."]
+    assert bullets.items == ["**Race.** Slower than `x` on y 0.5. Our lead misses its target over y.", "**Odd.** Something is odd."]
     assert others.items == ["**Fine.** All is well."]
 
 

@@ -201,9 +201,8 @@ def link_part(mechanism: Mechanism, i: int, states: Array, canvas: Canvas) -> Pa
     if len(outline):
         shape = f'd="{path(outline, closed=True)}" stroke-linejoin="round"'
         shapes.append(f'<path {shape} fill="{fill}" fill-opacity="0.45" stroke="{edge}" stroke-opacity="0.35"/>')
-    for width, colour in (
-        ((BAR, edge), (BAR - 3, fill)) if bars else ()
-    ):  # a wide line in the colour of the edge, a narrower one over it
+    # a bar is a wide line in the colour of its edge with a narrower line over it
+    for width, colour in ((BAR, edge), (BAR - 3, fill)) if bars else ():
         shapes.append(stroke(f'fill="none" stroke="{colour}" stroke-width="{width:g}" stroke-linecap="round"', *bars))
     place, turn = canvas.at(states[:, 3 * i : 3 * i + 2]), -np.degrees(states[:, 3 * i + 2])
     return make_part(shapes, place, turn, title=link.name, link=i, reach=np.array([*reach, *bars]).reshape(-1, 2, 2))

@@ -186,7 +186,7 @@ def describe_batch(rows: Sequence[Row]) -> str:
     off = max(number(r, "lanes_error") for r in rows)
     states = max(int(r["states"]) for r in rows)
     text = f"{states} trajectories from different states, on one core, are this many times faster than MuJoCo's rollout"
-    difference = "nothing" if off == 0 else f"{error_text(off)} at most"
+    difference = "nothing" if off == 0 else f"at most {error_text(off)}"
     return f"{text}: {_list_ratios(rows)}; lanes and single runs differ by {difference}."
 
 
@@ -207,8 +207,8 @@ def describe_right_hand_sides(rows: Sequence[Row]) -> str:
 def describe_agreement(rows: Sequence[Row]) -> str:
     """Return a sentence on the largest difference from the formulations in numpy."""
     worst = max(rows, key=lambda r: number(r, "error"))
-    text = f"Accelerations of the compiled formulations differ from those in numpy by {error_text(worst['error'])} at most, on "
-    return f"{text}{worst['mechanism']} ({worst['formulation']}, {worst['place']})."
+    text = f"Accelerations of the compiled formulations differ from those in numpy by at most {error_text(worst['error'])}"
+    return f"{text}, on {worst['mechanism']} ({worst['formulation']}, {worst['place']})."
 
 
 def describe_long_runs(rows: Sequence[Row]) -> str:
@@ -216,8 +216,8 @@ def describe_long_runs(rows: Sequence[Row]) -> str:
     position, velocity = (error_text(max(number(r, f"{x}_drift") for r in rows)) for x in ("position", "velocity"))
     orders = [r["order"] for r in with_number(rows, "order")]
     energy = f"; its energy error falls with order {range_text(orders)}" if orders else ""
-    start = f"Over {number(rows[0], 't_end'):g} s with projection the compiled kernel leaves the constraints by"
-    return f"{start} {position} in position and {velocity} in velocity at most{energy}."
+    start = f"Over {number(rows[0], 't_end'):g} s with projection the compiled kernel violates the constraints by at most"
+    return f"{start} {position} in position and {velocity} in velocity{energy}."
 
 
 def describe_growth(rows: Sequence[Row]) -> str:

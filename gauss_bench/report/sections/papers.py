@@ -104,7 +104,7 @@ def find_hidden_error(lines: Sequence[Row]) -> Iterator[Finding]:
     if meets is None or off is None or not (meets["stands"] and off["stands"]):
         return
     yield Finding(
-        "A printed formula that no residual gives away",
+        "A printed formula whose error no residual shows",
         f"Eq. {off['equation']} of {off['paper']}, read with Moore-Penrose inverses, meets every constraint to "
         f"{error_text(meets['printed_off'])} and gives {off['example_printed']:.4g} for the {off['example']}, where the truth is "
         f"{off['example_true']:.4g}.",

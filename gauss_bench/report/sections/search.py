@@ -203,9 +203,9 @@ def name_unreached(run: Run, group: Sequence[Row]) -> Iterator[str]:
 def name_missed_targets(run: Run, group: Sequence[Row]) -> Iterator[str]:
     """Yield a sentence on the rivals over which our lead is smaller than its target, if there are any."""
     missed = [r for r in with_number(group, "target") if not r["met"]]
-    near = [f"`{r['engine']}` on {_multiple(run, r)} of {ratio_text(r['target'])}" for r in missed]
+    near = [f"`{r['engine']}` on {_multiple(run, r)} instead of {ratio_text(r['target'])}" for r in missed]
     if near:
-        yield f"**Short of the aim**: {itemise(near)}. "
+        yield f"**Our lead misses its target** over {itemise(near)}. "
 
 
 def name_left_out(run: Run, group: Sequence[Row]) -> Iterator[str]:

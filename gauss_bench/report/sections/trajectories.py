@@ -141,7 +141,7 @@ def find_wrong_motion(run: Run) -> Iterator[Finding]:
         truth = f"{measured_unit([row])} from the true {measured_name([row])}"
         yield Finding(
             "Closed loops, wrong motion",
-            f"In {row['scenario']}, {describe_case(row)} {loops} and its model right, raises no warning, and ends "
+            f"In the scenario {row['scenario']}, {describe_case(row)} {loops} and its model right, raises no warning, and ends "
             f"{end_error(row):.3g} {truth}. "
             f"{count(len(rows), 'row')} of this kind ended more than {LOST:g} {measured_unit(rows)} off.",
             "warn",
@@ -181,7 +181,7 @@ def find_drift(run: Run) -> Iterator[Finding]:
         position, velocity = (error_text(number(row, f"{x}_drift")) for x in ("position", "velocity"))
         worst = name_tied(free, row, lambda r: r["position_drift"])
         yield Finding(
-            "Where drift is worst",
+            "The largest drift",
             f"Among valid rows without stabilisation, {worst} has the largest drift, on {row['mechanism']} {row['scenario']}: "
             f"{position} in position and {velocity} in velocity.",
             behind=(list_cases(sorted(free, key=lambda r: -r["position_drift"])[:MOST_DRIFT]),),

@@ -201,7 +201,7 @@ def _cases(run: Run) -> Iterator[Setting]:
 
 
 def cheapest(settings: Iterable[Setting], position: float, force: float = math.inf) -> dict[str, Setting]:
-    """Return engine -> its cheapest setting that holds the errors `position` [m] and `force` [N], in the order of `Setting.cost`."""
+    """Return engine -> its cheapest setting, by `Setting.cost`, that holds the errors `position` [m] and `force` [N]."""
     leaders: dict[str, Setting] = {}
     for one in settings:
         if one.holds(position, force) and (one.engine not in leaders or one.cost < leaders[one.engine].cost):
@@ -210,7 +210,7 @@ def cheapest(settings: Iterable[Setting], position: float, force: float = math.i
 
 
 def cheapest_stored(run: Run, mechanism: str, position: float, force: float = math.inf) -> dict[str, Setting]:
-    """Return engine -> its cheapest setting on a linkage; the winner of a race at exactly this requirement replaces the estimate."""
+    """Return engine -> its cheapest setting on a linkage; the winner of a race at this very requirement replaces the estimate."""
     settings = all_settings(run).get(mechanism, [])
     leaders = cheapest(settings, position, force)
     if not math.isinf(force):
@@ -252,7 +252,7 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
 
     Returns:
         settings: data of all settings that are the cheapest of an engine for a requirement; `chosen` has the settings themselves.
-        picks: "i,j" of a requirement, POSITIONS[i] and FORCES[j] -> [index of a setting, its multiple] of each engine that holds it.
+        picks: "i,j" for POSITIONS[i] and FORCES[j] -> [index of a setting, its multiple] of each engine that holds both.
         none: engine -> for each requirement, the index in `words` of the reason why the engine does not hold it, -1 if it does.
         until, horizons: duration of the stored run [s], and the durations that a reader can choose.
     """
