@@ -89,7 +89,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.long("cylinder", "engine", "tutorial")
+@pytest.mark.long("cylinder", "engine", "settings", "tutorial")
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [x for x in PAGES if x.name != "commands.md"], ids=lambda p: p.stem)
 def test_every_example_runs(page: Path, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -115,18 +115,18 @@ def test_every_verb_has_an_example() -> None:
         assert any(line.split()[:2] == ["gauss-bench", verb] for line in commands), f"no example of {verb}"
 
 
-@pytest.mark.long("conformance", "recommend")
-@pytest.mark.slow("doctor", "sweep", "certify", "verify", "atlas", "run", "report", "check", "tune")
-@pytest.mark.parametrize("verb", [x for x in VERBS if x not in ("studio", "releases")])
+# verbs whose examples take long have tests of their own
+@pytest.mark.long("atlas", "check", "conformance", "doctor", "export", "recommend", "sweep", "tune")
+@pytest.mark.slow("run", "verify")
+@pytest.mark.parametrize("verb", [x for x in VERBS if x not in ("studio", "releases", "report", "certify")])
 def test_the_example_of_a_verb_runs(
-    verb: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """A report is that of the run above it on the page; a certificate is made, then verified."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    carry_out(verbs_and_examples()[verb], tmp_path, capsys)
+    for name in {"run": ("run", "report"), "verify": ("certify", "verify")}.get(verb, (verb,)):
+        carry_out(verbs_and_examples()[name], tmp_path, capsys)
 
 
 @pytest.mark.slow
@@ -194,7 +194,18 @@ def tables_of(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return {name: x["properties"] for name, x in {document["title"]: document, **definitions}.items()}
 
 
-def test_the_index_has_every_key_of_the_grammar_once_and_nothing_else() -> None:
+LINES = (
+    '| <a id="gravity"></a>`gravity` | [number, number] | m/s² | `[0.0, -9.81]` | 1 |',
+    '| <a id="scenarios.hold"></a>`hold` | [link or joint, ...] |  | - | 2 |',
+    '| <a id="cylinders.barrel.length"></a>`length` | number > 0 | m | required | 2 |',
+    '| <a id="scenarios.start.slides"></a>`slides` | start slide → number | m | - | 1 |',
+    '| <a id="ground.points.from"></a>`from` | text |  | - | 1 |',
+    '| <a id="forces.joint_damping.c"></a>`c` | number >= 0 | N m s/rad or N s/m | required | 1 |',
+    "## `scenarios.NAME.driver` and `scenarios.NAME.drivers[]`, law `constant` { #table.scenarios.driver.constant }",
+)
+
+
+def test_the_index_has_every_key_of_the_grammar_once_with_type_unit_default_and_edition() -> None:
     expected = {(name, key) for name, keys in tables_of(schema.LinkageTable.model_json_schema()).items() for key in keys}
     indexed = [(entry.table.__name__, key) for entry, key, _ in list_keys()]
     assert len(indexed) == len(set(indexed))
@@ -204,22 +215,7 @@ def test_the_index_has_every_key_of_the_grammar_once_and_nothing_else() -> None:
     assert re.findall(r'^\| <a id="([^"]+)"></a>`', page, re.MULTILINE) == addresses
     anchors = addresses + re.findall(r"\{ #(\S+) \}", page)
     assert len(anchors) == len(set(anchors))
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        '| <a id="gravity"></a>`gravity` | [number, number] | m/s² | `[0.0, -9.81]` | 1 |',
-        '| <a id="scenarios.hold"></a>`hold` | [link or joint, ...] |  | - | 2 |',
-        '| <a id="cylinders.barrel.length"></a>`length` | number > 0 | m | required | 2 |',
-        '| <a id="scenarios.start.slides"></a>`slides` | start slide → number | m | - | 1 |',
-        '| <a id="ground.points.from"></a>`from` | text |  | - | 1 |',
-        '| <a id="forces.joint_damping.c"></a>`c` | number >= 0 | N m s/rad or N s/m | required | 1 |',
-        "## `scenarios.NAME.driver` and `scenarios.NAME.drivers[]`, law `constant` { #table.scenarios.driver.constant }",
-    ],
-)
-def test_the_index_says_type_unit_default_and_edition(line: str) -> None:
-    assert line in write_index().splitlines()
+    assert {*LINES} <= {*page.splitlines()}
 
 
 def test_every_number_of_the_grammar_has_a_unit_that_its_explanation_names() -> None:
@@ -235,17 +231,14 @@ def test_every_number_of_the_grammar_has_a_unit_that_its_explanation_names() -> 
             assert unit == "1" or unit in section, f"{address}: its explanation does not name the unit {unit}"
 
 
-def test_the_pages_have_every_force_and_every_verb() -> None:
+def test_the_pages_have_every_force_and_every_verb_and_name_files_that_exist() -> None:
     assert set(schema.FORCES) <= set(re.findall(r"`(\w+)`", pages_from_code.write_grammar()))
     page = pages_from_code.write_commands((DOCS / "pages" / "commands.md").read_text(encoding="utf-8"))
     assert all(f"## {name}\n" in page and f"usage: gauss-bench {name} " in page for name in VERBS)
     assert all(f"[{name}](formats/{name}.json)" in pages_from_code.write_formats() for name in list_formats())
-
-
-def test_files_named_by_pages_exist() -> None:
-    for page in PAGES:
-        for name in re.findall(r"`((?:gauss_bench|tests|mechanisms)/[\w/.]+\.\w+)`", page.read_text(encoding="utf-8")):
-            assert (ROOT / name).exists(), f"{page.name}: {name}"
+    for path in PAGES:
+        for name in re.findall(r"`((?:gauss_bench|tests|mechanisms)/[\w/.]+\.\w+)`", path.read_text(encoding="utf-8")):
+            assert (ROOT / name).exists(), f"{path.name}: {name}"
 
 
 @pytest.fixture(scope="module")

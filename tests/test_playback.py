@@ -112,7 +112,7 @@ def test_the_default_and_the_most_exact_valid_run_of_each_engine_are_stored() ->
 
 @pytest.fixture(scope="module")
 def planted(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of a late engine and one that opens, and its site."""
+    """A run of a late engine and of one that opens."""
     folder = tmp_path_factory.mktemp("planted")
     runs = {"gauss-native": AHEAD, "mujoco": opened()}
     cases = {x: CASE | {"engine": x, "integrator": "rk4"} for x in runs}
@@ -121,7 +121,6 @@ def planted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_table("motions", [place | x for x in true_poses(MECHANISM, truth())], folder)
     write_table("poses", [cases[x] | row for x, q in runs.items() for row in poses(MECHANISM, run_of(q), truth())], folder)
     write_schema(folder)
-    build_report(folder)
     return folder
 
 
@@ -155,6 +154,7 @@ def test_without_poses_there_is_no_playback() -> None:
 
 @pytest.mark.slow
 def test_a_browser_draws_the_planted_runs_with_what_was_planted(planted: Path, browser: Any) -> None:
+    build_report(planted)
     page = browser.new_page()
     page.goto((planted / "site" / "linkage-four_bar.html").as_uri())
     at = """([side, i]) => document.querySelector(`#pair [data-side=${side}] [data-link="${i}"]:not([data-x])`)

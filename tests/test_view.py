@@ -18,8 +18,7 @@ from gauss_bench.api.kinematics import Kinematics, kinematics
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.report.site.view import ANGLES, INTERVALS, LIMITS, VERSION, TooLarge, pack_poses, pack_view, view_page
-
-LINKAGES = ("four_bar", "jansen", "shaper", "excavator")
+from tests.conftest import exhaustive
 
 
 @cache
@@ -54,34 +53,25 @@ def as_fragment(data: bytes) -> str:
     return VERSION + base64.urlsafe_b64encode(zlib.compress(data, 9)).decode().rstrip("=")
 
 
-@pytest.mark.parametrize("name", LINKAGES)
-def test_the_address_holds_the_file_and_every_pose_to_half_a_unit(name: str) -> None:
+@pytest.mark.parametrize("name", exhaustive(["four_bar", "jansen", "shaper", "excavator"], "jansen", "excavator"))
+def test_the_address_holds_the_file_and_every_pose_to_half_a_unit_and_every_point_in_its_place(name: str) -> None:
+    """Pins and paths of the address, moved by its poses, against the observed points of the suite's own motion."""
     text = Path(load(name).source).read_text()
     fragment, made = packed(name, text)
-    held = content(fragment)
+    held, q = content(fragment), made.trajectory.q
+    states, units = poses(held), [held["unit"], held["unit"], 1 / ANGLES]
     assert held["file"] == text
     assert re.fullmatch(r"v1\.[A-Za-z0-9_-]+", fragment)
     assert len(fragment) <= LIMITS["fragment"]
     assert len(made.t) == INTERVALS + 1 <= LIMITS["poses"]
-    off = np.abs(poses(held) - made.trajectory.q) / np.tile([held["unit"], held["unit"], 1 / ANGLES], len(held["links"]))
-    assert off.max() <= 0.5 + 1e-6
-    places = np.delete(made.trajectory.q, np.s_[2::3], axis=1)
-    assert held["unit"] < 2e-4 * np.ptp(places)
-
-
-@pytest.mark.parametrize("name", LINKAGES)
-def test_points_of_the_shape_lie_where_the_linkage_has_them(name: str) -> None:
-    """Pins and paths of the address, moved by its poses, against the observed points of the suite's own motion."""
-    fragment, made = packed(name)
-    held = content(fragment)
-    states = poses(held)
+    assert (np.abs(states - q) / np.tile(units, len(held["links"]))).max() <= 0.5 + 1e-6
+    assert held["unit"] < 2e-4 * np.ptp(np.delete(q, np.s_[2::3], axis=1))
     for (link, x, y), point in zip(held["paths"], made.model.whole.observed_points, strict=True):
-        at = states[:, 3 * link : 3 * link + 2].view() @ [1, 1j]
-        at = at + complex(x, y) * np.exp(1j * states[:, 3 * link + 2])
-        truth = position(made.trajectory.q, point) @ [1, 1j]
-        assert np.abs(at - truth).max() < 2 * held["unit"] + abs(complex(x, y)) / ANGLES
-    first = {(round(link), x, y) for link, x, y in held["pins"]}
-    assert {pin.a.link for pin in made.model.whole.pins} | {pin.b.link for pin in made.model.whole.pins} == {x[0] for x in first}
+        at = states[:, 3 * link : 3 * link + 2] @ [1, 1j] + complex(x, y) * np.exp(1j * states[:, 3 * link + 2])
+        off = np.abs(at - position(q, point) @ [1, 1j]).max()
+        assert off < 2 * held["unit"] + abs(complex(x, y)) / ANGLES
+    links = {pin.a.link for pin in made.model.whole.pins} | {pin.b.link for pin in made.model.whole.pins}
+    assert links == {round(link) for link, _, _ in held["pins"]}
 
 
 def test_a_longer_file_takes_poses_away_until_none_is_left() -> None:
@@ -249,14 +239,10 @@ HOSTILE: dict[str, tuple[Callable[[dict[str, Any]], str], str]] = {
     "bomb": (lambda _: BOMB, "unpacks to more"),
     "no UTF-8": (lambda _: as_fragment(b'{"name":"\xff"}'), "cut off"),
     "no object": (lambda _: as_fragment(b"[1]"), "no linkage"),
-    "null": (lambda _: as_fragment(b"null"), "no linkage"),
     "deep": (lambda _: as_fragment(b"[" * 190_000 + b"]" * 190_000), ""),
     "NaN": (spelled(r'"unit": [-\d.e]+', '"unit": NaN'), "changed on its way"),
-    "infinite": (spelled(r'"unit": [-\d.e]+', '"unit": 1e999'), "number"),
     "pose not finite": (change("poses.0.3", 1e300), "number"),
-    "poses that add up": (change("poses.0", [900_000_000] * 190), "number"),
     "half a unit": (change("poses.0.3", 0.5), "whole number"),
-    "text for a number": (change("poses.0.3", "1"), "number"),
     "too many poses": (lambda held: fragment_of(held | {"poses": [[0] * 201 for _ in held["poses"]]}), "too long"),
     "poses of unequal length": (
         lambda held: fragment_of(held | {"poses": [x[: 9 + (i == 2)] for i, x in enumerate(held["poses"])]}),
@@ -264,21 +250,15 @@ HOSTILE: dict[str, tuple[Callable[[dict[str, Any]], str], str]] = {
     ),
     "a link without poses": (lambda held: fragment_of(held | {"poses": held["poses"][:-1]}), "poses"),
     "too many links": (lambda held: fragment_of(held | {"links": held["links"] * 101}), "too long"),
-    "too many points": (change("links.0.points", [[0, 0]] * 2001), "too long"),
     "too many places": (
         lambda held: fragment_of(held | {"links": [x | {"points": [[0, 0]] * 900} for x in held["links"]]}),
         "too many",
     ),
-    "a bar to nowhere": (change("links.0.bars", [[0, 99]]), "does not have"),
     "a bar to a prototype": (change("links.0.bars", [["__proto__", "constructor"]]), "does not have"),
     "a pin of no link": (change("pins.0", [7, 0, 0]), "does not have"),
-    "a pin of half a link": (change("pins.0", [0.5, 0, 0]), "does not have"),
     "a long name": (change("name", "a" * 201), "text"),
-    "a name that is none": (change("links.0.name", {"toString": 1}), "text"),
     "no links": (lambda held: fragment_of(held | {"links": [], "poses": [], "pins": [], "paths": []}), "poses"),
-    **{
-        f"without {key}": (without(key), "") for key in ("file", "links", "poses", "pins", "unit", "end", "slides", "ties", "paths")
-    },
+    **{f"without {key}": (without(key), "") for key in ("file", "poses", "pins", "end")},
 }
 
 
