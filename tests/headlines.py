@@ -26,26 +26,12 @@ SLOW = 0.1  # [s] blocks beyond it are in some rounds only
 NUMBER = r"(\d+(?:\.\d+)?)"
 
 
-def low(values: Iterable[float]) -> float:
-    """The lower quartile, by sorting: the value a quarter of the way up, between its neighbours where that is no whole place."""
-    x = sorted(values)
-    place = (len(x) - 1) / 4
-    k = int(place)
-    return x[k] if k + 1 == len(x) else x[k] + (place - k) * (x[k + 1] - x[k])
-
-
 Rounds = Mapping[int, list[float]]  # process -> seconds
-
-
-def middle(values: Iterable[float]) -> float:
-    """The median, by sorting."""
-    x = sorted(values)
-    return (x[(len(x) - 1) // 2] + x[len(x) // 2]) / 2
 
 
 def time_of(processes: Rounds) -> float:
     """The median of the processes' lower quartiles."""
-    return middle(map(low, processes.values()))
+    return statistics.median(float(np.quantile(x, 0.25)) for x in processes.values())
 
 
 def least(ratios: list[float]) -> float:

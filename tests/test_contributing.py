@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def conformance(folder: Path, chosen: str, path: list[Path]) -> int:
-    """How many conformance tests over all engines pass, in a process of its own; none may fail."""
+    """How many conformance tests over all engines pass in a process of their own; none may fail."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST")}
     environment |= {"PYTHONPATH": os.pathsep.join(map(str, path)), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     command = [sys.executable, "-m", "pytest", *["-q", "-x", "-p", "no:cacheprovider", "tests/test_engines.py"]]
@@ -48,24 +48,10 @@ def test_a_new_engine_is_a_room_and_a_line(tmp_path: Path) -> None:
     assert passed >= 4  # accelerations of two linkages, runs or reasons to skip, a missing library
 
 
-def copy_of_the_package(folder: Path) -> Path:
-    """A copy of the package that a test may change."""
-    return copied(folder) / "gauss_bench"
-
-
 def insert(path: Path, before: str, text: str) -> None:
     source = path.read_text(encoding="utf-8")
     assert source.count(before) == 1, f"{path.name} has changed: {before!r}"
     path.write_text(source.replace(before, text + before), encoding="utf-8")
-
-
-def run(folder: Path, code: str) -> str:
-    """What a program prints that imports the copy."""
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=folder, env=os.environ | {"PYTHONPATH": str(folder)}, capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 SECTION = '''"""What the weather was."""

@@ -26,7 +26,7 @@ from markupsafe import Markup
 from gauss_bench.bench.runner import own_files
 from gauss_bench.report.build import build_report
 from gauss_bench.report.content import UNMEASURED, Cell, Table, make_cell
-from gauss_bench.report.palette import HUES, PAPERS, SHAPES, slots
+from gauss_bench.report.palette import ENGINES, HUES, PAPERS, SHAPES, slots
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import field
 from gauss_bench.report.site import tables_page
@@ -187,6 +187,7 @@ def test_engines_of_a_figure_share_neither_colour_nor_marker() -> None:
     engines = [*list(HUES)[:7], "mine", "yours"]
     assert len(set(slots(engines).values())) == len(engines)
     assert len(set(SHAPES)) == len(SHAPES) >= len(HUES)
+    assert len(set(ENGINES.values())) == len(ENGINES)
 
 
 # Words
