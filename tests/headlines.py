@@ -84,7 +84,7 @@ def after(text: str, name: str) -> float:
 def compared(run: Run) -> list[str]:
     """What was held against a second source, as names; fails where two differ."""
     told: list[str] = []
-    for check in (steps, one_value, costs, right_hand_sides, claim, batch, share, kinematics, search):
+    for check in (steps, one_value, costs, claim, search):
         if list(check(run)):
             told.append(check.__name__)
     return told
@@ -142,23 +142,6 @@ def costs(run: Run) -> Iterator[None]:
                 yield
 
 
-def right_hand_sides(run: Run) -> Iterator[None]:
-    """Without the call, a quarter of a step: the ends of the range."""
-    samples, found = first_integrators(run), []
-    for r in run.table("kernel_rhs"):
-        if r["status"] == "ok" and (r["own"], r["rival"]) == ("in its own loop", "less the call"):
-            bare, empty = (samples.of(r["mechanism"], x, "pinocchio", r["settings"]) for x in ("bare call", "empty call"))
-            own = samples.of(r["mechanism"], "native_step", "gauss-native")
-            net = {number: [x - time_of(empty) for x in rounds] for number, rounds in bare.items()}
-            found.append(samples.ratio(net, own) * 4)
-    for text in said(run, "One right-hand side"):
-        ends = re.search(rf"takes {NUMBER}(?: to {NUMBER})? times", text)
-        assert ends
-        printed = [float(x) for x in ends.groups() if x]
-        assert (printed[0], printed[-1]) == pytest.approx((min(found), max(found)), rel=PRINTED)
-        yield
-
-
 def claim(run: Run) -> Iterator[None]:
     """How many linkages, and between which ratios, for one free coordinate and for more."""
     unknowns = {str(r["mechanism"]): int(r["unknowns_gauss"]) for r in run.table("kernel_claim")}
@@ -184,39 +167,6 @@ def claim(run: Run) -> Iterator[None]:
                 assert (int(found[1]), int(found[2])) == (faster, len(ratios))
                 ends = (float(found[3]), float(found[4] or found[3]))
                 assert ends == pytest.approx((min(medians), max(medians)), rel=PRINTED)
-                yield
-
-
-def batch(run: Run) -> Iterator[None]:
-    for text in said(run, "Many trajectories"):
-        for r in run.table("kernel_batch"):
-            if r["status"] == "ok":
-                assert after(text, r["mechanism"]) == pytest.approx(r["rival_seconds"] / r["seconds"], rel=PRINTED)
-                yield
-
-
-def share(run: Run) -> Iterator[None]:
-    """Of one trajectory: cycles of the chain at a quarter of the latency of a multiply-add, over the time of a step."""
-    samples = Samples(run.table("samples"))
-    found = []
-    for r in run.table("kernel_bounds"):
-        if r["status"] == "ok" and r["quantity"] == "one trajectory" and np.isfinite(r["share"]):
-            latency = next(x for key, x in samples.seconds.items() if key[:2] == (r["mechanism"], "latency"))
-            own = first_integrators(run).of(r["mechanism"], "native_step", "gauss-native")
-            found.append(100 * r["cycles"] * time_of(latency) / 4 / time_of(own))
-    for text in said(run, "What is left to be gained") if found and samples.seconds else ():
-        ends = re.search(r"(\d+) to (\d+) % for one trajectory", text)
-        assert ends, text
-        assert (float(ends[1]), float(ends[2])) == pytest.approx((min(found), max(found)), abs=0.51)
-        yield
-
-
-def kinematics(run: Run) -> Iterator[None]:
-    for text in said(run, "Kinematics"):
-        for r in run.table("kernel_kinematics"):
-            if r["status"] == "ok" and np.isfinite(r["target"]):
-                rate = float(re.search(rf"(\S+) on {r['mechanism']}", text)[1])  # type: ignore[index]
-                assert rate == pytest.approx(1 / r["seconds"], rel=PRINTED)
                 yield
 
 

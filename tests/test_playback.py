@@ -14,7 +14,7 @@ from gauss_bench.report.drawings.drawing import canvas_of
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site.motion import find_turn, in_pixels
 from gauss_bench.report.site.playback import play_pair
-from gauss_bench.tables import KEY, read_table, write_schema, write_table
+from gauss_bench.tables import KEY, write_schema, write_table
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
@@ -65,13 +65,10 @@ def part(rows: list[dict[str, Any]], ends: str) -> Array:
     return np.array([[r[f"{axis}{ends}"] for axis in ("x", "y", "angle")] for r in rows]).reshape(-1, len(MECHANISM.links), 3)
 
 
-def test_poses_of_a_late_run_are_late_without_gaps() -> None:
+def test_a_late_run_is_ahead_without_gaps_and_an_open_one_has_the_planted_opening_as_its_gap() -> None:
     rows = poses(MECHANISM, run_of(AHEAD), truth())
     assert part(rows, "_ahead")[:, MECHANISM.crank, 2] == pytest.approx(LATE, abs=1e-12)
     assert np.abs(part(rows, "_gap")).max() < 1e-14
-
-
-def test_the_gap_of_a_run_is_the_planted_opening_and_the_parts_add_up_to_its_pose() -> None:
     rows = poses(MECHANISM, run_of(opened()), truth())
     exact, ahead, gap = part(true_poses(MECHANISM, truth()), ""), part(rows, "_ahead"), part(rows, "_gap")
     shown = (exact + ahead + gap).reshape(len(exact), -1)
@@ -83,14 +80,9 @@ def test_the_gap_of_a_run_is_the_planted_opening_and_the_parts_add_up_to_its_pos
         residual = evaluator.constraints(0.0, whole, 0 * q).phi
         assert np.abs(residual).max() == pytest.approx(OPEN, rel=1e-9), "a pin of the coupler is not apart by what was planted"
         assert rows_there.J @ pulled == pytest.approx(residual, abs=OPEN**2 * 50)
-
-
-def test_a_run_that_ends_early_has_the_poses_that_it_reached() -> None:
-    short = Trajectory(TIMES[:20], TRUE[:20], 0 * TRUE[:20], 0 * TRUE[:20], 20)
-    assert len(poses(MECHANISM, short, truth())) == 20 * len(MECHANISM.links)
     lost = opened()
     lost[10:] = np.nan
-    assert len(poses(MECHANISM, run_of(lost), truth())) == 10 * len(MECHANISM.links)
+    assert len(poses(MECHANISM, run_of(lost), truth())) == 10 * len(MECHANISM.links)  # it ends early
 
 
 def test_the_default_and_the_most_exact_valid_run_of_each_engine_are_stored() -> None:
@@ -145,10 +137,6 @@ def test_a_page_plays_what_was_planted(planted: Path) -> None:
     assert max(late["open"]) < 1e-9 < 1e-3 < min(late["off"])
     assert min(apart["off"]) == pytest.approx(1e3 * OPEN, rel=1e-3)
     assert 0 < max(apart["open"]) <= 1e3 * OPEN
-    assert read_table("poses", planted)
-
-
-def test_without_poses_there_is_no_playback() -> None:
     assert play_pair(Run(), "four_bar", "torque") is None
 
 

@@ -12,7 +12,7 @@ import pytest
 from gauss_bench.api.options import VERBS
 from gauss_bench.engines import AUTHORED
 from gauss_bench.report.first_table import renew
-from gauss_bench.report.pictures import FOLDER, PLAYED, UNTIL, write_pictures
+from gauss_bench.report.pictures import FOLDER, write_pictures
 from gauss_bench.report.rows import Run
 from gauss_bench.report.words import length_text
 from gauss_bench.tables import read_table
@@ -119,22 +119,6 @@ def test_pictures_are_made_from_the_rows_and_are_small(page: str, tmp_path: Path
         assert "<script" not in text
         assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
     assert sum(x.stat().st_size for x in (ROOT / FOLDER).iterdir()) < 300e3
-
-
-def test_the_moving_pictures_runs_are_stored_and_only_one_opens() -> None:
-    """The gaps of links in the table of poses: a joint opens by what those of its two links differ by."""
-    largest: dict[str, float] = defaultdict(float)
-    for r in read_table("poses", ROWS):
-        way = f"{r['engine']} {r['integrator']}"
-        plain = (r["mechanism"], r["step"], r["settings"], r["stabilization"]) == ("four_bar", 1e-3, "default", "none")
-        if plain and r["t"] <= UNTIL:
-            largest[way] = max(largest[way], abs(complex(r["x_gap"], r["y_gap"])))
-    closed, opened = (largest[x.removesuffix(" (not valid)")] for x in PLAYED)
-    assert closed < 1e-6
-    assert opened > 1e-4
-    text = (ROOT / FOLDER / "two_engines.svg").read_text(encoding="utf-8")
-    said = float(re.findall(r"a joint opens by ([\d.]+) mm at most", text)[0]) * 1e-3
-    assert opened / 2 < said < 4 * opened
 
 
 def test_lengths_have_a_unit() -> None:

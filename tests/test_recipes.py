@@ -66,36 +66,10 @@ class Magnet:
     def to_loads(self) -> tuple[Load, ...]:
         return (Law(Distance(self.a, self.b), inverse_square=self.strength),)
 ''',
-    "motor": '''"""A motor that loses torque with its speed."""
-
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
-
-from gauss_bench.mechanism.model import GROUND, Angle, Law, Load, Names
-
-
-@dataclass(frozen=True, eq=False)
-class Motor:
-    """Torque stall - drag omega on a link [N m], the opposite one on the ground."""
-
-    name: str
-    link: int
-    stall: float
-    drag: float
-
-    @classmethod
-    def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "Motor":
-        return cls(name, names.link(table["link"]), names.number(table, "stall"), names.number(table, "drag"))
-
-    def to_loads(self) -> tuple[Load, ...]:
-        return (Law(Angle(GROUND, self.link), c=self.drag, bias=self.stall),)
-''',
 }
 KEYS = {
     "rack_and_pinion": ("RackAndPinion", "joint: Text\n    links: list[Text]\n    radius: Number"),
     "magnet": ("Magnet", "between: Couple\n    strength: Number"),
-    "motor": ("Motor", "link: Text\n    stall: Number\n    drag: Number"),
 }
 THROUGH = """
 import contextlib, io, sys
@@ -103,6 +77,7 @@ import contextlib, io, sys
 import numpy as np
 
 from gauss_bench.api.simulate import simulate
+from gauss_bench.compiler.elimination.program import generate
 from gauss_bench.cli import main
 from gauss_bench.engines import FOREIGN, get, names
 from gauss_bench.exchange.errors import ExchangeError
@@ -116,9 +91,7 @@ mechanism = load(FILE)
 document, _, _ = document_of(FILE)
 
 
-def wanted(theta, omega):
-    if KIND == "motor":
-        return (2.0 - 0.3 * omega) / 0.02
+def wanted(theta):
     if KIND == "rack_and_pinion":
         return 0.7 / (0.02 + 3.0 * 0.1**2)
     arm, pole = 0.3 * np.array([np.cos(theta), np.sin(theta)]), np.array([0.5, 0.0])
@@ -145,18 +118,15 @@ for name in names():
         continue
     ran.append(name)
     wheel = next(iter(found.links.values()))
-    for theta, omega, alpha in zip(wheel["theta"], wheel["omega"], wheel["alpha"]):
-        assert abs(alpha - wanted(theta, omega)) < 1e-6 * abs(wanted(theta, omega)), (name, alpha, wanted(theta, omega))
+    for theta, alpha in zip(wheel["theta"], wheel["alpha"]):
+        assert abs(alpha - wanted(theta)) < 1e-6 * abs(wanted(theta)), (name, alpha, wanted(theta))
     if KIND == "magnet":
         gaps = np.hypot(0.3 * np.cos(wheel["theta"]) - 0.5, 0.3 * np.sin(wheel["theta"]))
         energies = 0.5 * 0.02 * wheel["omega"] ** 2 + 0.05 / gaps
         assert np.ptp(energies) < 1e-6 * energies[0], (name, energies)
 assert {"gauss", "lagrange", "gauss-native", "lagrange-native"} <= set(ran), ran
-if KIND == "motor":
-    from gauss_bench.compiler.elimination.program import generate
-
-    program = generate(mechanism, "gauss", ("forces.drive.stall", "forces.drive.drag"))
-    assert list(program.values) == [2.0, 0.3]
+if KIND == "magnet":
+    assert list(generate(mechanism, "gauss", ("forces.drive.strength",)).values) == [0.05]
 assert "<svg" in draw(mechanism)
 assert scene.scene(reading.read(document))["links"]
 
@@ -175,7 +145,7 @@ print(*ran)
 """
 
 
-@pytest.mark.long("magnet", "motor")
+@pytest.mark.long("magnet")
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", FILES)
 def test_a_new_kind_is_a_file_its_keys_and_a_line(kind: str, tmp_path: Path) -> None:
@@ -186,7 +156,7 @@ def test_a_new_kind_is_a_file_its_keys_and_a_line(kind: str, tmp_path: Path) -> 
     table = f"class {name}Table(Table):\n    read: ClassVar = {name}.read\n"
     table += f'    type: Literal["{kind}"]\n    {keys}\n\n\n'
     insert(schema, "class TableOverTime(Table", table)
-    other = '"coulomb_friction": CoulombFrictionTable' if kind in ("magnet", "motor") else '"knife_edge": KnifeEdgeTable'
+    other = '"coulomb_friction": CoulombFrictionTable' if kind == "magnet" else '"knife_edge": KnifeEdgeTable'
     insert(schema, other, f'"{kind}": {name}Table, ')
     insert(schema, "FORMAT = ", f"from gauss_bench.mechanism.{kind} import {name}\n")
     shutil.copy(DATA / "new_kinds" / f"{kind}.toml", tmp_path / "new.toml")

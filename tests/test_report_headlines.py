@@ -8,7 +8,7 @@ from gauss_bench.report.rows import Run
 from tests.headlines import compared, with_raw_rows
 from tests.published import REPORTS
 
-COMPARED = {"steps", "one_value", "costs", "right_hand_sides", "claim", "batch", "share", "kinematics", "search"}
+COMPARED = {"steps", "one_value", "costs", "claim", "search"}
 
 
 @pytest.mark.long

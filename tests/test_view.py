@@ -93,6 +93,9 @@ def test_a_longer_file_takes_poses_away_until_none_is_left() -> None:
         pack_view(chance.randbytes(12_000).hex(), made.model, made.trajectory.q, 2.0)
     with pytest.raises(TooLarge, match="share the file"):
         pack_view("a" * LIMITS["unpacked"], made.model, made.trajectory.q, 2.0)
+    # of 192 poses of an interrupted motion every fourth is kept: the last of them is at 188/191 of the time
+    fragment, count = pack_view(random.Random(0).randbytes(9500).hex(), made.model, made.trajectory.q[:-1], 1.91)
+    assert (count, content(fragment)["end"]) == (48, pytest.approx(1.88))
 
 
 @pytest.mark.parametrize("place", [(0.5, 0.5), (3e3, 3e3)])
@@ -102,14 +105,6 @@ def test_a_drawing_far_from_the_origin_has_numbers_that_the_page_takes(place: tu
     numbers = np.array(pack_poses(q)["poses"])
     assert np.abs(np.cumsum(numbers, axis=1)).max() <= LIMITS["number"]
     assert np.abs(numbers).max() <= LIMITS["number"]
-
-
-def test_a_motion_that_ends_between_two_kept_poses_ends_at_the_last_kept_one() -> None:
-    """Of 192 positions of an interrupted motion every fourth is kept: the last of them is at 188/191 of the time."""
-    made = motion("four_bar")
-    fragment, count = pack_view(random.Random(0).randbytes(9500).hex(), made.model, made.trajectory.q[:-1], 1.91)
-    assert count == 48
-    assert content(fragment)["end"] == pytest.approx(1.88)
 
 
 # In the browser

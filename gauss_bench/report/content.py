@@ -116,7 +116,7 @@ class Chart:
         rows: the drawn data.
         head: column of `rows` -> heading in the table of the drawn numbers.
         toggles: engines that a reader may hide and show.
-        shown: engines that are visible at first.
+        shown: engines that are visible at first; by default all of them.
         small: whether the figure stands in a card of the first screen.
         listed: rows of the table of numbers, if it does not have all of `rows`.
         note: sentence below that table.
@@ -143,7 +143,7 @@ class Chart:
 
     def data(self) -> dict[str, Any]:
         """Return the data from which a script of the page draws the figure."""
-        return {"spec": self.spec, "lines": pack(self.rows), "shown": list(self.shown)}
+        return {"spec": self.spec, "lines": pack(self.rows), "shown": list(self.shown or self.toggles)}
 
 
 Block = Text | Bullets | Table | Chart

@@ -112,6 +112,11 @@ def with_number(rows: Iterable[Row], column: str) -> list[Row]:
     return [row for row in rows if is_known(row.get(column))]
 
 
+def of_engine(rows: Iterable[Row], engine: str) -> list[Row]:
+    """Return the rows of one engine."""
+    return [row for row in rows if row["engine"] == engine]
+
+
 def first_number(*values: float) -> float:
     """Return the first finite number, NaN if none is finite."""
     return next(filter(is_known, values), math.nan)

@@ -80,7 +80,7 @@ def size_charts(rows: Sequence[Row]) -> list[Chart]:
     head = {"name": "engine, and how it is called", "x": "windows", "y": "time [s]"}
     words = "Time of a right-hand side of a chain of windows. Lines of one colour are one engine, called in several ways."
     spec = points(shown, "windows of the chain", "one right-hand side [s]", 380)
-    return [Chart("kernel-size-figure", "Time against size", words, spec, shown, head, engines, engines)]
+    return [Chart("kernel-size-figure", "Time against size", words, spec, shown, head, engines)]
 
 
 def limit_section(run: Run) -> Section | None:

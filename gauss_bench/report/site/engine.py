@@ -13,7 +13,7 @@ from gauss_bench.report.faults import faults_of
 from gauss_bench.report.first_table import FIRST
 from gauss_bench.report.pages import facts
 from gauss_bench.report.reaches import engines_of
-from gauss_bench.report.rows import Row, Run, group_by, is_known, number, with_number
+from gauss_bench.report.rows import Row, Run, group_by, is_known, number, of_engine, with_number
 from gauss_bench.report.sections import field
 from gauss_bench.report.sections.search import list_owned
 from gauss_bench.report.sections.settings import list_options
@@ -55,7 +55,7 @@ def runs_of_engines(run: Run) -> dict[str, Run]:
 def engine_page(run: Run, name: str) -> Page:
     """Return the page of an engine; tables without rows are left out."""
     whole, run = run, runs_of_engines(run).get(name, run)
-    rows = [r for r in run.results if r["engine"] == name]
+    rows = of_engine(run.results, name)
     installed = run.environment.get("engines", {}).get(name, {})
     version = installed.get("version") if isinstance(installed, dict) else ""
     asked = field.answers(whole, name)
@@ -77,11 +77,11 @@ def engine_page(run: Run, name: str) -> Page:
         why=explain_time(run, name),
         broken=list_failures(run, name),
         faults=faults_of(whole.faults, name),
-        atlas=atlas_table([r for r in whole.table("atlas") if r["engine"] == name]),
-        owned=lay_out("search_owned", list_owned([r for r in run.table("search_owned") if r["engine"] == name])),
-        releases=sum(r["engine"] == name for r in whole.table("releases")),
-        history=lay_out("engine_history", list_changes([r for r in whole.accepted if r["engine"] == name])),
-        knobs=lay_out("engine_knobs", [r for r in run.table("search_knobs") if r["engine"] == name]),
+        atlas=atlas_table(of_engine(whole.table("atlas"), name)),
+        owned=lay_out("search_owned", list_owned(of_engine(run.table("search_owned"), name))),
+        releases=len(of_engine(whole.table("releases"), name)),
+        history=lay_out("engine_history", list_changes(of_engine(whole.accepted, name))),
+        knobs=lay_out("engine_knobs", of_engine(run.table("search_knobs"), name)),
     )
     lead = f"{version or name}: as shipped, as set here, and with the best settings found."
     if any(r["control"] for r in rows):
@@ -110,7 +110,7 @@ def list_commands(run: Run, name: str) -> list[tuple[str, str]]:
             setting = cheapest_stored(run, linkage, position).get(name)
             if setting is not None:
                 purposes.setdefault(command_of(setting, scenario), f"{linkage} within {limit_text(position)} m")
-    shipped = [r for r in run.results if r["engine"] == name and r["settings"] == "default"]
+    shipped = [r for r in of_engine(run.results, name) if r["settings"] == "default"]
     if not purposes and shipped:
         row = shipped[-1]
         command = command_of(make_setting(row, until=row["t_end"]), row["scenario"])
@@ -197,9 +197,9 @@ def list_races(run: Run, name: str) -> Table:
     """Return the table of the engine's races, each with its time as a multiple of the fastest at the same accuracy."""
     multiples = race_multiples(run)
     lines = []
-    for r in run.table("search_winners"):
+    for r in of_engine(run.table("search_winners"), name):
         race = (r["mechanism"], r["required"], r["accuracy"], name)
-        if r["engine"] == name and r["required"] and race in multiples:
+        if r["required"] and race in multiples:
             what = f"{ERRORS.get(r['required'], r['required'])} within {limit_text(r['accuracy'])} {r['unit']}"
             lines.append({**r, "what": what, "words": describe_setting(run, make_setting(r)), "multiple": multiples[race]})
     inside = itemise(dict.fromkeys(r["in_python"] for r in lines if r.get("in_python")))
@@ -224,10 +224,10 @@ def list_changes(figures: Sequence[Row]) -> list[Row]:
 
 def list_failures(run: Run, name: str) -> list[str]:
     """Return sentences on the engine's failed and invalid cases, its ended evaluations, and linkages that it does not model."""
-    rows = [r for r in run.results if r["engine"] == name]
+    rows = of_engine(run.results, name)
     failed = [r for r in rows if not has_ended(r) and r["status"] != "skip"]
     invalid = [r for r in rows if has_ended(r) and not r["valid"] and not r["control"]]
-    ladder = [r for r in run.table("search_ladder") if r["engine"] == name]
+    ladder = of_engine(run.table("search_ladder"), name)
     early = [r for r in ladder if r["status"] not in ("ok", "skip")]
     sentences = []
     if failed:
@@ -246,11 +246,11 @@ def list_failures(run: Run, name: str) -> list[str]:
             f"In the search {len(early)} of {count(len(ladder), 'evaluation')} ended early, most of them at steps "
             f"that are too large; the smallest such step was {smallest:.2g} s."
         )
-    skips = (r for r in (*run.results, *run.table("search_winners")) if r["engine"] == name and r["status"] == "skip")
-    skipped = sorted({r["message"] for r in skips} - {""})
+    tried = (*rows, *of_engine(run.table("search_winners"), name))
+    skipped = sorted({r["message"] for r in tried if r["status"] == "skip"} - {""})
     sentences += [f"Cannot be modelled: {x.removeprefix('cannot be modelled: ')}." for x in skipped[:4]]
     sentences = [*(sentences or ["No case of this run failed."]), *list_inexact(run, name)]
-    if not any(r["engine"] == name for r in run.table("atlas")):
+    if not of_engine(run.table("atlas"), name):
         sentences.append(f"`gauss-bench atlas --engine {name}` maps where it fails, along stiffness, speed, mass and other axes.")
     return sentences
 
@@ -258,7 +258,7 @@ def list_failures(run: Run, name: str) -> list[str]:
 def list_inexact(run: Run, name: str) -> list[str]:
     """Return a sentence for each setting under which accelerations are not those of the linkage, with the cause if it is known."""
     causes = run.environment.get("engines", {}).get(name, {}).get("soft", {})
-    rows = with_number((r for r in run.results if r["engine"] == name), "acceleration_error_median")
+    rows = with_number(of_engine(run.results, name), "acceleration_error_median")
     sentences = []
     for settings, cases in group_by(rows, "settings").items():
         off = max(r["acceleration_error_median"] for r in cases)
@@ -290,12 +290,12 @@ def engines_page(run: Run) -> Page:
     """Return the page that lists all engines, with the answers of the field."""
     lines = []
     for name, its_run in runs_of_engines(run).items():
-        rows = [r for r in its_run.results if r["engine"] == name]
+        rows = of_engine(its_run.results, name)
         if rows:
             valid = sum(bool(r["valid"]) for r in rows)
             words = f"{valid} of {count(len(rows), 'case')} valid" + ("" if its_run is run else " (suite `field`)")
         else:
-            reasons = (r["message"] for r in its_run.table("field") if r["engine"] == name and r["message"])
+            reasons = (r["message"] for r in of_engine(its_run.table("field"), name) if r["message"])
             words = next(reasons, "in the search alone, in no accuracy case")
         lines.append({"page": f"engine-{file_name(name)}.html", "name": name, "said": words})
     lead = "Each engine as shipped, as set here, and with the best settings found."

@@ -158,7 +158,7 @@ def accuracy_chart(settings: Sequence[Setting]) -> Chart | None:
         "of each engine that no other of its settings beats in both, with and without stabilisation."
     )
     head = {"name": "setting", "x": "time [s]", "y": "error [mm]"}
-    return Chart("accuracy", "Error against cost", words, spec, rows, head, *toggles_of(rows))
+    return Chart("accuracy", "Error against cost", words, spec, rows, head, toggles_of(rows))
 
 
 def chart_row(engine: str, name: str, x: float, y: float, least: float = FLOOR) -> dict[str, Any]:
@@ -166,10 +166,10 @@ def chart_row(engine: str, name: str, x: float, y: float, least: float = FLOOR) 
     return {"engine": engine, "line": engine, "name": name, "x": x, "y": max(y, least)}
 
 
-def toggles_of(rows: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[str]]:
-    """Return the engines that a reader may hide and those visible at first; both are empty for a figure of one engine."""
+def toggles_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the engines that a reader of a figure may hide; none for a figure of one engine."""
     engines = list(dict.fromkeys(r["engine"] for r in rows))
-    return (engines, engines) if len(engines) > 1 else ([], [])
+    return engines if len(engines) > 1 else []
 
 
 def pareto_front(items: Iterable[Item], cost: Callable[[Item], float], error: Callable[[Item], float]) -> list[Item]:
@@ -196,7 +196,7 @@ def force_chart(run: Run, name: str) -> Chart | None:
     )
     head = {"name": "variant", "x": "steps", "y": "error [N]"}
     spec = points(rows, "steps of the run", "largest error of a joint force [N]")
-    return Chart("forces", "Joint forces", words, spec, rows, head, *toggles_of(rows))
+    return Chart("forces", "Joint forces", words, spec, rows, head, toggles_of(rows))
 
 
 def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
@@ -243,11 +243,10 @@ def history_chart(run: Run, name: str, column: str, kind: str, title: str, words
         return None
     rows = place_names(lines)
     first = [line[0] for line in lines]
-    toggles, _ = toggles_of(first)
     shown = [x["engine"] for x in first[:MOST_LINES]]
     cases = "; ".join(f"{x['engine']} {x['said']}".strip() for x in first)
     head = {"engine": "engine", "said": "settings", "x": "time [s]", "y": axis}
     words = f"{words} Cases, at a step of {STEP:g} s if there is one: {cases}."
     listed = [row for line in lines for row in line[::-LISTED][::-1]]
     note = f"One of {LISTED} drawn points; `series.parquet` of the data page has all."
-    return Chart(kind, title, words, over_time(rows, axis), rows, head, toggles, shown, listed=listed, note=note)
+    return Chart(kind, title, words, over_time(rows, axis), rows, head, toggles_of(first), shown, listed=listed, note=note)
