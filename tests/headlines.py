@@ -1,6 +1,7 @@
-"""The report's headlines, worked out a second time: from raw rows alone, and by other code than the report's or the tables'.
+"""Numbers of findings computed a second time, from raw rows alone and by other code than that of report and tables.
 
-`compared` holds every number that a headline prints against its own, and every table that tells a step's time against the samples.
+`compared` compares every number that these findings print with its second value, and every table that has the time of a step with
+the samples.
 """
 
 import math
@@ -30,12 +31,12 @@ Rounds = Mapping[int, list[float]]  # process -> seconds
 
 
 def time_of(processes: Rounds) -> float:
-    """The median of the processes' lower quartiles."""
+    """Return the median over processes of their lower quartiles."""
     return statistics.median(float(np.quantile(x, 0.25)) for x in processes.values())
 
 
 def least(ratios: list[float]) -> float:
-    """What a second race finds but once in 200 cases: Student's t, of logarithms about their median."""
+    """Return the ratio below which a second race lies in 1 of 200 cases, by Student's t on the logarithms about their median."""
     logs = [math.log(x) for x in ratios]
     if len(logs) < 2:
         return math.nan
@@ -44,7 +45,7 @@ def least(ratios: list[float]) -> float:
 
 
 class Samples:
-    """Rounds of the races, by linkage and by what was timed."""
+    """Rounds of races by linkage and by timed work."""
 
     def __init__(self, rows: Iterable[Row]):
         self.seconds: dict[tuple[str, ...], dict[int, list[float]]] = defaultdict(dict)
@@ -53,11 +54,11 @@ class Samples:
             self.seconds[key].setdefault(int(r["process"]), []).append(r["seconds"])
 
     def of(self, mechanism: str, quantity: str, engine: str, settings: str = "default", stabilization: str = "none") -> Rounds:
-        """All integrators are one here: only the first of each is asked for."""
+        """Return the rounds of an engine; the samples have one integrator of each engine alone."""
         return self.seconds[mechanism, quantity, engine, settings, stabilization]
 
     def ratio(self, one: Rounds, other: Rounds) -> float:
-        """Of times, in the rounds that both have."""
+        """Return the ratio of two times in the rounds that both have."""
         both = [number for number in one if number in other]
         rounds = {number: min(len(one[number]), len(other[number])) for number in both}
         first, second = ({number: x[number][: rounds[number]] for number in both} for x in (one, other))
@@ -65,7 +66,7 @@ class Samples:
 
 
 def first_integrators(run: Run) -> Samples:
-    """Samples of the integrator that each engine names first, which is what tables of the kernel compare."""
+    """Return the samples of the first integrator of each engine, which the tables of the kernel compare."""
     rows = [r for r in run.table("samples") if r["integrator"] in ("rk4", "")]
     return Samples(rows)
 
@@ -75,14 +76,14 @@ def said(run: Run, title: str) -> list[str]:
 
 
 def after(text: str, name: str) -> float:
-    """The number that a text prints after a linkage's name."""
+    """Return the number that a text prints after a name."""
     found = re.search(rf"{re.escape(name)} {NUMBER}", text)
     assert found, f"no number after {name}: {text}"
     return float(found[1])
 
 
 def compared(run: Run) -> list[str]:
-    """What was held against a second source, as names; fails where two differ."""
+    """Compare findings with their second values, and return the names of the checks that compared any; fail at a difference."""
     told: list[str] = []
     for check in (steps, one_value, costs, claim, search):
         if list(check(run)):
@@ -106,7 +107,7 @@ def steps(run: Run) -> Iterator[None]:
 
 
 def one_value(run: Run) -> Iterator[None]:
-    """A step of the kernel has one time, in every table that tells it."""
+    """Check that all tables have the same time of a step of the kernel."""
     samples = first_integrators(run)
     tables = {"kernel_steps": 1.0, "kernel_bounds": 1.0, "kernel_rhs": 4.0}
     for table, factor in tables.items():
@@ -143,7 +144,7 @@ def costs(run: Run) -> Iterator[None]:
 
 
 def claim(run: Run) -> Iterator[None]:
-    """How many linkages, and between which ratios, for one free coordinate and for more."""
+    """Check the numbers of linkages and the ranges of ratios, for one free coordinate and for more."""
     unknowns = {str(r["mechanism"]): int(r["unknowns_gauss"]) for r in run.table("kernel_claim")}
     words = {"step": "a step is", "projected": "a step with projection is", "batch": "a step in a batch is"}
     raw = first_integrators(run)
@@ -171,7 +172,7 @@ def claim(run: Run) -> Iterator[None]:
 
 
 def search(run: Run) -> Iterator[None]:
-    """Rivals' winners over our own, from every block of every process; what wins is exact enough by its ladder."""
+    """Check the ratios of rivals to our engines from all blocks of all processes, and that rivals' settings are exact enough."""
     way = ("mechanism", "engine", "settings", "integrator", "stabilization")
 
     def key(r: Row) -> tuple[Any, ...]:
@@ -211,6 +212,6 @@ RAW = ("samples", "claim_races", "scaling_races", "search_races", "search_times"
 
 
 def with_raw_rows(folder: Path) -> Run:
-    """A run as the report reads it, and the rows that its tables were worked out from."""
+    """Return a run with the raw rows from which its tables were computed."""
     run = read_run(folder)
     return Run(run.environment, {**run.tables, **{name: read_table(name, folder) for name in RAW}})

@@ -1,4 +1,4 @@
-"""The published run and its findings, which tests of a process read once."""
+"""The published run and its findings, which all tests of a process share."""
 
 from functools import cache
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The rows of CONTRIBUTING.md as worked examples: each is done as it says, and what it promises holds."""
+"""Rows of the table in CONTRIBUTING.md as worked examples: each is carried out, and its promised effect is checked."""
 
 import csv
 import json
@@ -53,14 +53,14 @@ columns = [
 
 
 def copied(folder: Path) -> Path:
-    """The project's code, with what is compiled of it already: only what a test changes is compiled again."""
+    """Copy the package with its compiled files to a folder, and return the folder."""
     for name in ("gauss_bench", "mechanisms"):
         shutil.copytree(ROOT / name, folder / name)
     return folder
 
 
 def said_by(folder: Path, *command: str) -> str:
-    """What a command says that runs in a copy of the project."""
+    """Return the output of a command that uses the copied package."""
     environment = os.environ | {"PYTHONPATH": str(folder)}
     done = subprocess.run([sys.executable, *command], capture_output=True, text=True, cwd=folder, env=environment, check=False)
     assert done.returncode == 0, done.stderr[-3000:]

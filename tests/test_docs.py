@@ -1,4 +1,4 @@
-"""The documentation: every example in it runs, every key and verb is in it, and it builds without a request to other machines."""
+"""The documentation: its examples run, it has every key and verb, and it is built without requests to other machines."""
 
 import json
 import os
@@ -46,7 +46,7 @@ def blocks(text: str) -> Iterator[Block]:
 
 
 def written(block: Block, folder: Path) -> None:
-    """A file that a page asks its reader to save."""
+    """Save a block of a page as the file that its title names."""
     text = re.sub(r'--8<-- "([^"]+)"', lambda x: (DOCS / "pages" / x[1]).read_text(encoding="utf-8"), block.text)
     if block.remark.startswith("added to"):
         whole = (folder / block.remark.split()[2].rstrip(",")).read_text(encoding="utf-8").replace("linkage/1", "linkage/2")
@@ -63,7 +63,7 @@ NUMBER = re.compile(r"[+-]?\b\d+(?:\.\d+)?(?:e[+-]?\d+)?\b")
 
 
 def is_same(shown: str, printed: str) -> bool:
-    """Whether two lines have the same words and whole numbers, and decimals that differ by at most one in the last digit shown."""
+    """Tell whether two lines have equal words and whole numbers, and decimals that differ by at most 1 in the last digit shown."""
     if NUMBER.sub("#", shown).split() != NUMBER.sub("#", printed).split():
         return False
     for x, y in zip(map(Decimal, NUMBER.findall(shown)), map(Decimal, NUMBER.findall(printed)), strict=True):
@@ -74,14 +74,14 @@ def is_same(shown: str, printed: str) -> bool:
 
 
 def check_printed(shown: str, printed: str) -> None:
-    """Each line that a page shows, but "...", is among the printed ones."""
+    """Check that each line that a page shows, except "...", is among the printed lines."""
     for line in filter(lambda x: x.strip() not in ("", "..."), shown.splitlines()):
         assert any(is_same(line, x) for x in printed.splitlines()), f"the page shows {line!r}; this was printed:\n{printed}"
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where a reader of the tutorial stands at its end."""
+    """Return a folder with the files of the tutorial."""
     folder = tmp_path_factory.mktemp("reader")
     for block in blocks((DOCS / "pages" / "tutorial.md").read_text(encoding="utf-8")):
         if block.title:
@@ -102,7 +102,7 @@ def test_every_example_runs(page: Path, place: Path, monkeypatch: pytest.MonkeyP
 
 
 def verbs_and_examples() -> dict[str, str]:
-    """The sections of the page of commands by their headings."""
+    """Return heading -> text of each section of the page of commands."""
     parts = re.split(r"^## (.+)\n", (DOCS / "pages" / "commands.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
     return dict(zip(parts[::2], parts[1::2], strict=True))
 
@@ -122,7 +122,7 @@ def test_every_verb_has_an_example() -> None:
 def test_the_example_of_a_verb_runs(
     verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A report is that of the run above it on the page; a certificate is made, then verified."""
+    """The example of `report` uses the rows of that of `run`, and the example of `verify` the certificate of that of `certify`."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     for name in {"run": ("run", "report"), "verify": ("certify", "verify")}.get(verb, (verb,)):
@@ -147,7 +147,7 @@ def test_the_example_of_the_studio_serves_its_page_until_it_is_interrupted(tmp_p
 
 
 def carry_out(text: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Save the files of a page, run its commands and its Python in order, and compare what it shows with what they print."""
+    """Save the files of a page, run its commands and Python code in order, and compare their output with the page."""
     printed = ""
     for block in blocks(text):
         if block.remark.startswith("needs"):
@@ -166,7 +166,7 @@ def carry_out(text: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> No
 
 
 def run_commands(block: Block, capsys: pytest.CaptureFixture[str]) -> str:
-    """Return what the commands of a block print; they end with the exit code that the block's remark names, else with 0."""
+    """Run the commands of a block and return their output; their exit code must be that in the remark of the block, or 0."""
     code = int(block.remark.removeprefix("exit code")) if block.remark.startswith("exit code") else 0
     printed = ""
     for line in block.text.splitlines():
@@ -189,7 +189,7 @@ def test_a_figure_that_a_run_does_not_print_is_noticed() -> None:
 
 
 def tables_of(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """The tables of a JSON schema by the names of their classes, the whole file's among them."""
+    """Return name of a class -> properties, for all tables of a JSON Schema."""
     definitions = document.pop("$defs")
     return {name: x["properties"] for name, x in {document["title"]: document, **definitions}.items()}
 
@@ -243,7 +243,7 @@ def test_the_pages_have_every_force_and_every_verb_and_name_files_that_exist() -
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A site of one page with its search page, and the documentation in it."""
+    """Return the folder of a site with one page, its search page, and the documentation."""
     if find_spec("mkdocs") is None:
         needs("mkdocs")
     folder = tmp_path_factory.mktemp("site")

@@ -1,4 +1,4 @@
-"""What a report plays of a run: poses of planted runs, as they are stored, and as a browser draws them."""
+"""The playback of runs: poses of planted runs as they are stored, and as a browser draws them."""
 
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ LINK = 1  # the coupler, which is pulled off in the run that opens
 
 
 def motion(crank: Array) -> Array:
-    """States (k, n) with the crank at angles (k,), closed by Newton's method from the nearest of a turn."""
+    """Return states (k, n) with the crank at angles (k,), closed by Newton steps from interpolated states of a turn."""
     own = STATES[:, 3 * MECHANISM.crank + 2]
     guess = np.stack([np.interp(crank, own, x) for x in STATES.T], axis=-1)
     evaluator = Evaluator(MECHANISM)
@@ -86,7 +86,7 @@ def test_a_late_run_is_ahead_without_gaps_and_an_open_one_has_the_planted_openin
 
 
 def test_the_default_and_the_most_exact_valid_run_of_each_engine_are_stored() -> None:
-    """At the step nearest to a millisecond; no negative controls."""
+    """The step is the nearest to a millisecond, and negative controls are not stored."""
     steps = (1e-2, 1e-3, 1e-4)
     cases = [Case("four_bar", "torque", "gauss", "default", i, "none", h, 0.5) for h in steps for i in ("rk4", "dop853", "euler")]
     cases += [Case("four_bar", "torque", "yuan_ge_eq16", "default", "rk4", "none", h, 0.5) for h in steps]
@@ -104,7 +104,7 @@ def test_the_default_and_the_most_exact_valid_run_of_each_engine_are_stored() ->
 
 @pytest.fixture(scope="module")
 def planted(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of a late engine and of one that opens."""
+    """Return the folder of a run with a late engine and with one whose loops open."""
     folder = tmp_path_factory.mktemp("planted")
     runs = {"gauss-native": AHEAD, "mujoco": opened()}
     cases = {x: CASE | {"engine": x, "integrator": "rk4"} for x in runs}
@@ -117,7 +117,7 @@ def planted(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def expected(frame_at: int, factor: float, engine: str) -> Array:
-    """Where links of a planted run are drawn (links, 3) [px, px, degrees], worked out from what was planted alone."""
+    """Return the places of the links of a planted run as drawn, (links, 3) [px, px, degrees]."""
     at = frame_at * (HALF // 50)
     canvas = canvas_of(MECHANISM, STATES)
     if engine == "gauss-native":
@@ -127,7 +127,7 @@ def expected(frame_at: int, factor: float, engine: str) -> Array:
 
 
 def test_a_page_plays_what_was_planted(planted: Path) -> None:
-    """To the digits that stored differences have; the pulled link stands off by what it was pulled, the others in their places."""
+    """Data have the digits of stored differences; the pulled link is off by the planted opening, others are in their places."""
     found = play_pair(read_run(planted), "four_bar", "torque")
     assert found is not None
     data = found[1]

@@ -1,4 +1,4 @@
-"""README's first screen: every number in it is worked out here from the stored rows, by other code than the report's."""
+"""README: every number of its first screen is computed from the stored rows, by other code than that of the report."""
 
 import re
 import subprocess
@@ -37,7 +37,7 @@ def between(values: list[float]) -> str:
 
 
 def seconds() -> dict[str, dict[str, float]]:
-    """Linkage -> engine, with who runs its loop where that differs -> time [s] of its winner within 1e-6 m."""
+    """Return linkage -> engine, for Pinocchio with its loop -> time [s] of the engine's cheapest setting within 1e-6 m."""
     times: dict[str, dict[str, float]] = defaultdict(dict)
     for r in read_table("search_winners", ROWS):
         if (r["required"], r["accuracy"], r["status"]) == ("position", 1e-6, "ok"):
@@ -47,7 +47,7 @@ def seconds() -> dict[str, dict[str, float]]:
 
 
 def multiples() -> dict[str, str]:
-    """Engine and loop -> between which multiples of the fastest of all its winners lie."""
+    """Return engine and its loop -> the range of its multiples of the fastest engine, in words."""
     found: dict[str, list[float]] = defaultdict(list)
     for times in seconds().values():
         for engine, x in times.items():
@@ -56,7 +56,7 @@ def multiples() -> dict[str, str]:
 
 
 def losses() -> list[str]:
-    """Sentences about what the suite's own formulations lose."""
+    """Return the sentences on the comparisons that the suite's own formulations lose."""
     natives = {x: min(v for k, v in y.items() if k in ("gauss-native", "lagrange-native")) for x, y in seconds().items()}
     minimal, by_hand = ([y[e] / natives[x] for x, y in seconds().items() if e in y] for e in ("minimal", "by_hand"))
     assert max(minimal) < 1
@@ -129,7 +129,7 @@ def test_lengths_have_a_unit() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", ["show", "diagnose"])
 def test_commands_print_what_the_page_shows(page: str, verb: str) -> None:
-    """Figures aside; what `recommend` prints is a race's, and takes too long here."""
+    """Figures are not compared. `recommend` is left out, because it takes long and its figures are those of a race."""
     block = page[page.index("## Three commands") :].split("```")[1].split("$ gauss-bench ")[1:]
     shown = {x.split()[0]: x.splitlines() for x in block}[verb]
     done = subprocess.run(

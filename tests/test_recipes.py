@@ -1,7 +1,8 @@
-"""New kinds as CONTRIBUTING.md has them: each is one file, its keys and a line, and every part of the suite takes or refuses it.
+"""New kinds of constraints and forces as in CONTRIBUTING.md: a file, its keys and a line. All parts of the suite support or refuse
+them.
 
-A rack and pinion holds a weighted sum of coordinates, a magnet pushes by the inverse square of a distance. Their motions are known
-without the suite: a torque T on the pinion turns it with the acceleration T / (I + m R^2).
+A rack and pinion holds a weighted sum of coordinates; a magnet pushes by the inverse square of a distance. Their motions are known
+without the suite: a torque T on the pinion gives it the acceleration T / (I + m R^2).
 """
 
 import shutil

@@ -1,4 +1,4 @@
-"""The report of an invented run: what it says follows from the rows, nothing is lost, and it comes out the same twice."""
+"""The report of an invented run: its sentences follow from the rows, it has every row, and a second build gives the same files."""
 
 import json
 import math
@@ -32,7 +32,7 @@ def case(mechanism: str, engine: str, settings: str, integrator: str, stabilizat
 
 
 def ran(row: Row, error: float, acceleration: float, cost: float, /, **ratios: float) -> Row:
-    """A case that ended, with an error at the end and at the same state, the cost of a step, and ratios of costs."""
+    """Return a case that ended, with its errors and drift, the cost of a step, and ratios of costs with their ranges."""
     drift = 1e-16 if row["stabilization"] == "projection" else error / 5
     row |= {"measured_error_t05": error / 50, "measured_error_t1": error / 8, "measured_error_t2": error}
     row |= {"position_drift": drift, "velocity_drift": 20 * drift, "acceleration_residual": 1e-13, "energy_error": error / 3}
@@ -70,7 +70,7 @@ def invented(mechanisms: tuple[str, ...] = ("four_bar", "six_bar")) -> list[Row]
 
 
 def write_run(folder: Path, rows: list[Row]) -> Path:
-    """A folder as the runner leaves it."""
+    """Write the tables of a run into a folder as the runner does, and return the folder."""
     folder.mkdir(parents=True, exist_ok=True)
     pd.DataFrame(rows).to_csv(folder / "results.csv", index=False)
     kept = ("position_drift", "velocity_drift", "energy_error")
@@ -92,19 +92,19 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def lines_of(folder: Path) -> list[str]:
-    """The rows of every case in the tables of the site, cell by cell."""
+    """Return the rows of all cases in the tables of the site, with | between their cells."""
     pages = "".join(path.read_text() for path in (folder / "site").glob("linkage-*-rows.html"))
     rows = re.findall(r"<tr(?: hidden)?>(<td.*)", pages)
     return ["|".join(re.sub(r"<[^>]*>", "", f"<{cell}") for cell in row.split("<td")[1:]) for row in rows]
 
 
 def text_of(rows: list[Row], folder: Path) -> str:
-    """All findings of a run with these rows, as one text."""
+    """Return the tones, titles and texts of all findings of a run with these rows."""
     return "\n".join(f"{x.tone}: {x.title}: {x.text}" for x in all_findings(read_run(write_run(folder, rows))))
 
 
 def test_the_control_is_named_and_what_is_not_valid_ranks_nowhere(tmp_path: Path) -> None:
-    """The stiff soft engine is cheaper than all others and within 1e-3, but not valid."""
+    """The soft engine with stiff settings is the cheapest within 1e-3, but it is not valid."""
     text = text_of(invented(), tmp_path)
     assert "`yuan_ge_eq16` satisfies the constraints of acceleration to 1.0e-13 and is still wrong" in text
     assert "No row of it passes the gate" in text

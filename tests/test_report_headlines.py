@@ -1,4 +1,4 @@
-"""Every headline is worked out again from raw rows: a figure that has two values fails here."""
+"""Findings are computed a second time from raw rows; a figure with two different values fails."""
 
 from itertools import product
 
@@ -21,7 +21,7 @@ PLAIN = {"settings": "default", "integrator": "rk4", "stabilization": "none"}
 
 
 def invented() -> dict[str, tuple[dict[str, object], ...]]:
-    """A run in which a step of the kernel takes 1 us, MuJoCo's 50 at best, and Gauss's step in numpy twice Lagrange's 20 us."""
+    """Return a run in which a step takes 1 us in the kernel, at least 50 us in MuJoCo, and 40 and 20 us by Gauss and Lagrange."""
     times = {
         ("native_step", "gauss-native", "default"): 1e-6,
         ("native_step", "mujoco", "tuned"): 50e-6,
@@ -50,7 +50,7 @@ def invented() -> dict[str, tuple[dict[str, object], ...]]:
 
 
 def changed(table: str, **columns: object) -> Run:
-    """That run, with the first row of a table changed."""
+    """Return the invented run with other values in the first row of a table."""
     tables = invented()
     first, *rest = tables[table]
     return Run({"baseline_engine": "gauss"}, tables | {table: (first | columns, *rest)})

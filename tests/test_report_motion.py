@@ -1,4 +1,4 @@
-"""Moving pictures and curves of motion, read back from what is written: joints hold, lines are the states they were made from."""
+"""Animations and curves, read back from their files: joints stay closed, and lines follow the states."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -38,12 +38,12 @@ def film(svg: str) -> ET.Element:
 
 
 def groups(svg: str) -> dict[str, ET.Element]:
-    """Link name -> the group that carries it."""
+    """Return name of a link -> the group of the film that has its shapes."""
     return {title.text or "": g for g in film(svg) if (title := g.find(f"{SVG}title")) is not None}
 
 
 def track(group: ET.Element, kind: str, parts: Array) -> Array:
-    """Values (k, d) of an animation at parts (k,) of its loop, as a browser interpolates them."""
+    """Return the values (k, d) of an animation at parts (k,) of its loop, interpolated as a browser does."""
     (found,) = (x for x in group.findall(f"{SVG}animateTransform") if x.get("type") == kind)
     values = np.array([[float(x) for x in frame.split()] for frame in found.attrib["values"].split(";")])
     keys = found.get("keyTimes")
@@ -55,7 +55,7 @@ def track(group: ET.Element, kind: str, parts: Array) -> Array:
 
 
 def carry(group: ET.Element, local: Array, parts: Array) -> Array:
-    """Pixels (k, 2) of a place in a link's group at parts (k,) of the loop."""
+    """Return the pixels (k, 2) of a place (2,) in a link's group at parts (k,) of the loop."""
     angle = np.radians(track(group, "rotate", parts)[:, 0])
     c, s = np.cos(angle), np.sin(angle)
     turned = np.stack([c * local[0] - s * local[1], s * local[0] + c * local[1]], axis=-1)
@@ -67,7 +67,7 @@ def numbers(text: str) -> Array:
 
 
 def ends(mechanism: Mechanism, svg: str) -> dict[str, Array]:
-    """ "link.point" -> pixels in the link's group, of the ends of every bar."""
+    """Return "link.point" -> pixels (2,) in the group of the link, for the ends of all bars."""
     found = {}
     for link in mechanism.links:
         bars = [x for x in groups(svg)[link.name].findall(f"{SVG}path") if x.get("stroke-linecap") == "round"]
@@ -78,7 +78,7 @@ def ends(mechanism: Mechanism, svg: str) -> dict[str, Array]:
 
 
 def where(mechanism: Mechanism, svg: str, point: Point, parts: Array) -> Array | None:
-    """Pixels (k, 2) of a point of a bar, or None."""
+    """Return the pixels (k, 2) of a point at parts (k,) of the loop, or None if it is no end of a bar."""
     local = ends(mechanism, svg).get(point.name)
     return None if local is None else carry(groups(svg)[point.name.partition(".")[0]], local, parts)
 
@@ -112,7 +112,7 @@ def test_links_move_as_the_states_do_pins_hold_in_between_and_the_loop_closes(na
 
 
 def holds(mechanism: Mechanism, svg: str, joint: Revolute, parts: Array) -> bool:
-    """Hold both ends of a pin together at parts of the loop; tell whether both are ends of bars."""
+    """Check that both ends of a pin coincide at parts (k,) of the loop; tell whether both are ends of bars."""
     a, b = (where(mechanism, svg, p, parts) for p in (joint.a, joint.b))
     if a is None or b is None:
         return False
@@ -220,7 +220,7 @@ def driven(points: int) -> tuple[Mechanism, Array, Array, Array, Array, list[Poi
 
 
 def drawn(svg: str, axes: int) -> list[Array]:
-    """Pixels (k, 2) of the lines of a panel, axes and ticks left out."""
+    """Return the pixels (k, 2) of each line of a panel, without axes and ticks."""
     (panel,) = (g for g in ET.fromstring(svg).iter(f"{SVG}g") if g.get("id") == f"axes_{axes}")
     lines = [g for g in panel if (g.get("id") or "").startswith("line2d_")]
     return [numbers(path.attrib["d"]) for g in lines for path in g.findall(f"{SVG}path")]

@@ -1,4 +1,4 @@
-"""What the report says of searches, from rows whose answers are known."""
+"""Findings on searches, from rows with known answers."""
 
 from typing import Any
 

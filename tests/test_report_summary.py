@@ -1,4 +1,4 @@
-"""The summary beside the rows: short, what is lost first, and nothing in it that the rows do not say."""
+"""The summary beside the rows is short, begins with defeats, and follows from the rows."""
 
 from collections.abc import Sequence
 
@@ -39,7 +39,7 @@ def test_defeats_come_first_in_the_summary() -> None:
 
 
 def test_every_engine_has_its_least_error_and_every_winner_its_ratio() -> None:
-    """Worked out a second time: the least error among usable cases, and times over that of the fastest of all."""
+    """Both are computed a second time: the least error of usable cases, and times divided by the smallest time."""
     run = published()
     for name, table in tables(summary(run, ())):
         for row in table.rows if table.head[1:2] != ("four_bar: error [m]",) else ():  # tests/test_readme.py holds that one

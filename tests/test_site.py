@@ -55,7 +55,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def table(name: str) -> pd.DataFrame:
-    """A published table as pandas reads it, its times beside it."""
+    """Return a published table with its times, as pandas reads it."""
     places = [folder / f"{name}.{kind}" for folder in (REPORTS, REPORTS / "times") for kind in ("csv", "parquet")]
     reads = {".csv": lambda p: pd.read_csv(p, keep_default_na=False, na_values=[""]), ".parquet": pd.read_parquet}
     frames = [reads[p.suffix](p) for p in places if p.exists()]
@@ -325,7 +325,7 @@ def test_sizes_and_addresses(out: Path) -> None:
 
 @pytest.fixture(scope="module")
 def address(out: Path) -> Iterator[str]:
-    """The site under a path prefix on this machine."""
+    """Serve the site on this machine under an address with a path."""
 
     class Quiet(http.server.SimpleHTTPRequestHandler):
         def log_message(self, *_: object) -> None:
@@ -342,7 +342,7 @@ DRAWN = "!document.querySelector('[data-chart]') || document.documentElement.dat
 
 
 def opened(browser: Any, url: str, first: str = "", **look: Any) -> tuple[Any, list[str]]:
-    """A page with everything drawn, and what went wrong or was asked of others."""
+    """Return a page with all figures drawn, and a list of its errors, warnings and requests to other addresses."""
     page = browser.new_page(**({"viewport": {"width": 1440, "height": 900}} | look))
     page.add_init_script(first)
     wrong: list[str] = []
@@ -356,7 +356,7 @@ def opened(browser: Any, url: str, first: str = "", **look: Any) -> tuple[Any, l
 
 @pytest.mark.parametrize("every", [pytest.param(False, marks=pytest.mark.slow), pytest.param(True, marks=pytest.mark.long)])
 def test_a_page_opens_under_an_address(browser: Any, address: str, out: Path, every: bool) -> None:
-    """Pages of some kinds, or all of them; from a folder they are opened below."""
+    """Some pages are opened, at night all of them; the next tests open pages from a folder."""
     names = sorted(p.stem for p in (out / "site").glob("*.html"))
     assert len(names) > 30
     for name in names if every else SERVED:
@@ -414,7 +414,7 @@ def test_a_page_of_a_folder_is_readable_at_any_width_and_axe_finds_nothing(
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The site as `make docs report` makes it, with programs and documentation."""
+    """Return the folder of the site that `make docs report` builds, with programs and documentation."""
     if find_spec("mkdocs") is None:
         needs("mkdocs")
     folder = tmp_path_factory.mktemp("whole") / "run"
@@ -463,7 +463,7 @@ def test_no_page_of_the_documentation_is_wider_than_its_window(browser: Any, who
 
 
 def raw_best(mechanism: str) -> Any:
-    """The valid case of a linkage with the least error at the end, as pandas finds it."""
+    """Return the valid case of a linkage with the least error at the end, found by pandas."""
     rows = table("results").query("mechanism == @mechanism and status == 'ok' and not control")
     return rows[rows.valid.astype(bool)].sort_values("measured_error_t2").iloc[0]
 
@@ -472,7 +472,7 @@ MUJOCO = "Which settings hold 0.1 mm in MuJoCo?"
 
 
 def expected_answers() -> dict[str, list[str]]:
-    """Question -> texts of the page to which it leads, from the rows."""
+    """Return question -> texts, computed from the rows, that the linked page must contain."""
     exact = raw_best("parallelogram")
     claim = table("kernel_claim").dropna(subset=["ratio"])
     engines = {x for name in ("results", "search_ladder", "search_space") for x in table(name).engine}
@@ -489,7 +489,7 @@ def expected_answers() -> dict[str, list[str]]:
 
 @pytest.mark.slow
 def test_five_questions_of_the_first_page_lead_to_their_answers(browser: Any, out: Path) -> None:
-    """One of them in a browser, where three clicks show its answer in a table that is folded and long."""
+    """For one question a browser finds the answer in three clicks, in a long table with folded cells."""
     site = out / "site"
     index = site.joinpath("index.html").read_text(encoding="utf-8")
     links = {Markup(text).striptags(): target for target, text in re.findall(r'<a href="([^"]+)">(.*?)</a>', index, re.DOTALL)}
@@ -517,7 +517,7 @@ WATCHED = """new MutationObserver(() => {
 
 @pytest.mark.slow
 def test_a_new_user_finds_mujocos_setting_for_the_eight_bar(browser: Any, out: Path) -> None:
-    """The answer waits for nothing large: it is there before any figure is drawn."""
+    """The answer is there before any figure is drawn, since it needs no large file."""
     page, wrong = opened(browser, (out / "site" / "index.html").as_uri(), first=WATCHED)
     at = {x: page.evaluate("x => performance.getEntriesByName(x)[0].startTime", x) for x in ("answered", "drawn")}
     assert 0 < at["answered"] < at["drawn"]

@@ -1,4 +1,4 @@
-"""Links to look at: what an address carries, and the page that draws it, whoever made the address."""
+"""Links to look at: the content of an address, and the page that draws it, also for hostile addresses."""
 
 import base64
 import copy
@@ -27,25 +27,25 @@ def motion(name: str) -> Kinematics:
 
 
 def packed(name: str, text: str = "the file") -> tuple[str, Kinematics]:
-    """The fragment of a linkage's first driven motion, and the motion."""
+    """Return the fragment of the first driven motion of a linkage, and the motion."""
     made = motion(name)
     return pack_view(text, made.model, made.trajectory.q, float(made.t[-1]))[0], made
 
 
 def content(fragment: str) -> dict[str, Any]:
-    """What a fragment holds, read without the page."""
+    """Return the content of a fragment."""
     body = fragment.removeprefix(VERSION)
     return dict(json.loads(zlib.decompress(base64.urlsafe_b64decode(body + "=" * (-len(body) % 4)))))
 
 
 def poses(held: dict[str, Any]) -> Any:
-    """The states (k, n) that a fragment holds, from its second differences."""
+    """Return the states (k, n) of a fragment, from its second differences."""
     whole = np.cumsum(np.cumsum(np.array(held["poses"]), axis=1), axis=1).T
     return whole * np.tile([held["unit"], held["unit"], 1 / ANGLES], whole.shape[1] // 3)
 
 
 def fragment_of(held: Any) -> str:
-    """The fragment of any content, as somebody else might make it."""
+    """Return the fragment of any content, which may be hostile."""
     return as_fragment(json.dumps(held).encode())
 
 
@@ -55,7 +55,7 @@ def as_fragment(data: bytes) -> str:
 
 @pytest.mark.parametrize("name", exhaustive(["four_bar", "jansen", "shaper", "excavator"], "jansen", "excavator"))
 def test_the_address_holds_the_file_and_every_pose_to_half_a_unit_and_every_point_in_its_place(name: str) -> None:
-    """Pins and paths of the address, moved by its poses, against the observed points of the suite's own motion."""
+    """Points in the fragment, moved by its poses, are compared with the observed points of the suite's own motion."""
     text = Path(load(name).source).read_text()
     fragment, made = packed(name, text)
     held, q = content(fragment), made.trajectory.q
@@ -100,7 +100,7 @@ def test_a_longer_file_takes_poses_away_until_none_is_left() -> None:
 
 @pytest.mark.parametrize("place", [(0.5, 0.5), (3e3, 3e3)])
 def test_a_drawing_far_from_the_origin_has_numbers_that_the_page_takes(place: tuple[float, float]) -> None:
-    """A link that hardly moves has no size that could be the unit."""
+    """The motion of this link is too small to define the unit of length."""
     q = np.array([[*place, 0.0], [place[0] + 1e-7, place[1], 0.1]])
     numbers = np.array(pack_poses(q)["poses"])
     assert np.abs(np.cumsum(numbers, axis=1)).max() <= LIMITS["number"]
@@ -118,7 +118,7 @@ def page_file(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def opened(browser: Any, address: str, **look: Any) -> tuple[Any, list[str]]:
-    """The page when it has drawn or refused, and what went wrong or was asked of others."""
+    """Return the page after it has drawn or refused its link, and a list of errors and of requests to other addresses."""
     page = browser.new_page(**({"viewport": {"width": 1200, "height": 900}, "reduced_motion": "reduce"} | look))
     wrong: list[str] = []
     page.on("console", lambda m: wrong.append(m.text))
@@ -134,7 +134,7 @@ def opened(browser: Any, address: str, **look: Any) -> tuple[Any, list[str]]:
 
 
 def drawn_pins(page: Any) -> Any:
-    """The pins on show [px], as complex numbers."""
+    """Return the drawn pins [px] as complex numbers."""
     dots = page.locator("#stage circle.pin").all()
     return np.array([float(x.get_attribute("cx")) - 1j * float(x.get_attribute("cy")) for x in dots])
 
@@ -199,7 +199,7 @@ def test_the_page_of_links_is_readable_by_eye_and_by_machine(browser: Any, page_
 
 
 def change(path: str, value: Any) -> Callable[[dict[str, Any]], str]:
-    """A change of one value of a good link."""
+    """Return a function that changes one value of the content of a link."""
 
     def make(held: dict[str, Any]) -> str:
         *above, last = [int(x) if x.isdigit() else x for x in path.split(".")]
@@ -217,7 +217,7 @@ def without(key: str) -> Callable[[dict[str, Any]], str]:
 
 
 def spelled(old: str, new: str) -> Callable[[dict[str, Any]], str]:
-    """A link whose JSON has one number spelled otherwise."""
+    """Return a function that replaces one number in the JSON of a link."""
     return lambda held: as_fragment(re.sub(old, new, json.dumps(held), count=1).encode())
 
 
@@ -259,7 +259,7 @@ HOSTILE: dict[str, tuple[Callable[[dict[str, Any]], str], str]] = {
 
 @pytest.mark.slow
 def test_a_hostile_link_gets_one_sentence_and_draws_nothing(browser: Any, page_file: str) -> None:
-    """All in one page, by its address alone; before each of them a good link is on show."""
+    """All links are opened in one page, and before each of them a good link."""
     good = packed("four_bar")[0]
     page, wrong = opened(browser, f"{page_file}#{good}")
     for what, (make, word) in HOSTILE.items():
