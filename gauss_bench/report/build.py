@@ -67,7 +67,7 @@ def refuse_pages_of_others(folder: Path) -> None:
     """Check that a report would overwrite no page that another program or a person wrote.
 
     Raises:
-        FileExistsError: it would; the message names the page.
+        FileExistsError: a page there is not one of an earlier report; the message names it.
     """
     refuse_foreign({folder / "README.md": HEADING, folder / SITE / "index.html": TITLE})
 

@@ -144,15 +144,12 @@ def film_parts(mechanism: Mechanism, film: Film, canvas: Canvas) -> Iterator[str
         ends = [a]
         if np.abs(a - b).max() > OPEN:
             ends.append(b)
-            tracks = zip(("x1", "y1", "x2", "y2"), (*a.T, *b.T), strict=True)
-            moved = "".join(animate_attribute(k, values, film) for k, values in tracks)
+            moved = ""
+            for name, values in zip(("x1", "y1", "x2", "y2"), (*a.T, *b.T), strict=True):  # values (f,) [px]
+                track = ";".join(f"{x:.1f}" for x in values)
+                moved += f'<animate attributeName="{name}" values="{track}" {film.timing}/>'
             yield f'<line stroke="{RED}" stroke-width="5" stroke-linecap="round">{moved}</line>'
         yield from (film.draw(make_part([PIN], end)) for end in ends)
-
-
-def animate_attribute(name: str, values: Array, film: Film) -> str:
-    """Return an SVG element that moves an attribute through values (k,) at the times of a film."""
-    return f'<animate attributeName="{name}" values="{";".join(f"{x:.1f}" for x in values)}" {film.timing}/>'
 
 
 def cost_picture(run: Run) -> str:

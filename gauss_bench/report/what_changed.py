@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
-from gauss_bench.report.rows import is_known
+from gauss_bench.report.rows import is_known, spread
 from gauss_bench.report.words import count
 
 Row = Mapping[str, Any]
@@ -71,7 +71,8 @@ def describe_quantities(changes: Iterable[Row]) -> list[str]:
 def describe_figures(quantity: str, rows: Sequence[Row]) -> str:
     """Return a sentence on one quantity that differs between two releases: all its ratios, or its largest difference."""
     if is_known(rows[0].get("ratio")):
-        return f"{quantity}: " + "; ".join(f"{place_of(row)} times {print_ratio(row)}" for row in rows)
+        ratios = (spread(row, "ratio").print_with("{:.2f}".format).replace("..", " to ") for row in rows)
+        return f"{quantity}: " + "; ".join(f"{place_of(row)} times {ratio}" for row, ratio in zip(rows, ratios, strict=True))
     worst = max(rows, key=lambda row: float(row["difference"]))
     errors = f"error against the truth {worst['error_before']:.1e} -> {worst['error_after']:.1e}"
     size = f"by up to {worst['difference']:.2g} of their size, where rounding makes {worst['rounding']:.0e}"
@@ -127,11 +128,6 @@ def describe_left_out(releases: Iterable[Row]) -> list[str]:
 def place_of(row: Row) -> str:
     """Return the case and the setting of a row, separated by a comma."""
     return ", ".join(filter(None, (row["case"], row["setting"])))
-
-
-def print_ratio(row: Row) -> str:
-    """Return the ratio of a row with its range."""
-    return f"{row['ratio']:.2f} ({row['ratio_low']:.2f} to {row['ratio_high']:.2f})"
 
 
 def write_page(tables: Mapping[str, Sequence[Row]]) -> str:

@@ -35,6 +35,7 @@ TIED = 0.05  # relative difference within which engines are equally good
 
 def all_cases(name: str, scenario: str, rows: Sequence[Row]) -> Table:
     """Return the table of every case of a linkage in a scenario, with errors of its measured coordinate."""
+    # the layout has the error bars in columns bar_t05, bar_t1 and bar_t2
     bars = {column: f"bar_{column.rpartition('_')[2]}" for column in MEASURED_ERRORS}
     shown = [{**row, **{bar: error_bar(row, column) for column, bar in bars.items()}} for row in rows]
     return lay_out("trajectories", shown, name=name, scenario=scenario, quantity=measured_name(rows), unit=measured_unit(rows))

@@ -54,39 +54,39 @@ def runs_of_engines(run: Run) -> dict[str, Run]:
 
 def engine_page(run: Run, name: str) -> Page:
     """Return the page of an engine; tables without rows are left out."""
-    whole, run = run, runs_of_engines(run).get(name, run)
-    rows = of_engine(run.results, name)
-    installed = run.environment.get("engines", {}).get(name, {})
+    its_run = runs_of_engines(run).get(name, run)
+    rows = of_engine(its_run.results, name)
+    installed = its_run.environment.get("engines", {}).get(name, {})
     version = installed.get("version") if isinstance(installed, dict) else ""
-    asked = field.answers(whole, name)
-    options = None  # the method page has the options of the run's own engines
-    if run is not whole:
-        options = lay_out("settings", list_options(run, name), title="Its settings in full", folded=True)
+    asked = field.answers(run, name)
+    options = None  # the method page has the options of this run's own engines
+    if its_run is not run:
+        options = lay_out("settings", list_options(its_run, name), title="Its settings in full", folded=True)
     body = render(
         "engine.html",
         name=name,
         asked=lay_out("field", asked, title="Its answers"),
-        costs=lay_out("field_costs", field.costs(whole, name), title="Its costs"),
-        apart=field.describe_run(whole) if asked and run is not whole.field_run else "",
+        costs=lay_out("field_costs", field.costs(run, name), title="Its costs"),
+        apart=field.describe_run(run) if asked and its_run is not run.field_run else "",
         home=describe_home(name, installed),
         settings=options,
-        commands=list_commands(run, name),
+        commands=list_commands(its_run, name),
         cases=lay_out("engine_cases", list_cases(rows)),
-        bests=bests(run, name),
-        races=list_races(run, name),
-        why=explain_time(run, name),
-        broken=list_failures(run, name),
-        faults=faults_of(whole.faults, name),
-        atlas=atlas_table(of_engine(whole.table("atlas"), name)),
-        owned=lay_out("search_owned", list_owned(of_engine(run.table("search_owned"), name))),
-        releases=len(of_engine(whole.table("releases"), name)),
-        history=lay_out("engine_history", list_changes(of_engine(whole.accepted, name))),
-        knobs=lay_out("engine_knobs", of_engine(run.table("search_knobs"), name)),
+        bests=bests(its_run, name),
+        races=list_races(its_run, name),
+        why=explain_time(its_run, name),
+        broken=list_failures(its_run, name),
+        faults=faults_of(run.faults, name),
+        atlas=atlas_table(of_engine(run.table("atlas"), name)),
+        owned=lay_out("search_owned", list_owned(of_engine(its_run.table("search_owned"), name))),
+        releases=len(of_engine(run.table("releases"), name)),
+        history=lay_out("engine_history", list_changes(of_engine(run.accepted, name))),
+        knobs=lay_out("engine_knobs", of_engine(its_run.table("search_knobs"), name)),
     )
     lead = f"{version or name}: as shipped, as set here, and with the best settings found."
     if any(r["control"] for r in rows):
         lead = "A negative control, wrong on purpose: it must never pass."
-    return Page(f"engine-{file_name(name)}", name, lead, body, facts=tuple(facts(run)))
+    return Page(f"engine-{file_name(name)}", name, lead, body, facts=tuple(facts(its_run)))
 
 
 def describe_home(name: str, installed: Mapping[str, Any]) -> str:
@@ -170,7 +170,7 @@ def explain_time(run: Run, name: str) -> tuple[str, Table] | None:
 
 
 def explain_time_within(run: Run, name: str, position: float) -> tuple[str, Table] | None:
-    """Return `explain_time` at an accuracy [m], or None if no timed setting of the engine holds it."""
+    """Return the sentences and the table of `explain_time` at an accuracy [m]; None if no timed setting of the engine holds it."""
     lines: list[Row] = []
     for linkage in scenarios(run):
         timed = [x for x in fastest_first(run, linkage, position) if x.steps > 0]

@@ -138,7 +138,9 @@ def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[
         data["runs"] = [_along_turn(x, turn, states, canvas) for x in runs]
     else:
         data["poses"] = list_frames(in_pixels(canvas, states))
-        data["runs"] = [_straight(x, canvas) for x in runs]
+        # without a turn, differences are magnified in straight lines
+        moved = [_round(shift_in_pixels(canvas, x.ahead + x.gap).swapaxes(0, 1)) for x in runs]
+        data["runs"] = [_describe(x) | {"moved": path} for x, path in zip(runs, moved, strict=True)]
     return make_stage(svg, runs, canvas.scale, len(times)), data
 
 
@@ -168,11 +170,6 @@ def _along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) -> d
     if np.abs(gap).max(initial=0.0) * MAGNIFIED[-1] > SEEN:
         data["gap"] = _round(gap.swapaxes(0, 1))
     return data
-
-
-def _straight(x: StoredRun, canvas: Canvas) -> dict[str, Any]:
-    """Return the data of a run whose differences the page magnifies in straight lines."""
-    return _describe(x) | {"moved": _round(shift_in_pixels(canvas, x.ahead + x.gap).swapaxes(0, 1))}
 
 
 def _describe(x: StoredRun) -> dict[str, Any]:
