@@ -129,7 +129,7 @@ def test_the_example_of_a_verb_runs(
         carry_out(verbs_and_examples()[name], tmp_path, capsys)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_example_of_the_studio_serves_its_page_until_it_is_interrupted(tmp_path: Path) -> None:
     needs("uvicorn")
     (block,) = blocks(verbs_and_examples()["studio"])
