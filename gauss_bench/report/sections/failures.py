@@ -18,7 +18,7 @@ def section(run: Run) -> Section:
     """Return the section with tables of failed, skipped and invalid cases, and of costs that could not be measured."""
     lost = [row for row in run.results if not has_ended(row)]
     invalid = [row for row in run.results if has_ended(row) and not row["valid"]]
-    judged = [{**row, "message": row.get("flag", ""), "status": "not valid"} for row in invalid]
+    judged: list[Row] = [{**row, "message": row.get("flag", ""), "status": "not valid"} for row in invalid]
     kinds: dict[str, list[Row]] = {
         "Failed": [row for row in lost if row["status"] != "skip"],
         "Skipped: not modelled, with the adapter's reason": [row for row in lost if row["status"] == "skip"],

@@ -104,8 +104,10 @@ def read_runs(run: Run, name: str, scenario: str, links: Sequence[str]) -> list[
     stored = []
     for key, rows in group_by(run.table("poses"), *KEYS).items():
         row = cases.get(key)
-        poses = Poses(rows if row else (), links)
-        if row and poses.times:
+        if row is None:
+            continue
+        poses = Poses(rows, links)
+        if poses.times:
             is_default = row["settings"] == "default"
             stored.append(StoredRun(row["engine"], label_run(row), is_default, poses.read("_ahead"), poses.read("_gap")))
     return sorted(stored, key=lambda x: (x.engine, not x.is_default, x.label))
