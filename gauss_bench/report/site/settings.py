@@ -136,7 +136,7 @@ def variant_of(row: Row) -> tuple[str, ...]:
 
 
 def place_of(row: Row) -> tuple[Any, ...]:
-    """Return the variant, step and tolerance of a row, rounded so that rows of different tables on one setting give equal values."""
+    """Return the variant, step and tolerance of a row, rounded so that rows of several tables on one setting give equal values."""
     sizes = (round_digits(row[k], 6) if is_known(row.get(k)) else -1.0 for k in ("step", "tolerance"))
     return (*variant_of(row), *sizes)
 
