@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from gauss_bench.report.cases import cost_rows, is_unstabilised
 from gauss_bench.report.content import Finding, lay_out
-from gauss_bench.report.rows import Row, Run, Spread, first_number, is_known, spread
+from gauss_bench.report.rows import Row, Run, Spread, first_number, is_known, of_engine, spread
 from gauss_bench.report.words import itemise, range_text, ratio_text
 
 PLACE = 14
@@ -14,32 +14,43 @@ OWN, RIVAL = "gauss", "lagrange"
 
 def findings(run: Run) -> Iterator[Finding]:
     """Yield a finding on the cost of a step, and one on the cost of an acceleration."""
+    for quantity, subject in (("step", "A step"), ("acceleration", "One acceleration")):
+        ratios = divide_costs(run, quantity)
+        if not ratios:
+            continue
+        longer = sum(x.value > 1 for x in ratios.values())
+        slower = sum(first_number(x.low, x.value) > 1 for x in ratios.values())  # beyond the range, if it is known
+        level = sum(x.low <= 1 <= x.high for x in ratios.values())
+        undecided = f", not told apart in {level}" if level else ""
+        listed = itemise(f"{name} {x.print_with(ratio_text)}" for name, x in ratios.items())
+        lines = [{"where": k, "ratio": x.value, "ratio_low": x.low, "ratio_high": x.high} for k, x in ratios.items()]
+        yield Finding(
+            f"Cost of {OWN} against {RIVAL}",
+            f"{subject} of `{OWN}` takes this multiple of the time of `{RIVAL}`: {listed}; slower in {slower} of {len(ratios)}"
+            f"{undecided}.",
+            "warn" if longer > len(ratios) / 2 else "good",
+            f"{subject} of `{OWN}` takes {range_text([x.value for x in ratios.values()])} times as long as one of `{RIVAL}`.",
+            (lay_out("behind_cost", lines, own=OWN, rival=RIVAL),),
+        )
+
+
+def divide_costs(run: Run, quantity: str) -> dict[str, Spread]:
+    """Return the cost of OWN divided by that of RIVAL, by linkage and for steps also by integrator.
+
+    Args:
+        quantity: "step" or "acceleration".
+    """
     rows = [row for row in cost_rows(run.results) if is_unstabilised(row)]
     rivals = {_place(row): row for row in reversed(rows) if row["engine"] == RIVAL}
-    for quantity, subject in (("step", "A step"), ("acceleration", "One acceleration")):
-        ratios: dict[str, Spread] = {}
-        for row in rows:
-            if row["engine"] == OWN and _place(row) in rivals:
-                ratio = _divide(run, spread(row, f"{quantity}_ratio"), spread(rivals[_place(row)], f"{quantity}_ratio"))
-                # an acceleration has no integrator, so that the first row of a linkage counts
-                name = f"{row['mechanism']} {row['integrator']}" if quantity == "step" else row["mechanism"]
-                if is_known(ratio.value):
-                    ratios.setdefault(name, ratio)
-        if ratios:
-            longer = sum(x.value > 1 for x in ratios.values())
-            slower = sum(first_number(x.low, x.value) > 1 for x in ratios.values())  # beyond the range, if it is known
-            level = sum(x.low <= 1 <= x.high for x in ratios.values())
-            undecided = f", not told apart in {level}" if level else ""
-            listed = itemise(f"{name} {x.print_with(ratio_text)}" for name, x in ratios.items())
-            lines = [{"where": k, "ratio": x.value, "ratio_low": x.low, "ratio_high": x.high} for k, x in ratios.items()]
-            yield Finding(
-                f"Cost of {OWN} against {RIVAL}",
-                f"{subject} of `{OWN}` takes this multiple of the time of `{RIVAL}`: {listed}; slower in {slower} of {len(ratios)}"
-                f"{undecided}.",
-                "warn" if longer > len(ratios) / 2 else "good",
-                f"{subject} of `{OWN}` takes {range_text([x.value for x in ratios.values()])} times as long as one of `{RIVAL}`.",
-                (lay_out("behind_cost", lines, own=OWN, rival=RIVAL),),
-            )
+    ratios: dict[str, Spread] = {}
+    for row in of_engine(rows, OWN):
+        rival = rivals.get(_place(row), {})
+        ratio = _divide(run, spread(row, f"{quantity}_ratio"), spread(rival, f"{quantity}_ratio"))
+        # an acceleration has no integrator, so that the first row of a linkage counts
+        name = f"{row['mechanism']} {row['integrator']}" if quantity == "step" else row["mechanism"]
+        if is_known(ratio.value):
+            ratios.setdefault(name, ratio)
+    return ratios
 
 
 def _place(row: Row) -> tuple[str, ...]:
