@@ -1,4 +1,4 @@
-"""The self-test, which shows whether the suite notices faults: what `gauss-bench selftest` prints."""
+"""The self-test, which plants faults in the suite: the object that `gauss-bench selftest --json` prints."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ from gauss_bench.runs.offers import ChoiceError
 
 
 def selftest(only: Sequence[str] = (), told: Told = nobody) -> SelfTest:
-    """Plant known faults in memory, and test that the suite's checks report each of them and report nothing without a fault.
+    """Plant known faults in memory, and test that the suite's checks detect each of them, and none in the unaltered suite.
 
     Args:
-        only: kinds of faults; all where not given.
+        only: kinds of faults; by default all.
         told: called with each sentence of progress.
 
     Raises:
-        ChoiceError: an unknown kind.
+        ChoiceError: a kind is unknown.
     """
     for kind in only:
         if kind not in KINDS:
@@ -27,7 +27,7 @@ def selftest(only: Sequence[str] = (), told: Told = nobody) -> SelfTest:
 
 @dataclass(frozen=True)
 class Planted(SelfTest, Result):
-    """The result of a self-test, as the command line prints it; the fields are those of SelfTest."""
+    """The result of a self-test as the command line prints it, with the fields of SelfTest."""
 
     computed = ("planted", "detected", "passed")
 
