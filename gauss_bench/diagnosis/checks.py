@@ -1,7 +1,7 @@
-"""Checks of the suite itself, each with a known answer: a check returns None if all is well, else a sentence on the fault.
+"""Checks of the suite itself with known answers: a check returns None, or a sentence on the fault that it detects.
 
-The checks call the same functions that judge engines, certify references, compare with the baseline and measure times. They use
-small linkages and short motions, so that all of them together take seconds.
+The checks call the functions that judge engines, certify references, compare figures with the baseline and measure times. They use
+small linkages and short motions, so that all checks together take seconds.
 """
 
 import gc
@@ -42,8 +42,8 @@ from gauss_bench.trajectory import Reference, Trajectory
 FOUR_BAR, CRANK_SLIDER, DRIVEN = ("four_bar", "torque"), ("crank_slider", "paper"), ("four_bar", "cycloid")
 SHAPER = ("shaper", "torque")  # slides that carry moments
 AGREES = 1e-10  # relative tolerance; formulations agree to about 1e-13
-OPENING = 5  # number of samples of a certificate that are verified: a few are enough to detect a fault
-MOVED = 1e-3  # [m] displacement of a link, as a known error
+OPENING = 5  # number of samples of a certificate that are verified, which are enough to detect a fault
+MOVED = 1e-3  # [m] known displacement of a link
 ORDERS = {"rk4": 4, "semi_implicit_euler": 1, "dop853_fixed": 8, "gauss_legendre": 6}
 Figures = dict[str, float | str]
 
@@ -51,7 +51,13 @@ Figures = dict[str, float | str]
 def alter(
     mechanism: Mechanism, of: str = "", gravity: float = 1.0, joint: str = "", by: float = 0.0, **factors: float
 ) -> Mechanism:
-    """Return an altered linkage: factors on a link, a force or gravity, or a pin displaced `by` [m] on its second link."""
+    """Return an altered linkage.
+
+    Args:
+        of, factors: name of a link or force, and attribute -> factor on it.
+        gravity: factor on gravity.
+        joint, by: name of a pin, and its displacement [m] in x in the frame of its second link.
+    """
 
     def scale(x: Any) -> Any:
         return replace(x, **{key: getattr(x, key) * factor for key, factor in factors.items()}) if x.name == of else x
@@ -70,34 +76,30 @@ def alter(
 
 @cache
 def states(which: tuple[str, str]) -> TrueStates:
-    """Return random states with their exact accelerations, from equations in the crank's angle."""
+    """Return random states of a linkage in a scenario with exact accelerations, which follow from the crank's angle alone."""
     return random_states(load(*which), count=16)
 
 
 @cache
 def truth(which: tuple[str, str], until: float = 0.5) -> Reference:
+    """Return the certified motion of a linkage in a scenario up to `until` [s]."""
     path = certificate_path(load(*which))
     assert path is not None
     return as_reference(read_certificate(path), until)
 
 
-def exact(reference: Reference) -> Trajectory:
-    """Return the reference as the trajectory of an engine without errors."""
-    return reference.samples
-
-
 def shift(x: Trajectory, level: str, column: int, by: float) -> Trajectory:
-    """Return the trajectory with a number added to one coordinate, velocity or acceleration."""
+    """Return a trajectory with a number added to one column of its level "q", "v" or "a"."""
     return replace(x, **{level: getattr(x, level) + by * np.eye(x.q.shape[1])[column]})
 
 
 def off(figure: Any, expected: float, tolerance: float) -> bool:
-    """Tell whether the largest of some figures differs from its known value; NaN differs."""
+    """Tell whether a figure, or the largest of several, differs from its known value; NaN differs."""
     return not abs(float(np.max(figure)) - expected) <= tolerance * max(1.0, abs(expected))
 
 
 def ask_gate(figures: Figures, baseline: Figures) -> str | None:
-    """Compare the figures of one case with a baseline by the gate; return its first failure, or None."""
+    """Return the first failure of a case's figures (name -> value) against those of a baseline, as the gate says it, or None."""
     key = dict(zip(KEY, ("linkage", "scenario", "engine", "default", "rk4", "none", 1e-3, 1.0), strict=True))
 
     def frame(some: Figures) -> pd.DataFrame:
@@ -112,9 +114,10 @@ def ask_gate(figures: Figures, baseline: Figures) -> str | None:
 
 
 def model(which: tuple[str, str] = FOUR_BAR, alter: Mapping[str, Any] | None = None) -> str | None:
-    """Check an engine's accelerations at known states by the gate, against sound ones."""
+    """Check by the gate the accelerations of an engine that models a linkage, or an altered one, at known states."""
 
     def error(altered: Mechanism) -> Figures:
+        """Return the relative error of the accelerations of an altered linkage, as a figure of the gate."""
         x, engine = states(which), Interpreted("gauss").build(altered, Choice(integrator="rk4"))
         accelerations = np.array([engine.acceleration(float(t), q, v) for t, q, v in zip(x.t, x.q, x.v, strict=True)])
         return {"acceleration_error_median": float(np.median(metrics.relative_acceleration_error(accelerations, x.a)))}
@@ -124,13 +127,14 @@ def model(which: tuple[str, str] = FOUR_BAR, alter: Mapping[str, Any] | None = N
 
 
 def change(mechanism: Mechanism, how: Mapping[str, Any] | None) -> Mechanism:
+    """Return a linkage altered by these arguments of `alter`, or unchanged."""
     return alter(mechanism, **how) if how else mechanism
 
 
 def in_time(late: float) -> str | None:
-    """Check by the gate the errors of a sound motion that is sampled `late` [s] too late."""
+    """Check by the gate the errors of a correct motion that is sampled `late` [s] too late."""
     reference = truth(FOUR_BAR)
-    sound = exact(reference)
+    sound = reference.samples
     moved = replace(sound, q=sound.q + late * sound.v + late**2 / 2 * sound.a, v=sound.v + late * sound.a)
 
     def figures(x: Trajectory) -> Figures:
@@ -148,7 +152,7 @@ def formulations() -> str | None:
     for which in (FOUR_BAR, CRANK_SLIDER):
         x, evaluator = states(which), Evaluator(load(*which))
         for name, solve in FORMULATIONS.items():
-            if name == "yuan_ge_eq16":  # the formula as printed, which is known to be another one
+            if name == "yuan_ge_eq16":  # the formula as printed is known to be wrong
                 continue
             for k in range(4):
                 terms = evaluator.terms(0.0, x.q[k], x.v[k])
@@ -166,17 +170,19 @@ def formulations() -> str | None:
 
 
 def integrators() -> str | None:
-    """Check the order of convergence of every integrator with q'' = -q."""
+    """Check the order of convergence of every integrator with q'' = -q, whose solution is q = cos t."""
 
-    def run(step: Callable[..., tuple[Array, Array]], count: int) -> float:
+    def error_of(step: Callable[..., tuple[Array, Array]], count: int) -> float:
+        """Return the error at t = 1 after a number of steps."""
         q, v, h = np.array([1.0]), np.array([0.0]), 1.0 / count
         for k in range(count):
             q, v = step(lambda t, q, v: -q, k * h, q, v, h)
         return float(np.hypot(q[0] - math.cos(1.0), v[0] + math.sin(1.0)))
 
     for name, order in ORDERS.items():
-        few = 3 if order > 4 else 20
-        observed = math.log2(max(run(fixed_step.STEPS[name], few), 1e-300) / max(run(fixed_step.STEPS[name], 2 * few), 1e-300))
+        few = 3 if order > 4 else 20  # more steps of a high order would only show rounding
+        coarse, fine = (max(error_of(fixed_step.STEPS[name], count), 1e-300) for count in (few, 2 * few))
+        observed = math.log2(coarse / fine)
         if off(observed, order, 0.1):
             return f"{name} converges by order {observed:.2f}, not {order}"
     return None
@@ -190,7 +196,7 @@ def stabilizations() -> str | None:
     v = x.v[0] + MOVED
     terms = evaluator.terms(0.0, q, v)
     rate = BAUMGARTE_RATE
-    expected = -2 * rate * terms.phi_dot - rate**2 * terms.phi
+    expected = -2 * rate * terms.phi_dot - rate**2 * terms.phi  # of gamma, by Baumgarte
     if np.abs(algebra.baumgarte(terms, rate, rate).gamma - terms.gamma - expected).max() > AGREES * np.abs(expected).max():
         return "Baumgarte's terms do not lead back to the constraints"
     at, speed = evaluator.project(0.0, q, x.v[0])
@@ -206,8 +212,8 @@ def stabilizations() -> str | None:
 def measures() -> str | None:
     """Check the metrics of motions with known, planted errors."""
     mechanism, reference = load(*FOUR_BAR), truth(FOUR_BAR)
-    evaluator, sound = Evaluator(mechanism), exact(reference)
-    x, y = SIZE, SIZE + 1  # places of the second link
+    evaluator, sound = Evaluator(mechanism), reference.samples
+    x, y = SIZE, SIZE + 1  # columns of the second link's centre of mass
 
     def errors(told: Trajectory) -> metrics.Errors:
         return metrics.state_errors(mechanism, told, reference)
@@ -239,10 +245,10 @@ def forces() -> str | None:
     """Check that the joint forces and the applied forces on each link balance its inertia (Newton's laws)."""
     for which in (FOUR_BAR, CRANK_SLIDER, SHAPER):
         mechanism, reference = load(*which), truth(which)
-        evaluator, sound = Evaluator(mechanism), exact(reference)
+        evaluator, sound = Evaluator(mechanism), reference.samples
         by_joint = metrics.joint_forces(evaluator, sound)
-        own = reference.a * evaluator.mass - evaluator.applied.generalised(reference.q, reference.v)
-        lacking = bodies(own).copy()
+        own = reference.a * evaluator.mass - evaluator.applied.generalised(reference.q, reference.v)  # M a - Q (k, n)
+        lacking = bodies(own).copy()  # (k, links, 3): what the joints must exert, less what they do exert
         for joint in mechanism.joints:
             (first, second), given = joint.ends, by_joint[joint.name]
             force, at = np.stack([given["fx"], given["fy"]], axis=1), position(reference.q, second)
@@ -259,7 +265,7 @@ def forces() -> str | None:
 def judge_case() -> str | None:
     """Check the judge on a sound motion, and on invalid ones."""
     mechanism, reference = load(*FOUR_BAR), truth(FOUR_BAR)
-    evaluator, sound = Evaluator(mechanism), exact(reference)
+    evaluator, sound = Evaluator(mechanism), reference.samples
     turned = sound.q.copy()
     angles(turned)[...] += 0.2
 
@@ -316,7 +322,10 @@ def read_certified(
     """Verify the first samples of a certificate against a linkage.
 
     Args:
-        nudge: level -> number that is added to the largest entry of its middle sample; or "late" -> delay [s] of all samples.
+        which: linkage and scenario of the certificate.
+        nudge: level "q", "v", "a" or "multipliers" -> number that is added to the largest entry of the level's middle sample, or
+            "late" -> delay of all samples [s].
+        alter: arguments of `alter` for the linkage against which the certificate is verified.
     """
     mechanism = load(*which)
     path = certificate_path(mechanism)
@@ -354,7 +363,7 @@ def ticking() -> Iterator[Callable[[float], None]]:
 
 
 def clocks() -> str | None:
-    """Check the measurement of times with an artificial clock."""
+    """Check the measurement of times with an artificial clock, and the ratios of known times."""
     with ticking() as spend:
         if off(one_run.measure_seconds(lambda: spend(1.0)), 1.0, 1e-9):
             return "a second is not a second"
@@ -365,23 +374,23 @@ def clocks() -> str | None:
             repeated = blocks.lasting("call", lambda seconds=seconds: spend(seconds), work)  # type: ignore[misc]
             whole = one_run.measure_seconds(repeated.go)
             if off(whole / repeated.count / seconds * work, 1.0, 1e-6) or not 1e-3 <= whole <= 5e-3:
-                return "a call does not cost what it costs, or its block is too short"
+                return "the time of a call is wrong, or its block is too short"
         turns = [blocks.Block(name, lambda: None, lambda: spend(0.2 if gc.isenabled() else 0.01), 1) for name in "abcd"]
-        told = [(x.entry, n, s) for x, n, s in clock.interleave(turns, 8)]
-        orders = {tuple(x for x, n, _ in told if n == k) for k in range(8)}
+        timed = [(block.entry, number, seconds) for block, number, seconds in clock.interleave(turns, 8)]
+        orders = {tuple(entry for entry, number, _ in timed if number == k) for k in range(8)}
         if len(orders) < 3 or any(sorted(map(str, x)) != list("abcd") for x in orders):
             return "blocks do not take turns in changing order"
-        if any(off(s, 0.01, 1e-9) for _, _, s in told):
+        if any(off(seconds, 0.01, 1e-9) for _, _, seconds in timed):
             return "the garbage collector works while it is timed"
     samples = np.array([4.0, 1.0, 3.0, 2.0, 5.0])
     if off(clock.ratio(samples, np.full(5, 0.5))[0], 4.0, 1e-12):
         return "a ratio is not that of lower quartiles"
     wandering = np.random.default_rng(3).uniform(1.0, 2.0, 40)
     if max(abs(x - 3.0) for x in clock.ratio(3.0 * wandering, wandering)) > 1e-12:
-        return "what both meet in a round counts as spread"
+        return "a delay of both entries in one round counts as spread"
     n = 4000
     _, low, high = clock.ratio(np.random.default_rng(5).uniform(0.0, 1.0, n) + 1.0, np.ones(n))
-    expected = 2 * 1.645 * math.sqrt(3 / 16 / n)
+    expected = 2 * 1.645 * math.sqrt(3 / 16 / n)  # nine tenths of a normal quartile with variance p (1 - p) / n, p = 1/4
     return "a spread does not hold nine tenths" if off((high - low) / expected, 1.0, 0.3) else None
 
 

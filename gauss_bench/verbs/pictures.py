@@ -1,4 +1,4 @@
-"""Write plots, animations and tables of a linkage, a run or a motion; no file is written before the contents of all are complete."""
+"""Write plots, animations and tables of a linkage, a run or a motion; no file is written unless all contents can be made."""
 
 from collections.abc import Mapping
 from pathlib import Path
