@@ -1,6 +1,6 @@
-"""Plant the faults of `planted.toml`: each alters a function, a limit, a linkage or a sample while the check that must detect it runs.
+"""Plant the faults of `planted.toml`: each alters a function, a limit, a linkage or a sample while its check runs.
 
-No file is changed. The functions of a module run code that is compiled from its altered source, and afterwards their own code again.
+No file is changed. The functions of a module run code that is compiled from its altered source, and then their own code again.
 """
 
 import tomllib
