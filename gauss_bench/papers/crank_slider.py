@@ -36,7 +36,7 @@ START = (0.075, 0.0, 0.0, 0.43, 0.0, 0.0, 0.71)
 
 @dataclass(frozen=True, eq=False)
 class ExampleState:
-    """A motion of the linkage file at one instant: q, v, a and the applied force Q (7,) in the paper's coordinates."""
+    """A motion of the linkage file at one instant: q, v, a and the applied force Q, each (7,) in the paper's coordinates."""
 
     q: Array
     v: Array

@@ -1,7 +1,7 @@
 """Yuan & Ge (2016), eqs. (17) to (24), and their discrepancies from motions of the linkage file.
 
-The last measures concern data that the example leaves out: inertias, gravity, an integrator. There the printed form is the example
-without these data, and its discrepancy is the change that they cause.
+The last measures concern data that the example leaves out: inertias, gravity and an integrator. The printed form has other values
+for these data, and its discrepancy is the change that they cause.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ from gauss_bench.terms import Array, Terms
 from gauss_bench.trajectory import Reference
 
 DIMENSION = L1 + L2  # [m] size of the linkage, by which residuals of positions are divided
-SHOWN = 0.5  # [s] over which integrators are compared: most of the first turn
+SHOWN = 0.5  # [s] time over which integrators are compared, most of the first turn
 STEP = 1e-3  # [s] step size of the integrator that a reader might take
 
 
@@ -32,6 +32,7 @@ def moving_states() -> tuple[ExampleState, ...]:
 
 
 def mass_off(form: Callable[[], Array]) -> float:
+    """Compare the diagonal of M with that of the linkage file."""
     true = linkage().mass[list(KEPT)]
     return float(np.abs(form() / true - 1).max())
 
@@ -48,7 +49,7 @@ def bias_off(f: float, s: ExampleState) -> float:
 
 
 def order_off(order: list[int], s: ExampleState) -> float:
-    """Measure an order of the coordinates, by the power left over when accelerations are taken in this order."""
+    """Measure an order of the coordinates, by the power that is left over if the accelerations have this order."""
     return power_off(s, 0.0, s.a[order])
 
 
@@ -78,9 +79,9 @@ def entry_off(form: dict[str, Any], s: ExampleState) -> float:
 
 
 def row_off(squared: list[str], s: ExampleState, rows: list[int]) -> float:
-    """Return the residual of rows of J a = g, counted from 1, at a reference motion.
+    """Return the largest residual of some rows (counted from 1) of J a = g at a reference motion.
 
-    J is taken from the derivatives of (21); g squares the rates that `squared` names.
+    J has the derivatives of (21), and g squares the level of the motion that `squared` names.
     """
     off = crank_slider.bias(s.q, getattr(s, *squared)) - gradient(crank_slider.residual, s.q) @ s.a
     return float(np.abs(off)[[row - 1 for row in rows]].max() / np.abs(s.a).max())
@@ -95,16 +96,16 @@ def crank_with_entry(form: dict[str, Any]) -> float:
 
 
 def start_off(form: list[float]) -> float:
-    """Return the larger of the residual of (21) at a start and its distance from the linkage file's start, relative to the size."""
+    """Return the residual of (21) at a start or its distance from the linkage file's start, relative to the size."""
     own, start = linkage(), np.array(form)
     residual = np.abs(crank_slider.residual(start)).max()
     return float(max(residual, np.abs(start - own.q0[list(KEPT)]).max(), np.abs(own.v0).max())) / DIMENSION
 
 
 def figures_off(form: list[int]) -> float:
-    """Count how many of the figures from first to last do not show the crank's centre, and how many that do are missing.
+    """Count the figures from first to last that do not show the crank's centre, and the figures that do but are missing.
 
-    Figures 2 to 5 show its displacement and velocity in x and y; figure 1 is the drawing.
+    Figures 2 to 5 show displacement and velocity of the centre in x and y; figure 1 is the drawing.
     """
     first, last = form
     return float(len({2, 3, 4, 5} ^ set(range(first, last + 1))))
