@@ -10,11 +10,11 @@ import pytest
 
 import gauss_bench
 from gauss_bench.cli import main
-from gauss_bench.diagnosis import explanations, faults, samples
+from gauss_bench.diagnosis import faults, samples
 from gauss_bench.diagnosis.causes import Cause, Part
 from gauss_bench.diagnosis.checks import CRANK_SLIDER, DRIVEN, FOUR_BAR, alter
 from gauss_bench.diagnosis.diagnosis import SMALL, Verdict, diagnose_runs
-from gauss_bench.diagnosis.faults import BY_NAME, CLEAN, ENGINES, Fault, Faulty
+from gauss_bench.diagnosis.faults import BY_NAME, CLEAN, Fault, Faulty
 from gauss_bench.diagnosis.motion import OwnMotion, TrueMotion
 from gauss_bench.diagnosis.observations import Burst, checkpoints, ladder
 from gauss_bench.diagnosis.selftest import diagnose_fault
@@ -28,13 +28,7 @@ from gauss_bench.terms import Terms
 from gauss_bench.trajectory import States
 from tests.conftest import exhaustive, needs
 
-QUICK = (
-    "soft_loop",
-    "stale",
-    "late",
-    "wrapped",
-    "backwards",
-)  # and the inertia, below; all of them are planted by the test of the whole selftest
+QUICK = ("inertia", "soft_loop", "stale", "late", "wrapped", "backwards")  # the test of the whole self-test plants all faults
 SIX_BAR = ("six_bar", "torque")
 
 
@@ -47,13 +41,17 @@ def verdict(fault: Fault, where: tuple[str, str], step: float = 2e-3, until: flo
 
 
 @pytest.mark.slow("soft_loop")
-@pytest.mark.parametrize("fault", [pytest.param(x, id=x.name) for x in ENGINES if x.name in QUICK])
-def test_a_planted_fault_is_named(fault: Fault) -> None:
+@pytest.mark.parametrize("name", QUICK)
+def test_a_planted_fault_is_named(name: str) -> None:
+    fault = BY_NAME[name]
     found = diagnose_fault(fault)
     assert found.cause is fault.cause, found.sentence
     assert found.numbers is not None
-    parts = sorted(found.parts, key=lambda part: found.parts[part])
-    assert parts[-1] is fault.cause.part, found.parts
+    assert max(found.parts, key=lambda part: found.parts[part]) is fault.cause.part, found.parts
+    if name == "inertia":
+        best = found.explanations[0]
+        assert (best.what, best.amount) == ("inertia of crank", pytest.approx(0.01, rel=1e-3))
+        assert "inertia of crank is 1 % too large" in found.sentence
 
 
 @pytest.mark.slow
@@ -111,6 +109,7 @@ VARIATIONS = [  # none of them is one of the catalogue's
         {"stabilization": "projection"},
     ),
     (of("order in a driven linkage", Cause.ORDER, read=faults.links_in_another_order), DRIVEN, {}),
+    (of("inertia in a larger linkage", Cause.INERTIA, linkage=partial(alter, of="coupler", inertia=1.01)), SIX_BAR, {}),
     (of("gravity in a larger linkage", Cause.GRAVITY, linkage=partial(alter, gravity=-1.0)), SIX_BAR, {}),
 ]
 
@@ -134,31 +133,17 @@ def test_a_fault_smaller_than_the_integrators_error_is_told_beside_it() -> None:
     heavy = of("inertia", Cause.INERTIA, linkage=partial(alter, of="crank", inertia=1.01))
     found = verdict(heavy, FOUR_BAR, integrator="semi_implicit_euler")
     assert found.cause is Cause.INTEGRATOR, found.sentence
-    assert "beside it, the inertia of crank is 1 % too large" in found.sentence
+    assert "besides, the inertia of crank is 1 % too large" in found.sentence
     assert [x.what for x in found.candidates] == ["inertia of crank"]
 
 
 @pytest.mark.slow
-def test_accelerations_that_a_cause_reproduces_are_no_round_off() -> None:
-    found = verdict(of("inertia", Cause.INERTIA, linkage=partial(alter, of="coupler", inertia=1.01)), SIX_BAR, step=4e-3)
-    assert found.cause is Cause.INERTIA, found.sentence
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("fault", "where", "choice"), exhaustive(VARIATIONS, *VARIATIONS[1:4], VARIATIONS[8]), ids=lambda x: getattr(x, "name", None)
+    ("fault", "where", "choice"), exhaustive(VARIATIONS, VARIATIONS[1], VARIATIONS[8]), ids=lambda x: getattr(x, "name", None)
 )
 def test_a_variation_of_a_fault_is_named_too(fault: Fault, where: tuple[str, str], choice: dict[str, object]) -> None:
     found = verdict(fault, where, **{"step": 4e-3, **choice})  # type: ignore[arg-type]
     assert found.cause is fault.cause, found.sentence
-
-
-def test_the_parameter_and_by_how_much_it_is_off_are_told() -> None:
-    found = diagnose_fault(BY_NAME["inertia"])
-    best = found.explanations[0]
-    assert best.what == "inertia of crank"
-    assert best.amount == pytest.approx(0.01, rel=1e-3)
-    assert "inertia of crank is 1 % too large" in found.sentence
 
 
 def of_all_links(key: str, factor: float, mechanism: Mechanism) -> Mechanism:
@@ -262,21 +247,12 @@ def test_a_map_of_time_is_found_and_an_engine_in_time_has_none() -> None:
     assert samples.time_map(truth, States(t, other.q + 1e-3 * t[:, None], other.v), stretch=False) is None
 
 
-def test_what_is_left_out_is_so_once_or_not_at_all() -> None:
-    """Half of a velocity term is no velocity term left out."""
-    y = np.ones((4, 3))
-    some = explanations.Explanation(Cause.VELOCITY_TERMS, "x", y, "left out", once=True)
-    assert explanations.explain(y, np.ones(3), iter([some]))[0].share == pytest.approx(1.0)
-    assert not explanations.explain(0.5 * y, np.ones(3), iter([some]))
-
-
-@pytest.mark.parametrize(("step", "until"), [(1e-3, 1.0), (3e-3, 0.5), (1e-2, 0.1), (0.02, 0.1)])
-def test_checkpoints_are_reached_by_whole_steps_with_one_more_after_them(step: float, until: float) -> None:
-    t = checkpoints(step, until)
-    assert len(t) >= 1
-    np.testing.assert_allclose(np.round(t / step), t / step, rtol=1e-9)
-    assert t[0] >= step * (1 - 1e-9)
-    assert t[-1] + step <= until * (1 + 1e-9)
+def test_checkpoints_are_reached_by_whole_steps_with_one_more_after_them() -> None:
+    for step, until in ((1e-3, 1.0), (3e-3, 0.5), (1e-2, 0.1), (0.02, 0.1)):
+        t = checkpoints(step, until)
+        assert len(t) >= 1
+        np.testing.assert_allclose(np.round(t / step), t / step, rtol=1e-9)
+        assert step * (1 - 1e-9) <= t[0] <= t[-1] <= until * (1 + 1e-9) - step
 
 
 # the verb

@@ -10,8 +10,8 @@ from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import papers
 from gauss_bench.report.sections import reproduction as again
 from gauss_bench.tables import read_table
-from tests.papers_tables import Rows
 
+Rows = tuple[dict[str, Any], ...]
 REPORTS = Path(__file__).parents[1] / "reports"
 
 
