@@ -1,6 +1,5 @@
 """How far engines go: families that are what they say, verdicts with known answers, and the place where a way breaks."""
 
-import functools
 import itertools
 import json
 import os
@@ -12,8 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.font_manager import FontProperties
-from matplotlib.textpath import TextPath
 
 from gauss_bench.atlas import survey as surveying
 from gauss_bench.atlas.chart import BAR, FAILED, chart, number, page, part
@@ -227,30 +224,6 @@ def some() -> list[Reach]:
             found.append(Reach(way, family.name, passes, ends, Verdict.FAILED, 'off & <"out">', 1e-5, 5))
     found[0] = replace(found[0], passes_to=None, ends_at=None, last=Verdict.CANNOT, reason="cannot hold it")
     return sorted(found, key=lambda x: list(FAMILIES).index(x.axis))
-
-
-@functools.cache
-def width(text: str, size: float) -> float:
-    """[px], in a font as wide as Helvetica."""
-    return float(TextPath((0, 0), text, size=0.9 * size, prop=FontProperties("DejaVu Sans")).get_extents().width) if text else 0.0
-
-
-def test_names_in_the_chart_neither_meet_nor_leave_it() -> None:
-    found = some()
-    panels = [chart([x for x in found if x.axis == axis], alone=True) for axis in ("mass", "singular")]
-    for svg in (chart(found), *panels):
-        root = ET.fromstring(svg)
-        _, _, wide, tall = (float(x) for x in root.attrib["viewBox"].split())
-        boxes = []
-        for group in (root, *root.iter(f"{SVG}g")):
-            shift = [float(x) for x in group.get("transform", "translate(0 0)")[10:-1].split()]
-            for x in group.findall(f"{SVG}text"):
-                length, place = width(x.text or "", float(x.attrib["font-size"])), float(x.attrib["x"]) + shift[0]
-                left = place - length * {"middle": 0.5, "end": 1.0}.get(x.get("text-anchor", ""), 0.0)
-                boxes.append((x.text, left, float(x.attrib["y"]) + shift[1], left + length))
-        assert [x for x in boxes if x[1] < 0 or x[3] > wide or not 0 < x[2] < tall] == []
-        meeting = [(a, b) for a, b in itertools.combinations(boxes, 2) if abs(a[2] - b[2]) < 9 and a[1] < b[3] and b[1] < a[3]]
-        assert meeting == []
 
 
 def test_a_bar_is_as_long_as_its_way_goes() -> None:

@@ -4,7 +4,6 @@ The releases are stand-ins: one small engine with a library of one number, in en
 """
 
 import hashlib
-import json
 import math
 import os
 import venv
@@ -21,8 +20,8 @@ from gauss_bench.engines import FILE, bars, read_environments
 from gauss_bench.engines.installation import InstallationFault, interpreter_in
 from gauss_bench.reference.build import build_reference
 from gauss_bench.releases import asking, compare, costs, environments, library, probes
-from gauss_bench.releases.asking import Answers, as_data, distrust, from_data, read_accelerations
-from gauss_bench.releases.cases import FOLDER, SHIFTS, STATES, find_mechanism, linkage_of, states_of
+from gauss_bench.releases.asking import Answers, distrust, read_accelerations
+from gauss_bench.releases.cases import SHIFTS, STATES, find_mechanism, linkage_of, states_of
 from gauss_bench.releases.compare import Figure, compare_figures, compare_releases, relative_difference
 from gauss_bench.releases.costs import Cost, find_changes, judge_ratio, null_width, ratio_of, split
 from gauss_bench.releases.environments import BY_VERSION, CHECKED, Release, as_engines, check_hash, install_release, read_available
@@ -265,12 +264,6 @@ def test_coupled_bars_keep_their_coupling_and_gain_no_energy() -> None:
     assert np.einsum("ki,i,ki->k", v, mass, a) == pytest.approx(v @ weight)  # power of inertia is that of the weights
 
 
-def test_bars_are_those_of_the_linkages() -> None:
-    for name, some in (("wide_four_bar", bars.FOUR_BAR), ("rod_of_one_length", bars.PAIR), ("two_bars", bars.CHAIN)):
-        mechanism = find_mechanism(str(FOLDER / f"{name}.toml"), "")
-        assert [(x.name, x.mass, x.inertia) for x in mechanism.links] == [(x.name, x.mass, x.inertia) for x in some]
-
-
 def test_accelerations_of_bars_are_the_second_differences_of_their_places() -> None:
     """The bars turn by theta + w t + alpha t^2 / 2."""
     theta, w, alpha = np.array([0.3, 1.0, 2.0]), np.array([2.0, -1.0, 0.5]), np.array([1.0, 3.0, -2.0])
@@ -305,17 +298,6 @@ def test_messages_name_no_folder_and_are_short() -> None:
     told = asking.shorten(long).message
     assert told.startswith("warning in file.py, line 3: xxx")
     assert len(told) == asking.LONGEST
-
-
-def test_answers_survive_a_journal() -> None:
-    answers = Answers("1.0", "twin 1.0", figures=(figure(np.ones((2, 3)), error=0.5), Figure("default", "", "x", text="1")))
-    again = from_data(json.loads(json.dumps(as_data(answers))))
-    assert (again.version, again.library, len(again.figures)) == ("1.0", "twin 1.0", 2)
-    for one, other in zip(answers.figures, again.figures, strict=True):
-        assert one.key == other.key
-        assert relative_difference(one.values, other.values) == 0.0
-        assert one.shifted.shape == other.shifted.shape
-    assert again.figures[0].error == 0.5
 
 
 def test_steps_and_the_fixed_overhead_are_told_apart() -> None:
@@ -404,7 +386,7 @@ def test_a_file_is_trusted_by_its_hash_or_installed_by_its_version(tmp_path: Pat
     assert check_hash(TWIN, wheel) == BY_VERSION
     assert check_hash(replace(TWIN, sha256={wheel.name: right}), wheel) == CHECKED
     with pytest.raises(InstallationFault, match="its hash differs"):
-        check_hash(replace(TWIN, sha256={wheel.name: right[::-1]}), wheel)
+        check_hash(replace(TWIN, sha256={wheel.name: hashlib.sha256(b"another").hexdigest()}), wheel)
 
 
 @pytest.mark.long

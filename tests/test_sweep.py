@@ -25,7 +25,7 @@ from gauss_bench.sweep.batch import SweepCase
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.family import Family
 from gauss_bench.sweep.figures import figures, units
-from gauss_bench.sweep.folder import PARTS, Folder
+from gauss_bench.sweep.folder import PARTS
 from gauss_bench.sweep.paths import change, number_at
 from gauss_bench.sweep.plan import dimension, plan
 from gauss_bench.sweep.run import Backend, Options, _batches, _choice, _tasks, sweep
@@ -264,23 +264,6 @@ def test_a_sweep_goes_on_where_it_was_and_no_other_one_does(tmp_path: Path, monk
     assert table(folder) == whole
 
 
-@pytest.mark.slow("gauss")
-@pytest.mark.parametrize("engine", ["gauss-native", "gauss"])
-def test_an_interrupt_between_two_answers_breaks_off_without_a_word(
-    engine: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, recwarn: pytest.WarningsRecorder
-) -> None:
-    def interrupt(folder: Folder, number: int, some: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("gauss_bench.sweep.run.BATCH", 2)
-    monkeypatch.setattr(Folder, "write", interrupt)
-    told: list[str] = []
-    with pytest.raises(KeyboardInterrupt):
-        sweep("crank_slider", VARIED, tmp_path / "s", [engine], 40, how=SHORT, where=Backend(jobs=2), tell=told.append)
-    assert told[-1] == "40 samples to run"
-    assert [str(x.message) for x in recwarn] == []
-
-
 @pytest.mark.slow
 def test_what_does_not_assemble_is_a_row_with_its_reason_and_the_verb_prints_the_summary(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -395,15 +378,6 @@ def test_a_kernel_leaves_open_what_no_welded_body_holds() -> None:
         family = Family(DOCUMENT, "paper", [case["path"]], "crank_slider")
         family.document = DOCUMENT | ({"welds": {}} if case.get("welds") else {})
         assert family.not_open == (f"{case['path']} {case['said']}" if "said" in case else "")
-
-
-def test_dimensions_that_cannot_be_assembled_have_a_reason_and_no_start() -> None:
-    document = reduce_to_scenario(document_of("four_bar")[0], "driven")
-    family = Family(document, "driven", ["links.coupler.length"], "four_bar")
-    found = family.starts(number_at(document, "links.coupler.length") * np.array([[1.0], [5.0], [0.95]]))
-    assert [*found.reasons] == [1]
-    assert np.isnan(found.q[1]).all()
-    assert np.isfinite(found.q[[0, 2]]).all()
 
 
 @pytest.mark.slow

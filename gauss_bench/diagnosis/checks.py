@@ -202,7 +202,7 @@ def stabilizations() -> str | None:
     at, speed = evaluator.project(0.0, q, x.v[0])
     rows = evaluator.constraints(0.0, at, speed)
     if np.abs(rows.phi).max() > 1e-12 or np.abs(rows.J @ speed).max() > 1e-10:
-        return "projection leaves a state off the constraints"
+        return "projection does not lead back to the constraints"
     return None
 
 
@@ -222,22 +222,22 @@ def measures() -> str | None:
         moved = shift(sound, "q", column, MOVED)
         gaps = metrics.drift(evaluator, moved).position, errors(moved).length, errors(moved).position
         if any(off(gap, MOVED, 1e-6) for gap in gaps):
-            return f"a link moved by {MOVED:g} m is no gap or error of as much"
+            return f"a link that is moved by {MOVED:g} m has another gap or error"
     faster = shift(sound, "v", y, MOVED)
     if off(metrics.drift(evaluator, faster).velocity, MOVED, 1e-6) or off(errors(faster).velocity, MOVED, 1e-6):
-        return "a link that leaves its joint is no drift of velocity, or none that is too fast"
+        return "a wrong velocity of a link has another drift or error"
     if off(metrics.drift(evaluator, shift(sound, "a", y, 1.0)).acceleration, 1.0, 1e-6):
         return "accelerations off the constraints leave no residual"
     (gained, bar), moves = metrics.energy_error(evaluator, sound), metrics.energy_scale(evaluator, sound)
     if not np.abs(gained).max() <= bar + 1e-6 * moves:
         return "a true motion gains energy"
     if not metrics.energy_error(evaluator, replace(sound, v=1.1 * sound.v))[0].max() > 0.1 * moves:
-        return "a motion a tenth too fast gains no energy"
+        return "a motion with velocities 10 % too large gains no energy"
     if off(metrics.relative_acceleration_error(1.01 * sound.a, sound.a), 0.01, 1e-9):
-        return "accelerations 1 % off are not off by 1 %"
+        return "accelerations that are 1 % too large have another error"
     steps, rounding = np.array([4e-3, 2e-3, 1e-3]), np.full(3, 1e-12)
     if off(metrics.observed_order(steps, steps**3, np.zeros(3))[1], 3.0, 1e-9):
-        return "an order of three is not seen as one"
+        return "an error of order three has another order"
     return "rounding has an order" if np.isfinite(metrics.observed_order(steps, rounding, rounding)[1]) else None
 
 
@@ -258,7 +258,7 @@ def forces() -> str | None:
                     moment = given["moment"] + arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]
                     lacking[:, body] -= sign * np.column_stack([force, moment])
         if not np.abs(lacking).max() <= 1e-8 * max(1.0, float(np.abs(own).max())):
-            return f"forces in the joints of {which[0]} do not accelerate its links as they move"
+            return f"forces in the joints of {which[0]} do not balance the inertia of its links"
     return None
 
 
@@ -273,7 +273,7 @@ def judge_case() -> str | None:
         return judging.judge(judging.examine(evaluator, x, reference, acceleration_error))
 
     if not verdict(sound).valid:
-        return f"the judge objects to the truth: {verdict(sound).sentence}"
+        return f"the judge objects to the certified motion: {verdict(sound).sentence}"
     spoilt = {
         judging.Subject.LOOPS: verdict(shift(sound, "q", SIZE, 0.05 * mechanism.size)),
         judging.Subject.MOTION: verdict(replace(sound, q=turned)),
@@ -286,7 +286,7 @@ def judge_case() -> str | None:
         if subject not in [x.subject for x in judgement.objections]:
             return f"the judge does not object to {subject}"
     short = judging.completeness(replace(sound, q=sound.q[:, :-1]), sound.t, mechanism.n)
-    return "the judge takes a state without its last coordinate" if short.valid else None
+    return "the judge accepts a state without its last coordinate" if short.valid else None
 
 
 def recipe() -> str | None:
@@ -303,13 +303,13 @@ def recipe() -> str | None:
         return "a run of 0.1 s by steps of 0.01 s is not ten steps"
     error = one_run.acceleration_error(mechanism, run.trajectory)
     if error is None or error > AGREES:
-        return "a sound engine's accelerations are not its linkage's"
+        return "a sound engine has wrong accelerations"
     wrong = one_run.acceleration_error(mechanism, replace(run.trajectory, a=1.05 * run.trajectory.a))
     if wrong is None or off(wrong, 0.05, 1e-6):
-        return "accelerations 5 % off are not told as that"
+        return "accelerations that are 5 % too large have another error"
     late = one_run.sampling(3e-3, 0.1)
     if not late.shortened or off(late.times[-1], 0.1, 1e-12):
-        return "a run that whole steps miss does not end where it should"
+        return "a run whose end is no multiple of the step ends elsewhere"
     return None if describe("gauss").usable else "an engine of the suite cannot be used"
 
 
@@ -366,10 +366,10 @@ def clocks() -> str | None:
     """Check the measurement of times with an artificial clock, and the ratios of known times."""
     with ticking() as spend:
         if off(one_run.measure_seconds(lambda: spend(1.0)), 1.0, 1e-9):
-            return "a second is not a second"
+            return "a second is measured as another time"
         block = blocks.Block("steps", lambda: spend(5.0), lambda: spend(0.5), 500, 2)
         if off(block.seconds(), 1e-3, 1e-9):
-            return "a thousand steps in a second do not take a millisecond each, or getting ready is timed"
+            return "a thousand steps in a second take another time than a millisecond each"
         for seconds, work in ((1e-7, 1), (3e-5, 40)):
             repeated = blocks.lasting("call", lambda seconds=seconds: spend(seconds), work)  # type: ignore[misc]
             whole = one_run.measure_seconds(repeated.go)
@@ -384,7 +384,7 @@ def clocks() -> str | None:
             return "the garbage collector works while it is timed"
     samples = np.array([4.0, 1.0, 3.0, 2.0, 5.0])
     if off(clock.ratio(samples, np.full(5, 0.5))[0], 4.0, 1e-12):
-        return "a ratio is not that of lower quartiles"
+        return "a ratio is not that of the lower quartiles"
     wandering = np.random.default_rng(3).uniform(1.0, 2.0, 40)
     if max(abs(x - 3.0) for x in clock.ratio(3.0 * wandering, wandering)) > 1e-12:
         return "a delay of both entries in one round counts as spread"
@@ -402,21 +402,21 @@ def check_guard() -> str | None:
     base: Figures = {"status": "ok", "valid": "True", "position_error": 1e-6, "position_drift": 1e-9}
     base |= {"observed_order": 4.0, "measured_t1": 12.0, "acceleration_error_median": 1e-10}
     if said := ask_gate(base, base):
-        return f"the gate fails what has not changed: {said}"
+        return f"the gate rejects unchanged figures: {said}"
     near: Figures = base | {"position_error": 1.5e-6, "observed_order": 3.9, "measured_t1": 12.0 + 1e-10}
     if said := ask_gate(near, base):
-        return f"the gate fails what machines differ by: {said}"
+        return f"the gate rejects differences between machines: {said}"
     wrong: Figures = {"position_error": 2.1e-6, "position_drift": 1e-11, "observed_order": 3.7}
     wrong |= {"measured_t1": 12.0 + 1e-7, "status": "nan", "valid": "False", "acceleration_error_median": math.nan}
     for key, value in wrong.items():
         if not ask_gate(base | {key: value}, base):
-            return f"the gate lets {key} pass that went from {base[key]} to {value}"
+            return f"the gate accepts {key} = {value}, which was {base[key]}"
         missing = {k: x for k, x in base.items() if k != key}
         if key not in ("observed_order", "status") and not ask_gate(missing, base):
-            return f"the gate does not miss {key}"
+            return f"the gate accepts that {key} is missing"
     floor = gate.RULES["acceleration_error_median"].floor
     if ask_gate({"acceleration_error_median": 0.9 * floor}, {"acceleration_error_median": floor / 100}):
-        return "the gate fails rounding"
+        return "the gate rejects rounding"
     if not ask_gate({"acceleration_error_median": 1.5 * floor}, {"acceleration_error_median": floor / 100}):
-        return "the gate takes for rounding what stands above it"
-    return None if abs(floor - 1e-12) <= 1e-15 else "the gate's floor of accelerations has moved"
+        return "the gate accepts an error above rounding"
+    return None if abs(floor - 1e-12) <= 1e-15 else "the gate's floor for accelerations has changed"

@@ -122,13 +122,6 @@ def _borrowed(document: dict[str, Any], rng: random.Random) -> None:
             place[0][place[1]] = copy.deepcopy(found[0][found[1]])
 
 
-def _renamed(document: dict[str, Any], rng: random.Random) -> None:
-    if (place := _any(document, rng)) and isinstance(place[0], dict):
-        holder, key = place
-        known = [k for _, k in _places(document) if isinstance(k, str)]
-        holder[rng.choice(TEXTS) if rng.random() < 0.4 else rng.choice(known)] = holder.pop(key)
-
-
 def _multiplied(document: dict[str, Any], rng: random.Random) -> None:
     """An entry many times over: links, joints, forces, points, scenarios, rows."""
     if place := _any(document, rng):
@@ -138,13 +131,6 @@ def _multiplied(document: dict[str, Any], rng: random.Random) -> None:
                 holder[f"{str(key)[:40]}_{i}"] = holder[key]
             else:
                 holder.insert(key, holder[key])
-
-
-def _deepened(document: dict[str, Any], rng: random.Random) -> None:
-    if place := _any(document, rng):
-        for _ in range(rng.choice((1, 2, 15, 60))):
-            old = place[0][place[1]]
-            place[0][place[1]] = [old] if rng.random() < 0.5 else {"a": old}
 
 
 def _wrapped(document: dict[str, Any], rng: random.Random) -> None:
@@ -174,9 +160,7 @@ CHANGES: tuple[Callable[[dict[str, Any], random.Random], None], ...] = (
     *(_another_value,) * 5,
     *(_without,) * 2,
     _borrowed,
-    _renamed,
     _multiplied,
-    _deepened,
     _wrapped,
     _chained,
 )
