@@ -62,7 +62,7 @@ def test_energy_that_is_gained_is_held_against_three_hundredths_of_what_moves() 
     assert rows_of(level(q=rise))["energy"] == pytest.approx(1 / 0.03)
 
 
-@pytest.mark.long("15")
+@pytest.mark.long("11")
 @pytest.mark.slow("5")
 @pytest.mark.parametrize("count", [5, len(KINDS)])
 def test_no_motion_beyond_what_is_documented_is_ok(count: int) -> None:

@@ -151,8 +151,10 @@ def _place_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict
                 "--driver: the linkage has no crank; say what is driven: link=NAME, joint=NAME or between=POINT+POINT"
             )
         table["link"] = document["crank"]
-    if table["law"] != "table" and not {"start", "start_deg"} & table.keys() and (start := place_of(own, table)) is not None:
-        table["start"] = start
+    if table["law"] != "table" and not {"start", "start_deg"} & table.keys():
+        start = place_of(own, table)
+        if start is not None:
+            table["start"] = start
     return table
 
 

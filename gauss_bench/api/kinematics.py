@@ -329,7 +329,8 @@ def _check_all_driven(mechanism: Mechanism) -> None:
     Raises:
         ChoiceError: some coordinates are free; the message says which coordinates to hold.
     """
-    if mechanism.dof > len(mechanism.drivers) and (left := free_at_start(mechanism)):
+    left = free_at_start(mechanism) if mechanism.dof > len(mechanism.drivers) else []
+    if left:
         names = [x.partition(" of ")[2] or x.partition(" ")[2] for x in left]  # of "angle of crank" or "slide piston"
         more = "; ".join(f"`--hold {x}`" for x in names)
         raise ChoiceError(
@@ -369,7 +370,8 @@ def native_motion(mechanism: Mechanism, times: Array) -> Trajectory:
     laws = [[np.broadcast_to(x, np.shape(times)) for x in driver.law(times)] for driver in mechanism.drivers]
     levels = np.array(laws).reshape(len(laws), 3, len(times)).transpose(1, 2, 0)  # (3, k, drivers)
     sweep = closure.sweep(*levels)
-    if (loss := sweep.loss) is None:
+    loss = sweep.loss  # why and where the motion ended early
+    if loss is None:
         return Trajectory(times, sweep.q, sweep.v, sweep.a, 0)
     kind = SingularPosition if loss.kind == "singular position" else LimitOfMotion
     where = describe_drivers(mechanism, loss.inputs)

@@ -300,9 +300,11 @@ def run_python(source: str, mechanism: Mechanism, interpreter: Interpreter, seco
     except WorkerFailure as failure:
         raise ProgramFailed(str(failure)) from failure
     match answer:
-        case {"printed": str(text)} if heading in (lines := text.splitlines()):
-            rows = [x for x in lines[lines.index(heading) + 1 :] if "," in x]  # libraries may print other lines between the rows
-            return read_rows(rows, mechanism.n), ""
+        case {"printed": str(text)}:
+            lines = text.splitlines()
+            if heading in lines:
+                rows = [x for x in lines[lines.index(heading) + 1 :] if "," in x]  # libraries may print lines between the rows
+                return read_rows(rows, mechanism.n), ""
         case {"failed": str(reason)}:
             raise ProgramFailed(reason)
     return None, "the program prints no table of t, positions and velocities of the links"

@@ -150,9 +150,10 @@ def with_snippet(recommender: Recommender, answer: Answer, least: float) -> Answ
     remarks = [
         f"Holds {format_limits(recommender.wanted)} over {run.until:g} s: {errors} with {answer.engine}, {setting_of(answer)}."
     ]
-    if (found := recommender.truth) is not None:
+    reference = recommender.truth
+    if reference is not None:
         remarks.append(describe_error(answer.errors["position"], answer.errors["angle"]))
-        remarks.append(describe_reference(found.told, found.bar))
+        remarks.append(describe_reference(reference.told, reference.bar))
     call = partial(recommender.call_worker, answer.engine, least=least)
     mechanism = replace(run.mechanism, duration=run.until)
     try:
@@ -192,7 +193,8 @@ def list_owned(engines: Sequence[str], files: Sequence[str | Path]) -> dict[str,
         SettingsFault: a file has faults.
     """
     for path in files:
-        if (name := read_settings(Path(path)).engine) not in engines:
+        name = read_settings(Path(path)).engine
+        if name not in engines:
             raise ChoiceError(f"{path}: engine: {name} is not among the engines of this search, {', '.join(engines)}")
     owned = {name: candidates_of(name, files) for name in engines}
     return {name: candidates for name, candidates in owned.items() if candidates}

@@ -276,9 +276,11 @@ class Case:
             return answer
         last = self.local[-1]
         if last is None or not last.relative_told > OFF_TOLD:
-            said = f"no dominant cause: the largest error, {self.error:.1e} (m, rad), is below {max(SMALL, BARS * self.bar):.0e}"
+            sentence = (
+                f"no dominant cause: the largest error, {self.error:.1e} (m, rad), is below {max(SMALL, BARS * self.bar):.0e}"
+            )
             falls = f"; it falls with the step by order {self.steps.order:.1f}" if self.steps.converges else ""
-            return Answer(Cause.NONE, said + falls)
+            return Answer(Cause.NONE, sentence + falls)
         explanations = self._explain(last.told)
         wrong = f"positions are right to {self.error:.1e} (m, rad), but reported accelerations are off by {last.relative_told:.1e}"
         if explanations and explanations[0].share >= EXPLAINS:
@@ -295,13 +297,13 @@ class Case:
         k = int(turns.any(axis=1).argmax())
         link = int(np.abs(turns[k]).argmax())
         by, name = turns[k, link], self.own.mechanism.links[link].name
-        said = f"reported angles are off by whole turns: {name} by {by:+.0f} from t = {self.first.at.t[k]:.3g} s on"
-        return Answer(Cause.WRAPPED, f"{said}; apart from whole turns they are right")
+        sentence = f"reported angles are off by whole turns: {name} by {by:+.0f} from t = {self.first.at.t[k]:.3g} s on"
+        return Answer(Cause.WRAPPED, f"{sentence}; apart from whole turns they are right")
 
     def _find_order(self) -> Answer | None:
         """Detect links or joint coordinates in another order, from the first part of the run."""
-        told = _join_states(self.first.start, self.first.at[slice(0, max(3, len(self.first.at) // split.PERIODS))])
-        found = samples.order(self.own.mechanism, self.truth.at(told.t), told)
+        reported = _join_states(self.first.start, self.first.at[slice(0, max(3, len(self.first.at) // split.PERIODS))])
+        found = samples.order(self.own.mechanism, self.truth.at(reported.t), reported)
         return Answer(Cause.ORDER, f"{found.sentence}; in order, {found.left:.1%} of the error is left") if found else None
 
     def _find_velocities(self) -> Answer | None:
@@ -312,8 +314,8 @@ class Case:
         if not (off > OFF_VELOCITIES and _largest(b.at.v - moved) * b.at.t[-1] > SMALL):
             return None
         what = f"they are {factor:.4g} times as large" if left <= samples.LEFT else "no factor explains the difference"
-        said = f"reported velocities differ by {off:.1e} from the rate at which reported positions change: {what}"
-        return Answer(Cause.VELOCITIES, said)
+        sentence = f"reported velocities differ by {off:.1e} from the rate at which reported positions change: {what}"
+        return Answer(Cause.VELOCITIES, sentence)
 
     def _find_standstill(self) -> Answer | None:
         """Detect samples that do not move, and distinguish a driver without its second derivative from frozen output."""
@@ -329,20 +331,20 @@ class Case:
 
     def _find_jump(self) -> Answer | None:
         """Detect a jump of the state, with a second run that is sampled at every step of the interval that may contain it."""
-        told = _join_states(self.first.start, self.first.at)
-        k = samples.suspicious_window(told, np.vstack([self.own.accelerations(self.first.start), self.first.a]))
+        reported = _join_states(self.first.start, self.first.at)
+        k = samples.suspicious_window(reported, np.vstack([self.own.accelerations(self.first.start), self.first.a]))
         if k is None or self.adaptive:
             return None
         h = self.first.step
-        whole = np.unique([0, *range(round(told.t[k] / h), round(told.t[k + 1] / h) + 1)])
+        whole = np.unique([0, *range(round(reported.t[k] / h), round(reported.t[k + 1] / h) + 1)])
         x = self.run(self.choices[0], sampling_at(h, whole * h)).trajectory
         jumped = samples.jump(self.own, States(x.t, x.q, x.v)) if x else None
         if jumped is None:
             return None
         self.jump_time = jumped.t
         where = "back to its start" if jumped.to_start else "elsewhere"
-        said = f"the state jumps {where} at t = {jumped.t:.6g} s, by {jumped.size:.2g} (m, rad) in one step"
-        return Answer(Cause.RESET, f"{said}, as an engine does that resets itself after an error")
+        sentence = f"the state jumps {where} at t = {jumped.t:.6g} s, by {jumped.size:.2g} (m, rad) in one step"
+        return Answer(Cause.RESET, f"{sentence}, as an engine does that resets itself after an error")
 
     def _find_length(self) -> Answer | None:
         """Detect a pin at another place than in the file: its gap turns with its link and does not depend on the step."""
@@ -366,15 +368,15 @@ class Case:
             left = f"at those times {found.left:.1%} of the error is left"
             if not stretch and abs(found.shift) > 1e-3 * h:
                 self.map, when = found, "later" if found.shift > 0 else "earlier"
-                said = f"the samples are those of {abs(found.shift):.3g} s {when} ({abs(found.shift) / h:.3g} steps)"
-                return Answer(Cause.SHIFT, f"{said}; {left}")
+                sentence = f"the samples are those of {abs(found.shift):.3g} s {when} ({abs(found.shift) / h:.3g} steps)"
+                return Answer(Cause.SHIFT, f"{sentence}; {left}")
             if stretch and abs(found.rate - 1) > 1e-6:
                 self.map = found
                 return Answer(Cause.STRETCH, f"the samples are those of {found.rate:.6g} times their time; {left}")
         if by := self._shift_of_first_step():
             far, when = ("far", "later") if by > 0 else ("short", "earlier")
-            said = f"only the first step leads {abs(by):.3g} s too {far}"
-            return Answer(Cause.SHIFT, f"{said}: all other samples are those of {abs(by) / h:.3g} steps {when}")
+            sentence = f"only the first step leads {abs(by):.3g} s too {far}"
+            return Answer(Cause.SHIFT, f"{sentence}: all other samples are those of {abs(by) / h:.3g} steps {when}")
         start, known = self.first.start, self.own.mechanism
         # an error of velocities counts by the displacement that it causes until the last checkpoint
         off = max(_largest(start.q - known.q0), _largest((start.v - known.v0) * self.first.at.t[-1]))
@@ -428,9 +430,9 @@ class Case:
     def _explain_by_steps(self) -> Answer:
         """Attribute the error to round-off, to the step, or to a fault that remains with smaller steps."""
         if self._is_round_off():
-            said = "the error does not fall with the step, and the error of one step does not depend on its length: round-off"
+            sentence = "the error does not fall with the step, and the error of one step does not depend on its length: round-off"
             errors = ", ".join(f"{e:.1e} with {b.step:.3g} s" for e, b in zip(self.errors, self.bursts, strict=True))
-            return Answer(Cause.ROUND_OFF, f"{said} ({errors})")
+            return Answer(Cause.ROUND_OFF, f"{sentence} ({errors})")
         return self._explain_step_error() if self._step_dominates() else self._explain_remaining_error()
 
     def _step_dominates(self) -> bool:
@@ -458,11 +460,11 @@ class Case:
         explanations = self._explain(last.told if last.relative_told > 0.3 * last.relative_moved else last.moved)
         if explanations and explanations[0].share >= EXPLAINS:
             best = explanations[0]
-            said = f"{best.sentence}; this explains {format_share(best.share)} of the wrong accelerations"
+            sentence = f"{best.sentence}; this explains {format_share(best.share)} of the wrong accelerations"
             left = AS_GOOD * max(1 - best.share, 1e-12)
             others = [x.sentence for x in explanations[1:] if 1 - x.share <= left][:3]
             alike = f" (in this motion it cannot be distinguished from: {'; '.join(others)})" if others else ""
-            return Answer(best.cause, said + alike, explanations)
+            return Answer(best.cause, sentence + alike, explanations)
         if c.closure_stays and c.closure[-1] > SMALL / 10:
             gap = f"the loops stay open by {c.closure[-1]:.1e} (m, rad) at {c.closure_joint} however short the step is"
             yields = f", with a compliance of {c.compliance:.1e} m/N" if c.held > FOLLOWS else ""
@@ -482,8 +484,8 @@ class Case:
         gap_is_elastic = c.held > FOLLOWS and c.closure_share > NOTHING and not c.grows and not c.falls_faster(self.steps.order)
         if gap_is_elastic or self._constraints_yield():
             gap = f"the loops open by {c.closure[0]:.1e} (m, rad) at {c.closure_joint}"
-            said = f"soft constraints, whose stiffness depends on the step: {gap}, in proportion to the force there"
-            return Answer(Cause.SOFTNESS, f"{said} ({c.compliance:.1e} m/N); the error {falls}")
+            sentence = f"soft constraints, whose stiffness depends on the step: {gap}, in proportion to the force there"
+            return Answer(Cause.SOFTNESS, f"{sentence} ({c.compliance:.1e} m/N); the error {falls}")
         may_drift = c.closure_share > MEANT and c.grows
         left_share = self._share_after_projection() if may_drift else 1.0  # needs a further run, with projection
         if left_share < MENDS:
@@ -542,8 +544,8 @@ class Case:
                 amount, left = _fit(y, [*known, x.effect_of(1.0)], root)
                 if left * BETTER < alone and OLD < amount < 5 and left < (1 - EXPLAINS) * whole:
                     share = 1 - left / whole
-                    said = f"{tell(x.said, amount)}, which explains {format_share(share)} of the error of accelerations"
-                    return Explained(Cause.STALE, x.what, amount, share, said)
+                    sentence = f"{tell(x.said, amount)}, which explains {format_share(share)} of the error of accelerations"
+                    return Explained(Cause.STALE, x.what, amount, share, sentence)
         return None
 
     def numbers(self) -> Numbers:
@@ -587,8 +589,8 @@ class Case:
             rest = Part.SOFTNESS
             if self.by_step > self.limit:
                 by_part |= {Part.SOFTNESS: self.by_step, Part.INTEGRATOR: 0.0, Part.DRIFT: 0.0}
-        told = max(BARS * self.bar, self.by_step / 4)  # Richardson's extrapolation is not more accurate than this
-        if cause not in (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT) or self.limit > told:
+        resolved = max(BARS * self.bar, self.by_step / 4)  # error of the reference and of Richardson's extrapolation
+        if cause not in (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT) or self.limit > resolved:
             by_part[rest] += self.limit
         return by_part
 

@@ -43,7 +43,7 @@ def _state(x: States, pace: float) -> Array:
     return np.hstack([x.q, x.v * pace])
 
 
-def time_map(truth: TrueMotion, told: States, stretch: bool) -> TimeMap | None:
+def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | None:
     """Fit a time map to reported samples by Gauss-Newton steps; return None if it leaves more than LEFT of the error.
 
     The rate is fitted if `stretch`, and is 1 otherwise.
@@ -53,9 +53,9 @@ def time_map(truth: TrueMotion, told: States, stretch: bool) -> TimeMap | None:
     if not all(rms):
         return None
     pace = rms[0] / rms[1]  # [s] time in which velocities change
-    shift, rate = 0.0, _first_rate(truth, told, pace) if stretch else 1.0
-    inside = told.t * rate <= truth.until
-    x = told[inside][:: max(1, int(inside.sum()) // LOOKED_AT)]
+    shift, rate = 0.0, _first_rate(truth, reported, pace) if stretch else 1.0
+    inside = reported.t * rate <= truth.until
+    x = reported[inside][:: max(1, int(inside.sum()) // LOOKED_AT)]
     if len(x) < 3:
         return None
     state, best = _state(x, pace), TimeMap(shift, rate, np.inf)
@@ -75,18 +75,18 @@ def time_map(truth: TrueMotion, told: States, stretch: bool) -> TimeMap | None:
     return best if best.left <= LEFT else None
 
 
-def _first_rate(truth: TrueMotion, told: States, pace: float) -> float:
+def _first_rate(truth: TrueMotion, reported: States, pace: float) -> float:
     """Return an estimate of the rate of time, from the reference's samples that are nearest to the reported ones."""
     r = truth.reference
     true = _state(States(r.t, r.q, r.v), pace)
-    nearest = np.array([r.t[np.linalg.norm(true - x, axis=1).argmin()] for x in _state(told, pace)])
-    rates = nearest[told.t > 0] / told.t[told.t > 0]
+    nearest = np.array([r.t[np.linalg.norm(true - x, axis=1).argmin()] for x in _state(reported, pace)])
+    rates = nearest[reported.t > 0] / reported.t[reported.t > 0]
     return float(np.clip(np.median(rates), 0.2, 5.0)) if len(rates) else 1.0
 
 
-def stands_still(truth: States, told: States) -> bool:
+def stands_still(truth: States, reported: States) -> bool:
     """Tell whether reported samples do not move while the reference does."""
-    moved = [float(np.abs(x.q - x.q[0]).max()) for x in (told, truth)]
+    moved = [float(np.abs(x.q - x.q[0]).max()) for x in (reported, truth)]
     return moved[0] <= STILL * moved[1]
 
 
@@ -97,14 +97,14 @@ def whole_turns(off: Array) -> Array:
     return turns if float(np.abs(left).max(initial=0.0)) <= BESIDE_TURNS else np.zeros_like(turns)
 
 
-def other_velocities(moved: Array, told: Array) -> tuple[float, float, float]:
-    """Compare reported velocities `told` with the rates `moved` at which positions change, both (k, n).
+def other_velocities(moved: Array, reported: Array) -> tuple[float, float, float]:
+    """Compare reported velocities `reported` with the rates `moved` at which positions change, both (k, n).
 
     Return the relative error, the factor between both that fits best, and the share of the error that this factor leaves.
     """
-    off, true = float(np.sum((told - moved) ** 2)), float(np.sum(moved**2))
-    factor = float(np.sum(told * moved)) / max(true, 1e-300)
-    left = float(np.sum((told - factor * moved) ** 2))
+    off, true = float(np.sum((reported - moved) ** 2)), float(np.sum(moved**2))
+    factor = float(np.sum(reported * moved)) / max(true, 1e-300)
+    left = float(np.sum((reported - factor * moved) ** 2))
     return float(np.sqrt(off / max(true, 1e-300))), factor, float(np.sqrt(left / max(off, 1e-300)))
 
 
@@ -116,13 +116,13 @@ class Order:
     left: float
 
 
-def order(mechanism: Mechanism, truth: States, told: States) -> Order | None:
+def order(mechanism: Mechanism, truth: States, reported: States) -> Order | None:
     """Return the order of links or joint coordinates that matches the reference; None if the order is right or none matches."""
     from scipy.optimize import linear_sum_assignment  # its import takes longer than most diagnoses
 
     best: Order | None = None
-    for words, told_columns, true_columns, names in _columns(mechanism, truth, told):
-        cost = np.array([[np.sqrt(np.mean((x - y) ** 2)) for y in true_columns] for x in told_columns])
+    for words, reported_columns, true_columns, names in _columns(mechanism, truth, reported):
+        cost = np.array([[np.sqrt(np.mean((x - y) ** 2)) for y in true_columns] for x in reported_columns])
         _, assigned = linear_sum_assignment(cost)
         straight, left = float(np.trace(cost)), float(cost[np.arange(len(cost)), assigned].sum())
         wrong = [k for k, x in enumerate(assigned) if x != k]
@@ -132,7 +132,7 @@ def order(mechanism: Mechanism, truth: States, told: States) -> Order | None:
     return best
 
 
-def _columns(mechanism: Mechanism, truth: States, told: States) -> Iterator[tuple[str, Array, Array, list[str]]]:
+def _columns(mechanism: Mechanism, truth: States, reported: States) -> Iterator[tuple[str, Array, Array, list[str]]]:
     """Yield for each kind of coordinates its name, reported and true values (columns, ...), and the names of the columns."""
 
     def links(x: Array) -> Array:
@@ -140,7 +140,7 @@ def _columns(mechanism: Mechanism, truth: States, told: States) -> Iterator[tupl
         return bodies(x).transpose(1, 0, 2)
 
     names = [link.name for link in mechanism.links]
-    for words, one, other in (("links", told.q, truth.q), ("velocities of links", told.v, truth.v)):
+    for words, one, other in (("links", reported.q, truth.q), ("velocities of links", reported.v, truth.v)):
         yield words, links(one), links(other), names
         yield f"angles in {words}", angles(one).T, angles(other).T, names
     for shallow in (False, True):
@@ -149,15 +149,15 @@ def _columns(mechanism: Mechanism, truth: States, told: States) -> Iterator[tupl
         for b in tree.branches:
             for k in range(b.at, min(tree.n, b.at + (3 if b.kind == "free" else 1))):  # a free link has three coordinates
                 named[k] = b.joint.name if b.joint else names[b.link]
-        (y, dy), (true_y, true_dy) = tree.relative(told.q, told.v), tree.relative(truth.q, truth.v)
+        (y, dy), (true_y, true_dy) = tree.relative(reported.q, reported.v), tree.relative(truth.q, truth.v)
         yield "joint coordinates", y.T, true_y.T, named
         yield "joint velocities", dy.T, true_dy.T, named
 
 
-def suspicious_window(told: States, a: Array) -> int | None:
+def suspicious_window(reported: States, a: Array) -> int | None:
     """Return the index of the checkpoint after which the state may have jumped, or None; a (k, n) are the accelerations there."""
-    h = np.diff(told.t)[:, None]
-    v, q = told.v, told.q
+    h = np.diff(reported.t)[:, None]
+    v, q = reported.v, reported.q
     # displacement less its integral by the corrected trapezoidal rule (k - 1,)
     off = np.abs(np.diff(q, axis=0) - h / 2 * (v[1:] + v[:-1]) + h**2 / 12 * np.diff(a, axis=0)).max(axis=1)
     k = int(off.argmax()) if len(off) else 0

@@ -127,13 +127,15 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> Se
     if ADAPTERS in kinds:
         sound |= {f"{ADAPTERS}: {' '.join(x)}": partial(diagnose_sound, x) for x in (FOUR_BAR, CRANK_SLIDER, DRIVEN)}
     told(f"{len(sound)} checks of the sound suite")
-    alarms = [said for check in sound.values() if (said := _ask(check)) is not None]
+    alarms = [sentence for sentence in map(_ask, sound.values()) if sentence is not None]
     findings: list[Finding] = []
     for kind in kinds:
         told(f"faults in {kind}")
-        asked = [(x, _ask(x.check)) for x in chosen if x.kind == kind]
-        findings += [Finding(kind, x.sentence, said is not None, said or "nothing was seen") for x, said in asked]
-        findings += map(name_choice, ENGINES if kind == ADAPTERS else ())
+        for fault in (x for x in chosen if x.kind == kind):
+            sentence = _ask(fault.check)
+            findings.append(Finding(kind, fault.sentence, sentence is not None, sentence or "the check detects nothing"))
+        if kind == ADAPTERS:
+            findings += map(name_choice, ENGINES)
     sizes: tuple[Smallest, ...] = ()
     if "models" in kinds:
         told("the smallest faults that are seen")

@@ -104,21 +104,22 @@ def check(path: Path, stamp: Mapping[str, Any]) -> None:
         raise SweepError(f"--out {path}: there is no folder {path.parent}")
     if path.exists() and not path.is_dir():
         raise SweepError(f"--out {path}: is a file; a sweep takes a folder")
-    if not path.exists() or not (content := {x.name for x in path.iterdir() if x.suffix != ".part"}):
+    content = {x.name for x in path.iterdir() if x.suffix != ".part"} if path.exists() else set()
+    if not content:
         return
     if PLAN not in content:
         if content != {PARTS} or any((path / PARTS).iterdir()):
             raise SweepError(f"--out {path}: holds something else than a sweep; take an empty or a new folder")
         return
     try:
-        there = json.loads((path / PLAN).read_text(encoding="utf-8"))
+        stored = json.loads((path / PLAN).read_text(encoding="utf-8"))
     except ValueError:
-        there = None
-    if not isinstance(there, dict):
+        stored = None
+    if not isinstance(stored, dict):
         raise SweepError(f"--out {path}: its {PLAN} cannot be read; take another folder")
-    other = [key for key in dict.fromkeys([*stamp, *there]) if stamp.get(key) != there.get(key)]
-    if other:
-        was = "; ".join(f"{key} was {_shorten(there.get(key))}, is {_shorten(stamp.get(key))}" for key in other)
+    different = [key for key in dict.fromkeys([*stamp, *stored]) if stamp.get(key) != stored.get(key)]
+    if different:
+        was = "; ".join(f"{key} was {_shorten(stored.get(key))}, is {_shorten(stamp.get(key))}" for key in different)
         raise SweepError(f"--out {path}: holds another sweep ({was}); take another folder, or the same arguments")
     refuse_foreign({path / PICTURE: SIGN})
 

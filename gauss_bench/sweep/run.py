@@ -176,11 +176,13 @@ def _case(linkage: str, samples: Plan, engines: Sequence[str], how: Options, job
     if how.step is not None and not (np.isfinite(how.step) and 0 < how.step <= until * (1 + 1e-12)):
         raise SweepError(f"--step {how.step:g}: must be positive and at most the {until:g} s of a run")
     choices = tuple((name, _choice(name, how, until)) for name in engines)
-    if (count := max(until / choice.step for _, choice in choices)) > MOST_STEPS:
+    count = max(until / choice.step for _, choice in choices)
+    if count > MOST_STEPS:
         option = f"--until {until:g}" if how.step is None else f"--step {how.step:g}"
         raise SweepError(f"{option}: {count:.1e} steps a sample; {MOST_STEPS:.0e} are the most")
     for name, choice in choices:
-        if not is_isolated(name) and (reason := get(name).skip(mechanism, choice)):
+        reason = "" if is_isolated(name) else get(name).skip(mechanism, choice)
+        if reason:
             raise SweepError(f"--engine {name}: {reason}")
     limit = check_budget(how.limit, LIMIT)
     return SweepCase(json.dumps(document), scenario, str(path), samples.paths, until, choices, limit, jobs)

@@ -214,8 +214,8 @@ def list_meanings(kind: type) -> dict[str, str]:
         for entry in filter(None, re.split(r"^    (?=\S)", listed, flags=re.MULTILINE)):
             names = rf"(?:^|; )((?:{known})(?:, (?:{known}))*): "
             _, *parts = re.split(names, " ".join(entry.split()))
-            for some, meaning in zip(parts[::2], parts[1::2], strict=True):
-                meanings |= dict.fromkeys(some.split(", "), meaning.rstrip("."))
+            for fields_named, meaning in zip(parts[::2], parts[1::2], strict=True):
+                meanings |= dict.fromkeys(fields_named.split(", "), meaning.rstrip("."))
     return meanings
 
 

@@ -103,7 +103,8 @@ def with_authors(suite: Suite, files: Sequence[Path]) -> Suite:
     """
     searched = {x.name for part in suite.search for x in engines_of(part)}
     for path in files:
-        if (engine := read_settings(path).engine) not in searched:
+        engine = read_settings(path).engine
+        if engine not in searched:
             raise ChoiceError(f"{path}: engine: the suite searches no settings of {engine}; `--suite search` does")
     names = tuple(str(path) for path in files)
     return suite.model_copy(update={"search": tuple(x.model_copy(update={"authors": x.authors + names}) for x in suite.search)})

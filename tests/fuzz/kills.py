@@ -1,7 +1,7 @@
-"""Runs that are killed at moments by lot, with whatever workers they have, and gone on with: the same bytes as undisturbed ones.
+"""Kill runs and sweeps at random moments and continue them: they must end with the same bytes as undisturbed ones.
 
-A round is one folder: its run is killed and begun again until it ends, and once more after that. What was finished stands in the
-journal for good, each task once, and no process is left behind.
+In a round, the run in a folder is killed and started again until it ends, and is then started once more. Finished tasks must stay
+in the journal, each task once, and no process may be left behind.
 """
 
 import os

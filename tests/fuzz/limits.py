@@ -1,8 +1,7 @@
-"""How far a motion is from what "ok" allows, worked out from the table in the documentation alone.
+"""Compute how far a motion is from the limits of "ok" in the documentation, without the suite's judge and metrics.
 
-Nothing of the suite's judge or metrics is asked: joints, energies and accelerations are those of `mechanics`, integrals are sums
-of trapezia, and every number stands in `gauss_bench/docs/pages/beyond.md`. A share above 1 is beyond a row's limit with everything
-that the row allows beside it.
+Joints, energies and accelerations are those of `mechanics`, integrals are sums of trapezia, and every number is in
+`gauss_bench/docs/pages/beyond.md`. A share above 1 is beyond the limit of a row, with everything that the row allows besides.
 """
 
 from dataclasses import dataclass

@@ -1,9 +1,9 @@
-"""Motions of linkages by equations that are none of the suite's: the second derivation, and one linear system a time.
+"""Compute motions of linkages by other equations than the suite's: those of `second_derivation`, and one linear system.
 
     M a + J^T lambda = Q,    J a = gamma
 
-with rows and columns scaled by the masses, integrated by scipy's DOP853 at two tolerances. Of the suite only the numbers of the
-linkage and its start are taken, and the start is refused where it does not close in these equations.
+with rows and columns scaled by the masses, integrated by scipy's DOP853 at two tolerances. Only the numbers of the linkage and its
+start come from the suite, and a start that does not close in these equations is refused.
 """
 
 from dataclasses import replace

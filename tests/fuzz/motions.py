@@ -1,4 +1,4 @@
-"""Runs of linkages by lot, stiff ones and such of uneven masses among them, against mechanics of our own: what is wrong, yet ok."""
+"""Compare runs of random linkages, also stiff and uneven ones, with other mechanics: no wrong run may be called ok."""
 
 import copy
 import tempfile
