@@ -30,9 +30,10 @@ CALLS = QUICK | {
     "simulate what an engine cannot model": ["simulate", "ROOT/tests/data/friction.toml", "--engine", "gauss-native"],
     "show welds": ["show", "ROOT/tests/data/everything.toml"],
     "kinematics of two drivers": ["kinematics", "excavator", "--intervals", "4"],
-    "export": ["export", "squeezer", "--engine", "c", "--anyway", "--out", "OUT/squeezer.c"],  # a motion of 0.03 s
+    "export": ["export", "four_bar", "--engine", "mujoco", "--out", "OUT/four_bar.xml"],
 }
 LONGER = SLOW | {
+    "export a program": QUICK["export"],
     "export a step that is sought": ["export", "four_bar", "--engine", "exudyn", "--tuned", "--out", "OUT/four_bar.py"],
     "tune": ["tune", "ROOT/tests/data/four_bar_default.xml", "--position", "1e-4", "--until", "0.1", "--out", "OUT/tuned.xml"],
     "check a new baseline": [*CHECK, "--accept", "first"],
@@ -41,7 +42,7 @@ LONGER = SLOW | {
     "report": ["report", "--out", "OUT/run"],
 }
 BEFORE = {"check": [*CHECK, "--accept", "first"], "report": SLOW["run"]}  # what must have been done in the same folder
-NEEDED = {"export a step that is sought": "exudyn", "tune": "mujoco"}
+NEEDED = {"export": "mujoco", "export a step that is sought": "exudyn", "tune": "mujoco"}
 SOMETIMES = {
     "show": set(),
     "simulate": {"drivers", "welds", "warnings", "loads"},
@@ -84,7 +85,10 @@ def test_every_verb_with_json_is_called_here() -> None:
 
 
 @pytest.mark.slow("export", "import")
-@pytest.mark.long("conformance", "doctor", "atlas", "run", "recommend", "check", "report", "export a step that is sought")
+@pytest.mark.long(
+    *("conformance", "doctor", "atlas", "run", "recommend", "check", "report", "tune"),
+    *("export a program", "export a step that is sought"),
+)
 @pytest.mark.parametrize("name", [*CALLS, *(pytest.param(x, marks=pytest.mark.slow) for x in LONGER)])
 def test_a_verb_prints_what_its_schema_names_and_nothing_else(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if name in NEEDED:

@@ -170,9 +170,9 @@ def test_the_regime_is_that_of_a_long_run_and_a_steady_turn_loses_what_it_takes(
     course = motion.run(16.0, rtol=1e-8)
     round_at = [float(np.interp(-2 * np.pi * k, course.theta[::-1], course.t[::-1])) for k in (90, 100)]
     assert 10 / (round_at[1] - round_at[0]) == pytest.approx(1 / value["period"], rel=2e-3)  # not quite steady yet
-    assert value["mean"] == pytest.approx(-2 * np.pi / value["period"], rel=1e-12)
+    assert value["mean"] == pytest.approx(-2 * np.pi / value["period"], rel=1e-9)  # both are published with ten digits
     assert value["slowest"] > value["mean"] > value["fastest"]
-    assert value["taken"] == pytest.approx(2 * math.pi * 0.5, rel=1e-15)
+    assert value["taken"] == pytest.approx(2 * math.pi * 0.5, rel=1e-9)
     assert value["lost"] == pytest.approx(value["taken"], abs=2 * rows["lost"]["bracket"])
 
 
