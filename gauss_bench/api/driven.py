@@ -225,11 +225,11 @@ def _list_still(mechanism: Mechanism, bodies: Mechanism, start: dict[str, Any]) 
     """
     still: list[AngleDriver | SlideDriver] = []
     for name in start["angles"]:
-        link, turn = bodies.find_body(name)
-        still.append(AngleDriver(name, constant(_start_angle(mechanism, name) - turn, 0.0), link))
-    for held, joint in zip(mechanism.slides, bodies.slides, strict=True):
+        body, turn = bodies.find_body(name)  # a welded link has a constant angle `turn` in its body
+        still.append(AngleDriver(name, constant(_start_angle(mechanism, name) - turn, 0.0), body))
+    for slide, joint in zip(mechanism.slides, bodies.slides, strict=True):
         if joint.name in start["slides"]:
-            still.append(SlideDriver(joint.name, constant(float(value_of(held.motion, mechanism.q0)), 0.0), joint))
+            still.append(SlideDriver(joint.name, constant(float(value_of(slide.motion, mechanism.q0)), 0.0), joint))
     return still
 
 

@@ -272,7 +272,7 @@ def move(mechanism: Mechanism, times: Array, method: str) -> Moved:
         stopped, motion = str(error), error.reached
     except ValueError as error:
         raise ChoiceError(str(error)) from error
-    count = len(motion.q)
+    count = len(motion.q)  # fewer than times if the motion stopped
     states = Trajectory(times[:count], motion.q, motion.v, motion.a, count - 1)
     return Moved(states, getattr(motion, "iterations", None), stopped)
 

@@ -62,9 +62,9 @@ def chart(reaches: Sequence[Reach], alone: bool = False) -> str:
     drawn = [(axis, [bar(axis, x) for x in some]) for axis, some in panels(reaches)]
     height = HEAD + FOOT + ROW * max((len(rows) for _, rows in drawn), default=0)
     abreast = min(ABREAST, max(1, len(drawn)))
-    wide, tall = abreast * (WIDTH + 24) + 24, TOP + height * math.ceil(len(drawn) / abreast)
+    wide, tall = abreast * (WIDTH + 24) + 24, TOP + height * math.ceil(len(drawn) / abreast)  # 24 px between panels
     if alone:
-        wide, tall = WIDTH, height - FOOT + 6
+        wide, tall = WIDTH, height - FOOT + 6  # a margin of 6 px in place of the space below a panel
     given = {"wide": wide, "tall": tall, "height": height, "abreast": abreast, "panels": drawn, "alone": alone}
     return (
         TEMPLATES.get_template("chart.svg.j2").render(**COLOURS, **SIZES, **given, number=number, legend=LEGEND, title=TITLE) + "\n"

@@ -99,7 +99,7 @@ def ways(wanted: Sequence[str] | None) -> list[Way]:
 
 
 def axes(wanted: Sequence[str] | None) -> list[Axis]:
-    """Return the axes of these names, or all.
+    """Return the axes with these names, by default all.
 
     Raises:
         ChoiceError: there is no such axis.
@@ -127,13 +127,14 @@ class Course:
             return self.known[key]
 
     def _make(self, axis: Axis, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
+        """Write the linkage of a value as a file, and compute its reference twice for the error bar."""
         document = axis.document(value)
         document["name"] = f"{axis.name}_{axis.values.index(value)}"
         path = self.folder / f"{document['name']}.toml"
         path.write_text(toml(document, ()), encoding="utf-8")
         mechanism, step = load(path, SCENARIO), axis.step(value)
         times = compare(step, mechanism.duration)
-        motions = []
+        motions = []  # each q, v, a (3, k, n)
         for tolerance in (EXACT, NEARLY):
             if axis.truth is not None:
                 motions.append(axis.truth(value, times, tolerance))
@@ -224,9 +225,9 @@ def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: in
         told: called with each sentence of progress.
     """
     until, done, broken_off = time.monotonic() + budget, 0, threading.Event()
-    workers = threading.local()
+    workers = threading.local()  # of each thread its worker
     opened: list[Worker] = []
-    saying = threading.Lock()
+    saying = threading.Lock()  # one thread at a time reports its progress
     with tempfile.TemporaryDirectory() as folder:
         course = Course(Path(folder))
 

@@ -60,9 +60,11 @@ def alter(
     """
 
     def scale(x: Any) -> Any:
+        """Return a link or force, with the factors if it is the named one."""
         return replace(x, **{key: getattr(x, key) * factor for key, factor in factors.items()}) if x.name == of else x
 
     def move_pin(x: Any) -> Any:
+        """Return a joint, displaced if it is the named pin."""
         return replace(x, b=replace(x.b, local=x.b.local + np.array([by, 0.0]))) if x.name == joint else x
 
     return replace(

@@ -394,6 +394,7 @@ class Case:
             return False
         if stretch:
             return abs(again.rate - 1) > abs(time_map.rate - 1) / 2
+        # the same number of steps is a shift proportional to the step; 0.8 allows for errors of the fit
         return abs(again.shift) > 0.8 * abs(time_map.shift) * finest.step / self.first.step
 
     def _shift_of_first_step(self) -> float:

@@ -157,17 +157,18 @@ class Local:
 
 def local(own: OwnMotion, b: Burst) -> Local:
     """Return the errors of a run, from single steps."""
-    h = b.after.t - b.at.t
+    h = b.after.t - b.at.t  # (k,)
     true = own.accelerations(b.at)
-    mean = (own.flow(b.at, h).v - b.at.v) / h[:, None]
-    moved = (b.after.v - b.at.v) / h[:, None]
-    off = [float(np.median(relative_acceleration_error(*pair))) for pair in ((b.a, true), (moved, mean))]
-    return Local(b.a - true, moved - mean, true - mean, off[0], off[1])
+    true_mean = (own.flow(b.at, h).v - b.at.v) / h[:, None]  # mean accelerations of the linkage's flow in a step
+    mean = (b.after.v - b.at.v) / h[:, None]
+    relative_told = float(np.median(relative_acceleration_error(b.a, true)))
+    relative_moved = float(np.median(relative_acceleration_error(mean, true_mean)))
+    return Local(b.a - true, mean - true_mean, true - true_mean, relative_told, relative_moved)
 
 
 def usable(own: OwnMotion, b: Burst, most: float) -> Array:
     """Return a mask (k,) of the checkpoints with finite states and without a gap above `most` [m, rad]."""
     with np.errstate(all="ignore"):
         gaps = np.abs(own.gaps(b.at)).max(axis=1, initial=0.0)
-    sound = np.all([np.isfinite(x).all(axis=1) for x in (b.at.q, b.at.v, b.a, b.after.v)], axis=0)
-    return np.asarray(sound & (gaps <= most))
+    is_finite = np.all([np.isfinite(x).all(axis=1) for x in (b.at.q, b.at.v, b.a, b.after.v)], axis=0)
+    return np.asarray(is_finite & (gaps <= most))

@@ -57,7 +57,7 @@ def states(count: int = 24) -> tuple[ExampleState, ...]:
     applied = Evaluator(mechanism).applied
     random, crank = random_states(mechanism, count), MinimalCoordinate(mechanism)
     start = crank.free_state(mechanism.q0[[crank.crank]], mechanism.v0[[crank.crank]])
-    rows = [*zip(*start, strict=True), *zip(random.q, random.v, random.a, strict=True)]
+    rows = [*zip(*start, strict=True), *zip(random.q, random.v, random.a, strict=True)]  # q, v, a of each state
     return tuple(ExampleState(q[kept], v[kept], a[kept], applied.generalised(q, v)[kept]) for q, v, a in rows)
 
 

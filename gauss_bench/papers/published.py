@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.trajectory import Reference
 
 SQUEEZER = ("squeezer", "squeeze", 0.03)
@@ -42,12 +43,14 @@ def list_published_values(mechanism: Mechanism, reference: Reference) -> list[di
     """
     linkage, scenario, t = SQUEEZER
     assert abs(reference.t[-1] - t) < 1e-12
-    column = {link.name: 3 * i + 2 for i, link in enumerate(mechanism.links)}
+    index = {link.name: i for i, link in enumerate(mechanism.links)}
     rows = []
     for angle in VALUES:
         for level, mark, text in (("q", "", angle.value), ("v", "'", angle.rate)):
-            state = getattr(reference, level)[-1]
-            certified = float(state[column[angle.link]] - (state[column[angle.minus]] if angle.minus else 0.0))
+            state = getattr(reference, level)[-1]  # (n,) positions or rates at the end
+            certified = float(angle_at(state, index[angle.link]))
+            if angle.minus:
+                certified -= float(angle_at(state, index[angle.minus]))
             off = abs(float(text) - certified)
             rows.append(
                 {

@@ -57,7 +57,7 @@ def reproduction() -> dict[str, Any]:
 
 
 def running(motion: CrankMotion) -> Values:
-    """Return the numbers of the running regime to which the printed data lead."""
+    """Return the numbers of the steady turning to which the printed data lead."""
     fine, coarse = regime(motion), regime(motion, COARSE * RTOL)
     values: Values = {key: (value, abs(value - coarse[key])) for key, value in fine.items()}
     exact = {"taken": fine["taken"], "swept": integrate_slope(motion), "balance": balance_speed(motion)}

@@ -82,13 +82,14 @@ def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
     direction = float(np.sign(first_speed))
 
     def gain(u: float) -> float:
+        """Return the change of speed [rad/s] in a turn that starts with the speed u."""
         return float(turn(motion, direction * u, rtol)[0, -1]) - u
 
     try:
         guess = abs(balance_speed(motion))
         steady = float(newton(gain, guess, x1=1.1 * guess, tol=10 * rtol * guess))
     except RuntimeError as error:
-        raise ArithmeticError("no speed that a turn starts and ends with") from error
+        raise ArithmeticError("no turn was found that starts and ends with the same speed") from error
     speeds, times, lost = turn(motion, direction * steady, rtol, SAMPLES)
     return {
         "mean": direction * TURN / float(times[-1]),

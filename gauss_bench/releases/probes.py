@@ -45,9 +45,10 @@ def coupled_states() -> States:
     rng = np.random.default_rng(5)
     lengths = 1.0, 0.5  # [m] from the first pin to the second, and from each pin to its bar's centre of mass
     q, v = np.zeros((2, 2 * STATES, 6))
-    for k, (x, w) in enumerate(zip(rng.uniform(-1.2, 1.2, STATES), rng.uniform(-SPEED, SPEED, STATES), strict=True)):
-        q[k], v[k] = place_bars(x, w, *lengths)
-        q[STATES + k], v[STATES + k] = place_bars(x, 0.0, *lengths)
+    angles, speeds = rng.uniform(-1.2, 1.2, STATES), rng.uniform(-SPEED, SPEED, STATES)  # of the first bar
+    for k in range(STATES):
+        q[k], v[k] = place_bars(angles[k], speeds[k], *lengths)
+        q[STATES + k], v[STATES + k] = place_bars(angles[k], 0.0, *lengths)
     a = np.array([coupled_acceleration(Evaluator(mechanism), *state) for state in zip(q, v, strict=True)])
     return with_shifts(q, v, a)
 

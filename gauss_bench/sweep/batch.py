@@ -201,11 +201,14 @@ def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Traje
 def _multipliers(code: Kernel, t: Array, q: Array, v: Array, p: Array) -> Array:
     """Return multipliers (samples, batch, rows) of motions q, v (batch, samples, n) at times t, for kernel numbers p (batch, d)."""
     batch, k, n = q.shape
-    states = [np.tile(t, batch), q.reshape(-1, n), v.reshape(-1, n), np.repeat(p, k, axis=0)]
-    parts = [[x[i : i + CHUNK] for x in states] for i in range(0, batch * k, CHUNK)]
+    # one row for each sample of each motion
+    times, places, rates, numbers = np.tile(t, batch), q.reshape(-1, n), v.reshape(-1, n), np.repeat(p, k, axis=0)
+    chunks = []
     with np.errstate(all="ignore"):
-        multipliers = np.concatenate([code.forces(q, v, t, p) for t, q, v, p in parts])
-    return multipliers.reshape(batch, k, -1).swapaxes(0, 1)
+        for i in range(0, batch * k, CHUNK):
+            rows = slice(i, i + CHUNK)
+            chunks.append(code.forces(places[rows], rates[rows], times[rows], numbers[rows]))
+    return np.concatenate(chunks).reshape(batch, k, -1).swapaxes(0, 1)
 
 
 def _run_one_by_one(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:

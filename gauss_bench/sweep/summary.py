@@ -141,7 +141,7 @@ def _sobol(plan: Plan, y: Array) -> dict[str, dict[str, float]]:
     from scipy.stats import sobol_indices
 
     n, d = plan.base, len(plan.paths)
-    parts = y.reshape(d + 2, 1, n)
+    parts = y.reshape(d + 2, 1, n)  # y at the points A, B, and A with each column of B; scipy has an axis for several outputs
     indices = sobol_indices(func={"f_A": parts[0], "f_B": parts[1], "f_AB": parts[2:]}, n=n)
     first, total = (np.atleast_1d(np.squeeze(x)) for x in (indices.first_order, indices.total_order))
     return {path: {"first": float(first[k]), "total": float(total[k])} for k, path in enumerate(plan.paths)}

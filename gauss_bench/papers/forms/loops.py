@@ -96,10 +96,10 @@ def accelerations_off(last: list[str], t: DrivenLinkage) -> float:
 
     Slides are left out, since they follow from the same rows.
     """
-    TU, m = t.unknowns, t.matrices
-    left = m.B @ t.second[TU:] + m.B_rate @ t.rate[TU:] + getattr(m, *last) @ t.rate[:TU]
-    angles = ~np.isnan(t.second[:TU])
-    return relative(np.linalg.solve(m.J, -left)[angles], t.second[:TU][angles])
+    n, m = t.unknowns, t.matrices  # variables: n unknowns, then inputs
+    left = m.B @ t.second[n:] + m.B_rate @ t.rate[n:] + getattr(m, *last) @ t.rate[:n]
+    angles = ~np.isnan(t.second[:n])
+    return relative(np.linalg.solve(m.J, -left)[angles], t.second[:n][angles])
 
 
 Parts = tuple[Array, Array]

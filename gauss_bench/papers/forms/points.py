@@ -68,7 +68,8 @@ def shapers() -> tuple[Shaper, ...]:
     points = {link.name: link.points for link in shaper.links}
     lever = float(np.linalg.norm(points["lever"]["B"] - points["lever"]["O1"]))
     rod = float(np.linalg.norm(points["rod"]["C"] - points["rod"]["B"]))
-    A, B, C = (position(q, shaper.find_point(name)) @ [1, 1j] for name in ("block.A", "lever.B", "ram.C"))  # (POSITIONS,) each
+    # x + i y of each point, (POSITIONS,) each
+    A, B, C = (position(q, shaper.find_point(name)) @ [1, 1j] for name in ("block.A", "lever.B", "ram.C"))
     return tuple(Shaper(O1, O2, complex(a), complex(b), complex(c), lever, rod) for a, b, c in zip(A, B, C, strict=True))
 
 
