@@ -403,7 +403,7 @@ def test_an_engine_in_a_worker_moves_as_the_native_code_does(tmp_path: Path) -> 
 def test_a_cluster_that_loses_a_worker_writes_the_same_table(tmp_path: Path) -> None:
     """A scheduler with two worker processes, one of which is killed in the middle of the run."""
     distributed = pytest.importorskip("distributed")
-    asked = {"engines": ["gauss"], "samples": 64, "how": replace(SHORT, until=0.05)}
+    asked = {"engines": ["gauss"], "samples": 32, "how": replace(SHORT, until=0.05)}
     sweep("crank_slider", VARIED, tmp_path / "local", where=Backend(jobs=1), **asked)
     options = {"n_workers": 2, "threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}
     killed: list[int] = []

@@ -79,9 +79,11 @@ def race_releases(library: Library, releases: Sequence[Release], told: Callable[
         steps = {version: x.step for version, x in times.items()}
         overheads = {version: x.overhead for version, x in times.items()}
         for work, measured in ((STEP_TIME, steps), (OVERHEAD, overheads)):
-            labels = {"linkage": name, "setting": setting, "work": work}
-            costs += [replace(x, **labels) for x in list_costs([*entrants], measured, failed)]
-            changes += [replace(x, **labels) for x in find_changes([x.version for x in releases], measured, NULL)]
+            for into, some in (
+                (costs, list_costs([*entrants], measured, failed)),
+                (changes, find_changes([x.version for x in releases], measured, NULL)),
+            ):
+                into += [replace(x, linkage=name, setting=setting, work=work) for x in some]
     return costs, changes
 
 
