@@ -266,7 +266,7 @@ def _outcome(server: Spoilt, copy: Path, mutant: Mutant, tests: list[str], numbe
 
 
 def main() -> int:
-    """Plant what was asked for, print each as it ends, and list survivors that are not known."""
+    """Plant the chosen mutants, print the end of each, and return 1 if an unknown one survives."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--deciding", action="store_true", help="thresholds and comparisons")
     options.add_argument("--sample", type=int, default=0, metavar="N", help="so many of the others")

@@ -1,4 +1,4 @@
-"""For every line of the audit, wrong corrections that a careless reader might make: each must be found out by the line itself.
+"""Wrong corrections for every line of the audit, which the line's own measure must detect.
 
 A wrong correction is of the kind of the line's forms, a function or data.
 """
@@ -29,7 +29,7 @@ def reflexive(A, rng):
 
 
 def shortest(A, rng):
-    """An inverse with X A symmetric only: it gives short solutions, not nearest ones."""
+    """Return an inverse X with X A symmetric only, which gives shortest but not nearest solutions."""
     X = pinv(A)
     return X + rng.normal(size=X.shape) @ (np.eye(len(A)) - A @ X)
 
@@ -43,7 +43,7 @@ def shortest_acceleration(p):
 
 
 def changed(function: Callable[..., Any], index: Any, value: Callable[..., Any]) -> Callable[..., Any]:
-    """The function with one entry of its result replaced by value(old entry, *arguments)."""
+    """Return a function with one entry of its result replaced by value(old entry, *arguments)."""
 
     def other(*arguments: Any) -> Any:
         found = function(*arguments).copy()
@@ -58,12 +58,12 @@ def flipped(function: Callable[..., Any], index: Any) -> Callable[..., Any]:
 
 
 def unit(bar: Callable[..., Any], level: int) -> Callable[..., Any]:
-    """A unit with the sign of its A, J or J' changed."""
+    """Return a unit with the opposite sign of A, J or J'."""
     return lambda p: tuple(-x if k == level else x for k, x in enumerate(bar(p)))
 
 
 def blocks(block: int, index: tuple[int, int]) -> Callable[..., Any]:
-    """The six-bar's matrices with one entry changed."""
+    """Return the six-bar's matrices with one entry changed."""
 
     def other(phi: Any, rate: Any) -> Any:
         found = tuple(np.array(x, dtype=float) for x in six_bar_blocks(phi, rate))

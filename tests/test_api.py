@@ -1,4 +1,4 @@
-"""One recipe, one judge, and one way to ask for more: what simulate, compare and kinematics promise."""
+"""Test simulate, compare and kinematics: steps and times, the limits of the judge, results, and former names."""
 
 import json
 from dataclasses import replace

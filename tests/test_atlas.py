@@ -1,4 +1,4 @@
-"""How far engines go: families that are what they say, verdicts with known answers, and the place where a way breaks."""
+"""Test the atlas: its families of linkages, verdicts with known answers, and the search for the limit of a way."""
 
 import itertools
 import json
@@ -85,7 +85,7 @@ def test_many_windows_move_as_one_pendulum() -> None:
 
 @pytest.fixture(scope="module")
 def known() -> tuple[Mechanism, Run, Reference]:
-    """A pendulum of windows with its motion as the run: without any error."""
+    """A pendulum of windows, a run without any error, and the reference."""
     mechanism, wanted = of("size", 1.0), sampling(1e-2, 0.1)
     states = pendulum(1.0, wanted.times, 1e-12)
     run = Run(Status.OK, "", Trajectory(wanted.times, *states, 10), None, wanted)
@@ -94,7 +94,7 @@ def known() -> tuple[Mechanism, Run, Reference]:
 
 
 def shifted(run: Run, by: float) -> Run:
-    """The run with all links moved along x [m]: loops on the ground open by as much."""
+    """Return a run with all links moved along x [m], so that loops on the ground open by as much."""
     assert run.trajectory is not None
     q = run.trajectory.q.copy()
     q[5:, 0::3] += by
@@ -115,7 +115,7 @@ def test_verdicts_follow_their_numbers(known: tuple[Mechanism, Run, Reference]) 
 
 
 def test_an_error_is_a_share_of_the_linkages_size() -> None:
-    """A link of the four-bar that is off by half of what passes, of a size that is not one metre."""
+    """The size of the four-bar is not one metre."""
     mechanism = load("four_bar", "conservative")
     model = Interpreted("gauss").build(mechanism, surveying.Choice("default", "rk4"))
     model.prepare(1e-3 * np.arange(11))

@@ -1,4 +1,4 @@
-"""What is wrong with an engine: planted faults are named, sound engines are left alone, and what cannot run has a reason."""
+"""Test that a diagnosis names planted faults and no fault of a sound engine."""
 
 from dataclasses import replace
 from functools import partial
@@ -11,7 +11,7 @@ from gauss_bench.diagnosis import faults, samples
 from gauss_bench.diagnosis.causes import Cause, Part
 from gauss_bench.diagnosis.checks import CRANK_SLIDER, DRIVEN, FOUR_BAR, alter
 from gauss_bench.diagnosis.diagnosis import SMALL, Verdict, diagnose_runs
-from gauss_bench.diagnosis.faults import BY_NAME, CLEAN, Fault, Faulty
+from gauss_bench.diagnosis.faults import CLEAN, ENGINES, Fault, Faulty
 from gauss_bench.diagnosis.motion import OwnMotion, TrueMotion
 from gauss_bench.diagnosis.observations import Burst, checkpoints, ladder
 from gauss_bench.diagnosis.selftest import diagnose_fault
@@ -40,7 +40,7 @@ def verdict(fault: Fault, where: tuple[str, str], step: float = 2e-3, until: flo
 @pytest.mark.slow("soft_loop")
 @pytest.mark.parametrize("name", QUICK)
 def test_a_planted_fault_is_named(name: str) -> None:
-    fault = BY_NAME[name]
+    (fault,) = (x for x in ENGINES if x.name == name)
     found = diagnose_fault(fault)
     assert found.cause is fault.cause, found.sentence
     assert found.numbers is not None
@@ -101,7 +101,7 @@ VARIATIONS = [  # none of them is one of the catalogue's
 @pytest.mark.slow("none")
 @pytest.mark.parametrize("stabilization", ["none", "projection"])
 def test_a_wrong_length_is_told_from_soft_constraints(stabilization: str) -> None:
-    """A coupler that is a millimetre too long: by the file's dimensions its loop is open, and no step or force changes that."""
+    """The coupler is a millimetre too long, so that the loop is open by the file's dimensions, whatever the step and the force."""
     longer_one = of("length of coupler", Cause.LENGTH, linkage=partial(alter, joint="B", by=1e-3))
     found = verdict(longer_one, FOUR_BAR, stabilization=stabilization)
     assert found.cause is Cause.LENGTH, found.sentence
@@ -112,7 +112,7 @@ def test_a_wrong_length_is_told_from_soft_constraints(stabilization: str) -> Non
 
 @pytest.mark.slow
 def test_a_fault_smaller_than_the_integrators_error_is_told_beside_it() -> None:
-    """Euler's method at 2 ms errs by far more than 1 % of the crank's inertia does."""
+    """The error of Euler's method at 2 ms is far larger than that of 1 % of the crank's inertia."""
     heavy = of("inertia", Cause.INERTIA, linkage=partial(alter, of="crank", inertia=1.01))
     found = verdict(heavy, FOUR_BAR, integrator="semi_implicit_euler")
     assert found.cause is Cause.INTEGRATOR, found.sentence
@@ -171,7 +171,7 @@ NAMED = [
 
 @pytest.mark.parametrize(("fault", "said"), NAMED, ids=lambda x: getattr(x, "name", ""))
 def test_every_cause_that_reproduces_the_accelerations_is_named_and_no_other(fault: Fault, said: str) -> None:
-    """The last of them makes the motion diverge: a shorter run, or one that ended early, tells it."""
+    """The last fault makes the motion diverge, and is found in a shorter run."""
     found = verdict(fault, FOUR_BAR, step=4e-3)
     assert found.cause is fault.cause, found.sentence
     assert any(said in x.sentence for x in found.candidates), found.sentence
@@ -183,7 +183,7 @@ def test_every_cause_that_reproduces_the_accelerations_is_named_and_no_other(fau
 
 
 def test_three_runs_that_err_by_known_amounts_are_split_into_them() -> None:
-    """x = truth + 1e-3 + 50 h^2: the limit is off by 1e-3, the step adds the rest, at order two."""
+    """In x = truth + 1e-3 + 50 h^2 the limit is off by 1e-3, and the step adds an error of order two."""
     n, steps = 9, (4e-3, 2e-3, 1e-3)
     true = States(np.arange(6.0), np.zeros((6, n)), np.zeros((6, n)))
 
@@ -260,7 +260,7 @@ def test_an_engine_that_does_not_run_has_its_reason() -> None:
     ],
 )
 def test_engines_as_they_are(engine: str, settings: str, causes: set[Cause]) -> None:
-    """Shipped MuJoCo is soft, Exudyn takes steps of order two, and at a millisecond nothing is wrong with the others."""
+    """MuJoCo as shipped is soft, Exudyn has steps of order two, and the others have no dominant cause at a millisecond."""
     needs(engine)
     found = gauss_bench.diagnose("crank_slider", engine, settings=settings, until=0.5)
     assert found.cause in causes, found.verdict

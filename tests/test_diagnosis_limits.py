@@ -1,4 +1,4 @@
-"""Where a diagnosis draws its lines: each on made-up samples on both sides of it."""
+"""Test the limits of a diagnosis with artificial samples on both sides of each."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -37,7 +37,7 @@ def test_errors_are_looked_at_until_one_leaves_a_tenth_but_for_five_samples_at_l
 
 @pytest.mark.parametrize(("order", "converges"), [(0.39, False), (0.41, True), (4.0, True), (-1.0, False)])
 def test_runs_converge_whose_order_is_beyond_two_fifths(order: float, converges: bool) -> None:
-    """x = 1e-3 + c h^p about a truth of 0: without an order the last run is the limit, with one 1e-3 is."""
+    """Errors are x = 1e-3 + c h^p: without an order the last run is the limit, and with an order the limit is 1e-3."""
     runs = tuple(burst(NONE + 1e-3 + 1e-4 * h**order, h) for h in (1.0, 0.5, 0.25))
     found = by_steps(runs, States(runs[0].at.t, NONE, NONE), adaptive=False)
     assert found.order == pytest.approx(order)
@@ -56,7 +56,7 @@ def test_runs_that_no_step_changes_have_no_order_and_those_that_one_step_mends_a
 
 
 class Open:
-    """A linkage whose gaps are what a run's positions are."""
+    """A linkage whose gaps are equal to the positions of a run."""
 
     mechanism = SimpleNamespace(
         joints=[SimpleNamespace(name="A", held=(0, 0))], couplings=[], drivers=[SimpleNamespace(name="crank")]
@@ -91,7 +91,7 @@ def test_a_gap_stays_if_half_the_step_leaves_three_quarters_of_it() -> None:
 
 @pytest.mark.parametrize(("order", "cause"), [(1.0, Cause.INTEGRATOR), (1.4, Cause.INTEGRATOR), (1.6, Cause.SOFTNESS)])
 def test_gaps_that_follow_forces_cause_no_error_that_falls_more_slowly_with_the_step(order: float, cause: Cause) -> None:
-    """A solver on velocities leaves gaps of the square of a step, beside an error of first order."""
+    """A solver on velocities leaves gaps of second order in the step and errors of first order."""
     gaps = Closure((1.6e-4, 4e-5, 1e-5), 1.6e-4, 1.6e-4, False, "D", 0.1, 0.95, 1e-6)
     case = SimpleNamespace(closure=gaps, steps=SimpleNamespace(order=order), adaptive=False, by_step=1e-2, whole=1e-2)
     case._find_stale_data, case._constraints_yield, case._name_hidden_fault = (lambda: None), (lambda: False), (lambda: "")
@@ -133,7 +133,7 @@ def test_an_amount_is_that_of_least_squares_in_the_metric_of_the_masses(linear: 
 
 
 def test_an_explanation_reproduces_what_it_leaves_no_more_of_than_noise() -> None:
-    """What is left is orthogonal to the effect: a hundredth of the accelerations."""
+    """The residual is orthogonal to the effect, and a hundredth of the accelerations."""
     effect, left = np.zeros((K, N)), np.zeros((K, N))
     effect[0, 0], left[1, 0] = 1.0, 0.01
     a = np.zeros((K, N))

@@ -1,4 +1,4 @@
-"""The checkup of a machine: what is there, what is missing, and what follows."""
+"""Test the checkup of a machine: parts that are missing or broken, and the verdict."""
 
 import re
 from pathlib import Path

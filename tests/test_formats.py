@@ -1,4 +1,4 @@
-"""Files and outputs keep to the schemas that are published for them, and a schema allows no key beside those that it names."""
+"""Test that files and outputs fit their published schemas, and that a schema allows no other keys."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""Hostile files and lists of arguments, a few of each: `make fuzz` throws many. What once broke a verb is held here by its kind."""
+"""Try some hostile files and lists of arguments; `make fuzz` tries many. Kinds that once broke a verb have tests of their own."""
 
 import copy
 import mmap
@@ -20,7 +20,7 @@ from tests.fuzz.lists import hostile_lists
 
 
 def changed(**keys: Any) -> dict[str, Any]:
-    """The four-bar with values under paths, whose dots are written as two underscores."""
+    """Return the four-bar with other values at paths, in which two underscores stand for a dot."""
     document = copy.deepcopy(document_of("four_bar")[0])
     for path, value in keys.items():
         *way, last = path.split("__")

@@ -1,4 +1,4 @@
-"""The judge before motions with one thing wrong, and the program that tells how far beyond the documentation each of them is."""
+"""Give the judge motions with one thing wrong, and test the program that measures them by the documentation."""
 
 from collections import Counter
 
@@ -24,7 +24,7 @@ NONE = np.zeros((101, 1))
 
 
 def level(**changes: np.ndarray) -> Motion:
-    """The pendulum at rest in the level place, as if nothing pulled at it, with columns of its own for x, y, angle."""
+    """Return the pendulum at rest in the level position, as if without gravity, with additions to q, v and a."""
     q = np.hstack([NONE + 0.5, NONE, NONE]) + changes.get("q", 0.0)
     return Motion(T, q, 0 * q + changes.get("v", 0.0), 0 * q + changes.get("a", 0.0))
 
@@ -36,7 +36,7 @@ def rows_of(x: Motion, again: Motion | None = None, truth: Motion | None = None)
 
 
 def test_limits_are_those_of_the_documentation_in_numbers() -> None:
-    """Size 0.5 m, 1 s: places may be 5e-6 m and rates 0.0125 m off, loops open by 5 mm, and 0.025 m from the truth."""
+    """The size is 0.5 m and the duration 1 s, from which the limits follow."""
     assert rows_of(level(q=np.array([5e-6, 0.0, 0.0])))["start"] == pytest.approx(1.0)
     assert rows_of(level(v=np.array([0.0, 0.0, 1e-5])))["start"] == pytest.approx(1.0)
     assert rows_of(level(q=np.array([0.0, 5e-3, 0.0])))["loops"] == pytest.approx(1.0)
@@ -50,14 +50,14 @@ def test_limits_are_those_of_the_documentation_in_numbers() -> None:
 
 
 def test_samples_and_a_repetition_allow_no_more_than_two_limits_each() -> None:
-    """Velocities that jump in every second sample change the integral without bounds: three limits in all, or five."""
+    """Velocities jump in every second sample: three limits are allowed alone, and five with a repetition."""
     swing = np.where(np.arange(101) % 2, 1e3, 0.0)[:, None] * np.array([0.0, 0.0, 1.0])
     alone = rows_of(level(v=swing))["rates"]
     assert alone == pytest.approx(rows_of(level(v=swing), again=level())["rates"] * 5 / 3, rel=1e-6)
 
 
 def test_energy_that_is_gained_is_held_against_three_hundredths_of_what_moves() -> None:
-    """The pendulum that rises by a quarter of a metre: all that moves is the 4.905 J that it gains."""
+    """The pendulum rises by a quarter of a metre, and the 4.905 J that it gains are all its energy."""
     rise = np.clip(4 * T, 0.0, 1.0)[:, None] * np.array([0.0, 0.25, 0.0])
     assert rows_of(level(q=rise))["energy"] == pytest.approx(1 / 0.03)
 

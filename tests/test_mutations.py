@@ -1,4 +1,4 @@
-"""Faults planted in a copy of the package, one at a time: each must be seen by the test that is named for it.
+"""Plant faults in a copy of the package, one at a time: the test that is named for a fault must fail.
 
 A measurement that no test guards can be wrong for years and look right. `mutations.toml` keeps what has been tried, so that a test
 that goes blind is noticed. A mutation whose text is no longer in its file fails: it has to move with the code.
@@ -29,7 +29,7 @@ FAILED = 1  # pytest's exit code where tests ran and failed; anything else is no
 
 @pytest.fixture(scope="session")
 def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The package and its tests, to be spoilt."""
+    """A copy of the package and its tests, in which faults are planted."""
     return copy_project(tmp_path_factory.mktemp("spoilt"))
 
 
@@ -111,7 +111,7 @@ class Spoilt:
         self.process = subprocess.Popen(command, cwd=folder, env=where, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def outcome(self, tests: list[str], spoilt: tuple[str, ...] = (), limit: int = LIMIT) -> tuple[int, str]:
-        """Exit code of pytest, or the signal that ended it, and what was printed; `spoilt` are files changed since the start."""
+        """Return exit code and output of pytest; `spoilt` are the files that changed since the start."""
         # plain assertions, because rewriting them takes longer than running them
         arguments = ["-q", "-x", "-p", "no:cacheprovider", "--assert=plain", *tests]
         order = {"told": str(self.told), "limit": limit, "arguments": arguments, "spoilt": spoilt}

@@ -1,4 +1,4 @@
-"""The audit stands, every line of it can fail, and none lets itself be talked into another verdict."""
+"""Test that the audit's verdicts hold, that every line can fail, and that another claimed verdict is found out."""
 
 import ast
 from dataclasses import replace
@@ -90,7 +90,7 @@ def names_in(node: ast.AST) -> set[str]:
 
 
 def test_every_function_and_constant_of_the_forms_serves_a_line() -> None:
-    """Reached from the names in the data files, through what calls what; what tests alone use is not used."""
+    """A function is used if a name in the data files leads to it through calls; use by tests does not count."""
     defined: dict[str, set[str]] = {}  # name -> names that its definitions mention
     for path in sorted(Path(forms.__file__).parent.glob("*.py")):
         for node in ast.parse(path.read_text(encoding="utf-8")).body:

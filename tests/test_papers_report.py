@@ -1,4 +1,4 @@
-"""What the report says of the papers follows from the rows, and turns round with them."""
+"""Test that the report's sentences on the papers follow from the rows, and change with them."""
 
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ REPORTS = Path(__file__).parents[1] / "reports"
 
 
 def told_of(audit: Rows = (), reproduction: Rows = (), motion: Rows = ()) -> Run:
-    """A run of the tables that these sections read."""
+    """Return a run with the tables that these sections read."""
     return Run({}, {"audit": audit, "reproduction": reproduction, "paper_motion": motion})
 
 

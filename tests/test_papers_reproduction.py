@@ -1,4 +1,4 @@
-"""The paper's crank-slider run again: against the general library, against energy, and with data for which it does stop."""
+"""Compare the paper's crank-slider with the general library and with the energy, also with data for which it stops."""
 
 import math
 from dataclasses import replace
@@ -34,7 +34,7 @@ def motion() -> CrankMotion:
 
 @pytest.fixture(scope="module")
 def rows() -> dict[str, dict[str, Any]]:
-    """The published rows."""
+    """The published rows: key -> row."""
     return {str(row["key"]): dict(row) for row in read_table("reproduction", Path(__file__).parents[1] / "reports")}
 
 
@@ -57,14 +57,14 @@ def reference() -> Reference:
 
 
 def twisted(torque: float) -> Mechanism:
-    """The linkage file with another torque."""
+    """Return the linkage file with another torque."""
     mechanism = linkage()
     forces = tuple(replace(f, value=torque) if isinstance(f, Torque) else f for f in mechanism.forces)
     return replace(mechanism, forces=forces)
 
 
 def comes_round(mechanism: Mechanism) -> bool:
-    """Whether the crank of the general library completes a turn from rest within 10 s."""
+    """Tell whether the crank of the general library completes a turn from rest within 10 s."""
     general = MinimalCoordinate(mechanism)
 
     def rate(t: float, y: np.ndarray) -> list[float]:
@@ -124,6 +124,7 @@ def test_equilibria_balance_and_stable_ones_hold(motion: CrankMotion) -> None:
     assert not equilibria(replace(motion, torque=-high.torque - 1e-6))
 
 
+@pytest.mark.slow
 def test_the_published_numbers_that_take_seconds_are_computed_again(motion: CrankMotion, rows: dict[str, dict[str, Any]]) -> None:
     numbers = running(motion) | statics(motion) | formulas(motion)
     for key, (value, bracket) in numbers.items():

@@ -1,4 +1,4 @@
-"""What nobody knows is refused by whoever meets it, by its name: left out without a word it would be a force of zero."""
+"""Test that unknown kinds of forces, joints and other parts are refused by name, and not silently left out."""
 
 import copy
 from collections.abc import Callable
@@ -31,7 +31,7 @@ from tests.fuzz.files import toml
 
 @dataclass(frozen=True)
 class Unheard:
-    """A kind that nobody knows."""
+    """A part of an unknown kind."""
 
     name: str = "unheard"
 
@@ -46,7 +46,7 @@ MEETS: dict[str, Callable[[Mechanism], object]] = {
 
 @pytest.fixture
 def smuggled() -> Mechanism:
-    """A four-bar with a force of an unknown kind, past the one place that lets none in."""
+    """A four-bar with a force of an unknown kind, which no constructor would accept."""
     mechanism = copy.copy(load("four_bar", "torque"))
     object.__setattr__(mechanism, "forces", (Unheard(),))
     return mechanism
@@ -120,7 +120,7 @@ def test_a_file_of_odd_shape_is_refused_by_its_place(tmp_path: Path, capsys: pyt
 
 
 def without_crank(folder: Path) -> Path:
-    """A bar on a pin: no crank, nothing observed, nothing driven."""
+    """Write the file of a bar on a pin without crank, observed points and drivers."""
     document = {
         "format": "planar-linkage/1",
         "name": "bar",

@@ -1,4 +1,4 @@
-"""Releases side by side: a planted change is found and named, rounding is not, and what fails is a row with the reason.
+"""Compare releases: a planted change is named, rounding is not, and a failure is a row with the reason.
 
 The releases are stand-ins: one small engine with a library of one number, in environments made by venv alone.
 """
@@ -96,7 +96,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Release]:
 
 @pytest.fixture
 def twin(made: dict[str, Release], monkeypatch: pytest.MonkeyPatch) -> dict[str, Release]:
-    """The stand-in as an engine whose releases the verb can compare, without pip; its version 4.0 cannot be installed."""
+    """The stand-in as an engine whose releases the verb can compare without pip; release 4.0 cannot be installed."""
 
     def install(of: Library, version: str, told: object) -> Release:
         return made.get(version, Release("twin", version, reason=f"pip finds no wheel of twin {version}"))

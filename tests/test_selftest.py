@@ -1,4 +1,4 @@
-"""The suite's test of itself: every planted fault is seen, a sound suite is not accused, and a fault that goes unseen is told."""
+"""Test the self-test: it detects every planted fault, and names missed faults and false alarms."""
 
 import json
 

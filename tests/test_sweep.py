@@ -1,4 +1,4 @@
-"""One linkage with many numbers: the plan, starts closed at their own dimensions, rows, and a folder that goes on where it was."""
+"""Test sweeps: the plan, starts of samples, figures and rows, and a folder in which a sweep continues."""
 
 import json
 import os
@@ -28,7 +28,7 @@ from gauss_bench.sweep.figures import figures, units
 from gauss_bench.sweep.folder import PARTS
 from gauss_bench.sweep.paths import change, number_at
 from gauss_bench.sweep.plan import dimension, plan
-from gauss_bench.sweep.run import Backend, Options, _batches, _choice, _tasks, sweep
+from gauss_bench.sweep.run import Backend, Options, _batches, _choice, sweep
 from gauss_bench.sweep.summary import _dependence, sensitivities, summary
 from tests.conftest import DATA, needs
 from tests.faults import alive
@@ -150,7 +150,7 @@ def test_a_sweep_that_asks_for_no_step_ends_where_smaller_ones_do(tmp_path: Path
 
 
 def test_numbers_of_a_table_are_the_same_however_many_samples_share_it() -> None:
-    """Each content of a table is read once in a batch; alone, each sample reads its own."""
+    """A batch reads each content of a table once; a sample alone reads its own table."""
     paths = [
         "links.rod.length",
         "links.rod.mass",
@@ -183,7 +183,7 @@ def test_numbers_of_a_table_are_the_same_however_many_samples_share_it() -> None
     ],
 )
 def test_a_row_has_the_forces_and_the_energy_that_one_motion_alone_has(linkage: str, scenario: str | None) -> None:
-    """Forces on pins and slides, work of dampers and drivers, the bar of that work: as the metrics find them for one trajectory."""
+    """Forces on pins and slides, the work of dampers and drivers, and its error bar are compared with the metrics."""
     mechanism = load(linkage, scenario)
     evaluator = Evaluator(mechanism)
     model = get("lagrange").build(mechanism, Choice("default", "rk4", step=5e-3))
@@ -226,7 +226,7 @@ def test_ranks_that_rise_together_correlate_wholly_whatever_their_form() -> None
 
 @pytest.mark.slow
 def test_damping_that_no_sample_sees_is_judged_as_by_every_verb(tmp_path: Path) -> None:
-    """Blocks let go by a stiff spring are at rest after 0.3 ms, of which samples a millisecond apart see nothing."""
+    """A block on a stiff spring is at rest after 0.3 ms, between two samples that are a millisecond apart."""
     path = tmp_path / "oscillator.toml"
     path.write_bytes(toml(oscillator(k=8e8, c=4e4)))
     how = Options(until=0.4, step=2e-5, integrator="rk4")
@@ -288,7 +288,7 @@ CASE = SweepCase(json.dumps(DOCUMENT), "paper", "crank_slider", ("gravity.y",), 
 def repeated(
     monkeypatch: pytest.MonkeyPatch, count: int, changes: dict[int, float], unit: str = "m", lost: int = -1
 ) -> dict[str, object]:
-    """What is said of `count` samples that are ok, of which some change one figure when they are repeated, and one is lost."""
+    """Return the check of `count` samples, some of which change one figure when repeated, and one of which may be lost."""
     pandas = pytest.importorskip("pandas")
     columns = units(load("crank_slider", "paper"))
     moved = next(name for name, x in columns.items() if x == unit)
@@ -342,17 +342,16 @@ def test_the_default_integrator_and_step_of_an_engine() -> None:
             assert _choice(case["engine"], how, until=1e-4).step == 1e-4
 
 
-def test_batches_are_large_where_one_call_takes_them_and_tasks_as_many_as_jobs_but_on_a_cluster() -> None:
+def test_batches_are_large_where_one_call_takes_them() -> None:
     native, other = (list(_batches(513, [engine])) for engine in ("gauss-native", "gauss"))
     assert [(x.number, x.first, x.end) for x in native] == [(0, 0, 512), (1, 512, 513)]
     assert [x.size for x in other] == [8] * 64 + [1]
     assert [x.number for x in _batches(9, ["gauss", "lagrange"])] == [0, 1, 2, 3]
-    assert (_tasks(Backend("dask", jobs=3)), _tasks(Backend("local", jobs=3))) == (-1, 3)
     assert replace(CASE, jobs=9) == CASE != replace(CASE, until=0.3)  # threads change no row
 
 
 def test_a_summary_of_known_rows() -> None:
-    """Values 1, 2, 3, 4 of four samples that are ok, and one that is not; by hand."""
+    """Four samples are ok and have the values 1, 2, 3 and 4; a fifth is not."""
     pandas = pytest.importorskip("pandas")
     some = plan(["gravity.y=1:5:5"], None, "random", 0)
     table = pandas.DataFrame({"sample": range(5), "engine": "gauss", "y": [1.0, 2.0, 3.0, 4.0, 99.0]})

@@ -4,7 +4,7 @@ Each engine is one of the suite's formulations with its integrators. Its fault l
 state, in the accelerations, in the state after a step, or in the samples. `planted.toml` lists the faults.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -267,4 +267,3 @@ def read_engine(name: str, sentence: str, cause: str, where: Any = FOUR_BAR, **s
 
 ENGINES = tuple(read_engine(**x) for x in TABLES["engine"])
 CLEAN = Fault("clean", "nothing is wrong", Cause.NONE)
-BY_NAME: Mapping[str, Fault] = {x.name: x for x in (CLEAN, *ENGINES)}

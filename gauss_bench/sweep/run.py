@@ -260,9 +260,10 @@ def _run(folder: Folder, case: SweepCase, samples: Plan, engines: Sequence[str],
     total, missing = sum(x.size for x in batches), sum(x.size for x in waiting)
     tell(f"{missing} samples to run")
     told, started, done = time.monotonic(), time.monotonic(), total - missing
+    jobs = -1 if where.backend == "dask" else where.jobs  # a cluster uses all of its workers
     with _use_backend(where, engines):
         # dispatch no more tasks than fit into the queue of loky's processes: with more, its thread fails on an interrupt
-        work = Parallel(n_jobs=_tasks(where), return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
+        work = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
         # the rows of a batch are sent back to this process, which writes them
         tasks = (delayed(_run_batch)(case, x, samples.values[x.first : x.end]) for x in waiting)
         with warnings.catch_warnings(), closing(work(tasks)) as finished:
@@ -291,11 +292,6 @@ def _end_with(parent: int) -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-
-
-def _tasks(where: Backend) -> int:
-    """Return the number of simultaneous tasks; -1 lets a cluster decide it."""
-    return -1 if where.backend == "dask" else where.jobs
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Call after call in one process: its memory and its handles must not grow."""
+"""Make many calls in one process, whose memory and handles must not grow."""
 
 import os
 import random

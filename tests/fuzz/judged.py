@@ -76,7 +76,7 @@ Wrong = Callable[[Drawn, float, np.random.Generator, float], Motion]
 
 
 def frozen(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
-    """The links stand still from some time on."""
+    """Return a motion in which the links stand still from some time on."""
     y, still = x.run(step), UNTIL * (1 - min(1.0, share / 100)) <= TIMES
     first = int(np.argmax(still)) if still.any() else SAMPLES - 1
     q, v, a = y.q.copy(), y.v.copy(), y.a.copy()
@@ -85,14 +85,14 @@ def frozen(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Mot
 
 
 def shifted(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
-    """The motion of a later time."""
+    """Return the motion of a later time."""
     late = share * (1e-5, 1e-2)[int(lot.integers(2))] * min(1.0, x.mechanism.size) / x.speed
     y = x.run(step, np.concatenate([[0.0], min(late, UNTIL) + TIMES]))
     return Motion(TIMES, y.q[1:], y.v[1:], y.a[1:])
 
 
 def aliased(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
-    """A ripple with a whole number of waves between samples, which shows in velocities alone."""
+    """Return velocities with a ripple whose period is that of the samples, so that positions do not show it."""
     y = x.run(step)
     ripple = share * 0.025 * x.mechanism.size / UNTIL * lot.normal(size=y.v.shape[1])
     return Motion(TIMES, y.q, y.v + AFTER * ripple, y.a)
@@ -110,7 +110,7 @@ def noisy(level: str, unit: float) -> Wrong:
 
 
 def other_linkage(*keys: str, unit: float) -> Wrong:
-    """The motion of a linkage with another number: a link's mass or inertia, a force, or gravity."""
+    """Return a fault: the motion of a linkage with another mass or inertia of a link, or another gravity."""
 
     def wrong(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
         document = copy.deepcopy(x.document)
@@ -125,14 +125,14 @@ def other_linkage(*keys: str, unit: float) -> Wrong:
 
 
 def drifted(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
-    """Links leave their places ever faster, with the rates of it."""
+    """Return a motion in which links leave their positions ever faster, with consistent rates."""
     y, part = x.run(step), TIMES[:, None] / UNTIL
     way = share * 0.01 * min(1.0, x.mechanism.size) * lot.normal(size=y.q.shape[1])
     return Motion(TIMES, y.q + part**2 * way, y.v + 2 * part * way / UNTIL, y.a + 2 * way / UNTIL**2)
 
 
 def mirrored(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
-    """One link is turned about its centre of mass, at once and for good: another way to close a loop, or none."""
+    """Return a motion in which one link suddenly turns about its centre of mass and stays so."""
     y = x.run(step)
     link = int(lot.integers(y.q.shape[1] // 3))
     q = y.q.copy()
