@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 from gauss_bench.api.in_worker import answer_plainly, read_answer
@@ -50,8 +50,18 @@ def snippet_there(
     linkage: str, scenario: str, until: float, engine: str, choice: Choice, remarks: tuple[str, ...]
 ) -> dict[str, Any]:
     """Return {"text": program} for a library that writes it itself; this runs in a worker."""
-    mechanism = replace(load(linkage, scenario), duration=until)
+    mechanism = load_until(linkage, scenario, until)
     return {"text": snippet(mechanism, linkage, engine, choice, until, remarks)}
+
+
+@lru_cache(maxsize=32)
+def load_until(linkage: str, scenario: str, until: float) -> Mechanism:
+    """Return a linkage in a scenario with the duration `until` [s]; a report asks for each of them some sixty times.
+
+    Raises:
+        LinkageError: the file has faults.
+    """
+    return replace(load(linkage, scenario), duration=until)
 
 
 class Wanted(NamedTuple):
@@ -85,7 +95,7 @@ def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]
             call = partial(worker.under(interpreter_of(x.engine)).call, limit=LIMIT)
             remarks = (f"The error of this setting over {x.until:g} s is in the report that shows this program.",)
             try:
-                mechanism = replace(load(x.linkage, x.scenario), duration=x.until)
+                mechanism = load_until(x.linkage, x.scenario, x.until)
                 text = write_program(call, x.linkage, mechanism, x.engine, x.choice, remarks)
             except UNWRITTEN:
                 continue
