@@ -141,8 +141,8 @@ EXAMPLE: dict[str, Wrong] = {
     "row 6 of g": SQUARES,
     "start": {"rod's centre": [0.075, 0, 0, 0.28, 0, 0, 0.71], "turned": [0.075, 0, 1e-3, 0.43, 0, 0, 0.71]},
     "figures of the crank's centre": {"1 to 4": [1, 4], "2 to 9": [2, 9], "3 to 6": [3, 6]},
-    "inertias of crank and rod": {"about the end": [4.0, 4.0], "crank only": [1.0, 0.0]},
-    "gravity": {"9.8": 9.8, "upwards": -9.81, "in feet": 32.2},
+    "inertias of crank and rod": {"about the end": {"bars": [4.0, 4.0]}, "crank only": {"bars": [1.0, 0.0]}},
+    "gravity": {"9.8": {"gravity": 9.8}, "upwards": {"gravity": -9.81}, "in feet": {"gravity": 32.2}},
     "integrator, step and time span": {"long steps": lambda motion: float(motion.run(ex.SHOWN, rtol=1e-3).theta[-1])},
 }
 LINK_UNITS: dict[str, Wrong] = {

@@ -214,16 +214,12 @@ def test_times_that_are_compared_lie_on_whole_steps() -> None:
 
 
 def some() -> list[Reach]:
-    names = ("gauss", "udwadia_kalaba", "gauss-native", "mujoco")
-    many = [Way(x, "tuned" if x == "mujoco" else "default", "rk4", y) for x in names for y in ("none", "projection")]
+    """Return reaches of two ways along all axes, the first of which the engine cannot model."""
     found = []
-    for i, way in enumerate(many):
-        for family in FAMILIES.values():
-            n = len(family.values)
-            passes, ends = family.values[i % n], family.values[min(n - 1, i % n + i % 3)]
-            found.append(Reach(way, family.name, passes, ends, Verdict.FAILED, 'off & <"out">', 1e-5, 5))
-    found[0] = replace(found[0], passes_to=None, ends_at=None, last=Verdict.CANNOT, reason="cannot hold it")
-    return sorted(found, key=lambda x: list(FAMILIES).index(x.axis))
+    for family in FAMILIES.values():
+        for way in (WAY, Way("mujoco", "tuned", "rk4", "none")):
+            found.append(Reach(way, family.name, *family.values[:2], Verdict.FAILED, 'off & <"out">', 1e-5, 5))
+    return [replace(found[0], passes_to=None, ends_at=None, last=Verdict.CANNOT, reason="cannot hold it"), *found[1:]]
 
 
 def test_a_bar_is_as_long_as_its_way_goes() -> None:
@@ -240,7 +236,7 @@ def test_tables_tell_all_and_escape_what_others_said(tmp_path: Path) -> None:
     (path,) = write_table("atlas", rows_of(some(), "0123456789ab"), tmp_path)
     assert path.name == "atlas.csv"
     rows = read_table("atlas", tmp_path)
-    assert len(rows) == 8 * len(FAMILIES)
+    assert len(rows) == 2 * len(FAMILIES)
     assert {x["commit"] for x in rows} == {"0123456789ab"}
     engine = str(rows[0]["engine"])
     shown = engine_page(rows_module.Run({}, {"atlas": tuple(rows)}), engine).body

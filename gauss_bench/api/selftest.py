@@ -5,11 +5,22 @@ from dataclasses import dataclass
 
 from gauss_bench.api.telling import Result, Told, nobody
 from gauss_bench.diagnosis.selftest import KINDS, SelfTest
-from gauss_bench.diagnosis.selftest import selftest as planted
+from gauss_bench.diagnosis.selftest import selftest as plant_faults
 from gauss_bench.runs.offers import ChoiceError
 
 
-def selftest(only: Sequence[str] = (), told: Told = nobody) -> SelfTest:
+@dataclass(frozen=True)
+class Planted(SelfTest, Result):
+    """The result of a self-test, with the fields of SelfTest."""
+
+    computed = ("planted", "detected", "passed")
+
+    @property
+    def succeeded(self) -> bool:
+        return self.passed
+
+
+def selftest(only: Sequence[str] = (), told: Told = nobody) -> Planted:
     """Plant known faults in memory, and test that the suite's checks detect each of them, and none in the unaltered suite.
 
     Args:
@@ -22,20 +33,4 @@ def selftest(only: Sequence[str] = (), told: Told = nobody) -> SelfTest:
     for kind in only:
         if kind not in KINDS:
             raise ChoiceError(f"no faults of the kind {kind!r}; there are {', '.join(KINDS)}")
-    return planted(only, told)
-
-
-@dataclass(frozen=True)
-class Planted(SelfTest, Result):
-    """The result of a self-test as the command line prints it, with the fields of SelfTest."""
-
-    computed = ("planted", "detected", "passed")
-
-    @property
-    def succeeded(self) -> bool:
-        return self.passed
-
-
-def plant(only: Sequence[str], told: Told) -> Planted:
-    """Run the self-test for the command line."""
-    return Planted(**vars(selftest(only, told)))
+    return Planted(**vars(plant_faults(only, told)))

@@ -14,7 +14,7 @@ import numpy as np
 from gauss_bench.formulations.lagrange import lagrange
 from gauss_bench.papers import crank_slider
 from gauss_bench.papers.crank_motion import CrankMotion, motion_of
-from gauss_bench.papers.crank_slider import I1, I2, KEPT, L1, L2, M1, M2, ExampleState, Number, gradient, linkage, states
+from gauss_bench.papers.crank_slider import GRAVITY, I1, I2, KEPT, L1, L2, M1, M2, ExampleState, Number, gradient, linkage, states
 from gauss_bench.papers.forms.problems import CRANK, Problem, crank_problems
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.certificate import find_certified
@@ -111,38 +111,22 @@ def figures_off(form: list[int]) -> float:
     return float(len({2, 3, 4, 5} ^ set(range(first, last + 1))))
 
 
-def with_inertias(p: Problem, bars: Sequence[float]) -> float:
-    """Return the crank's acceleration with these multiples of the inertias of uniform bars for crank and rod."""
-    M = p.M.copy()
+def accelerate(p: Problem, bars: Sequence[float] = (1.0, 1.0), gravity: float = GRAVITY) -> float:
+    """Return the crank's acceleration with multiples `bars` of the inertias of uniform bars, and with a gravity [m/s^2]."""
+    M, Q = p.M.copy(), p.Q.copy()
     M[2, 2], M[5, 5] = bars[0] * I1, bars[1] * I2
-    return crank_of(replace(p, M=M))
-
-
-def with_gravity(p: Problem, gravity: float) -> float:
-    """Return the crank's acceleration under another gravity [m/s^2]."""
-    Q = p.Q.copy()
     Q[1], Q[4] = -M1 * gravity, -M2 * gravity
-    return crank_of(replace(p, Q=Q))
+    return float(lagrange(replace(p, M=M, Q=Q).terms).a[CRANK])
 
 
-def crank_of(p: Problem) -> float:
-    return float(lagrange(p.terms).a[CRANK])
+def data_off(form: dict[str, Any], p: Problem) -> float:
+    """Return the relative change of the crank's acceleration by data that the paper leaves out."""
+    return float(abs(accelerate(p, **form) / p.a[CRANK] - 1))
 
 
-def inertias_off(bars: Sequence[float], p: Problem) -> float:
-    return float(abs(with_inertias(p, bars) / p.a[CRANK] - 1))
-
-
-def gravity_off(gravity: float, p: Problem) -> float:
-    return float(abs(with_gravity(p, gravity) / p.a[CRANK] - 1))
-
-
-def crank_with_inertias(bars: Sequence[float]) -> float:
-    return with_inertias(crank_problems()[0], bars)
-
-
-def crank_with_gravity(gravity: float) -> float:
-    return with_gravity(crank_problems()[0], gravity)
+def crank_with(form: dict[str, Any]) -> float:
+    """Return the crank's acceleration at the start with these data."""
+    return accelerate(crank_problems()[0], **form)
 
 
 def euler(motion: CrankMotion) -> float:

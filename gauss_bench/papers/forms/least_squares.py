@@ -163,8 +163,7 @@ def vector_off(exponent: float, p: Problem) -> float:
 
 def acceleration(p: Problem, exponents: tuple[float, float] = (0.5, 0.5)) -> Array:
     """Return the accelerations of eq. (14) without w, with these exponents of M in A and b."""
-    A, b = matrix(p, exponents[0]), vector(p, exponents[1])
-    return np.asarray(pinv(p.J) @ p.g + projector(p) @ (pinv(A) @ b))
+    return bracket(p, np.zeros(p.n), exponents)
 
 
 def pair_off(exponents: tuple[float, float], p: Problem) -> float:
@@ -225,9 +224,9 @@ def last_member_alone(p: Problem, w: Array) -> Array:
     return np.asarray(projector(p) @ pinv(A) @ A @ w)
 
 
-def bracket(p: Problem, w: Array) -> Array:
-    """Return the accelerations of eq. (14) with w."""
-    A, b = matrix(p), vector(p)
+def bracket(p: Problem, w: Array, exponents: tuple[float, float] = (0.5, 0.5)) -> Array:
+    """Return the accelerations of eq. (14) with w, with these exponents of M in A and b."""
+    A, b = matrix(p, exponents[0]), vector(p, exponents[1])
     X = pinv(A)
     return np.asarray(pinv(p.J) @ p.g + projector(p) @ (X @ b + (np.eye(p.n) - X @ A) @ w))
 
