@@ -38,7 +38,7 @@ docs: setup            ## write the documentation into the site of OUT; a report
 test: setup            ## the tests that take no time and no tools
 	$(BIN)/python -m pytest -m "not slow and not long" $(BESIDE)
 
-test-all: setup        ## those, and the slow ones: a browser, a C compiler, a cluster, fuzzing
+test-all: setup        ## those, and the slow ones: a browser, a C compiler, fuzzing
 	$(BIN)/python -m pytest -m "not long" $(BESIDE)
 
 test-long: setup       ## the same claims at length: every mutation, every engine, every linkage

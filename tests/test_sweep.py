@@ -398,6 +398,7 @@ def test_an_engine_in_a_worker_moves_as_the_native_code_does(tmp_path: Path) -> 
         assert other["slider.B.x_max"] == pytest.approx(one["slider.B.x_max"], abs=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_writes_the_same_table(tmp_path: Path) -> None:
     """A scheduler with two worker processes, one of which is killed in the middle of the run."""
