@@ -38,7 +38,7 @@ docs: setup            ## write the documentation into the site of OUT; a report
 test: setup            ## the tests that take no time and no tools
 	$(BIN)/python -m pytest -m "not slow and not long" $(BESIDE)
 
-test-all: setup        ## those, and the slow ones: a browser, a C compiler, a cluster, fuzzing
+test-all: setup        ## those, and the slow ones: a browser, a C compiler, fuzzing
 	$(BIN)/python -m pytest -m "not long" $(BESIDE)
 
 test-long: setup       ## the same claims at length: every mutation, every engine, every linkage
@@ -49,11 +49,10 @@ LISTS ?= 3000
 MOTIONS ?= 200
 PROPERTIES ?= 300
 JUDGED ?= 2000
-SOUND ?= 500
 SEED ?= 1
 fuzz: setup            ## hostile files and arguments, motions, the judge and properties at length: make fuzz FILES=2000 PROPERTIES=1000 SEED=2
 	$(BIN)/python -m tests.fuzz --files $(FILES) --lists $(LISTS) --motions $(MOTIONS) --properties $(PROPERTIES) \
-		--judged $(JUDGED) --sound $(SOUND) --seed $(SEED)
+		--judged $(JUDGED) --seed $(SEED)
 
 check: setup           ## the accuracy gate
 	$(BIN)/gauss-bench check --jobs $(JOBS)

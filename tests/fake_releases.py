@@ -1,4 +1,4 @@
-"""Releases that are neither installed nor asked: answers as two releases of MuJoCo could give them."""
+"""Answers of two releases of MuJoCo that are neither installed nor asked."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from gauss_bench.verbs import releases as verb
 
 
 def answer(library: Library, release: Release, budget: float, told: object) -> Answers:
-    """Answers whose accelerations are twice as large before 3.7."""
+    """Return answers whose accelerations are twice as large before 3.7."""
     values = np.ones((1, 3)) * (2.0 if release.version == "3.6.0" else 1.0)
     moving = Figure(
         MOVING, "wide_four_bar", "default rk4", values=values, shifted=values[None] * (1 + 1e-15), error=values[0, 0] - 1
@@ -21,7 +21,7 @@ def answer(library: Library, release: Release, budget: float, told: object) -> A
 
 
 def use_fake_releases(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the verb `releases` take these."""
+    """Let the verb `releases` take these answers."""
     monkeypatch.setattr(
         verb, "install_release", lambda of, version, told: Release(of.engine, version, "/nowhere/bin/python", CHECKED)
     )

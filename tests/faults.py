@@ -1,4 +1,4 @@
-"""Engines of others that each fail in a way of their own: while they run, by what they tell or are, or when they are imported."""
+"""Engines that fail in different ways: while they run, by wrong answers or members, or when they are imported."""
 
 import os
 from pathlib import Path
@@ -141,7 +141,7 @@ def write_modules(folder: Path, mark: str) -> list[str]:
 
 
 def alive(sign: bytes) -> list[int]:
-    """Processes that have this in their environment or arguments."""
+    """Return the processes that have this text in their environment or arguments."""
     found = []
     for name in filter(str.isdigit, os.listdir("/proc")):
         try:

@@ -1,8 +1,7 @@
-"""Faults made by a rule in the code that decides, one at a time: each makes a test near it fail, or is listed with its reason.
+"""Make faults by a rule in code that decides, one at a time: a test near it must fail, or the fault is listed with a reason.
 
     python -m tests.mutants --deciding            thresholds and comparisons of what decides "ok", "cannot", a cause or a spread
     python -m tests.mutants --sample 200 --seed 1 so many of all other mutants of those files
-    python -m tests.mutants --file gauss_bench/judge.py --line 40
 
 A fault is planted in a copy of the project. Only tests that ran its line are asked, the quickest first, of the files that `NEAR`
 names; which lines a test runs is found once by tracing. `mutants_survived.toml` lists what survives: equivalent code, or a number
@@ -15,7 +14,6 @@ import json
 import os
 import random
 import re
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -25,7 +23,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from tests.test_mutations import NEEDED, ROOT, SECOND, Spoilt
+from tests.test_mutations import ROOT, SECOND, Spoilt, copy_project
 
 HANGS = 60  # [s] after which a test that waits for ever has seen the fault
 SURVIVED = ROOT / "tests" / "mutants_survived.toml"
@@ -215,13 +213,6 @@ def listed() -> dict[tuple[str, str, str], str]:
     return {(x["file"], x["text"], x["mutant"]): x["reason"] for x in rows}
 
 
-def copy_project(folder: Path) -> Path:
-    """Return a copy of the project, to be spoilt."""
-    for name in NEEDED:
-        (shutil.copytree if (ROOT / name).is_dir() else shutil.copy)(ROOT / name, folder / name)
-    return folder
-
-
 def plant(mutants: Sequence[Mutant], most: float, copy: Path) -> Iterator[tuple[Mutant, str]]:
     """Yield each mutant with how it ended: "dies", "survives", or "no test runs it".
 
@@ -275,13 +266,12 @@ def _outcome(server: Spoilt, copy: Path, mutant: Mutant, tests: list[str], numbe
 
 
 def main() -> int:
-    """Plant what was asked for, print each as it ends, and list survivors that are not known."""
+    """Plant the chosen mutants, print the end of each, and return 1 if an unknown one survives."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--deciding", action="store_true", help="thresholds and comparisons")
     options.add_argument("--sample", type=int, default=0, metavar="N", help="so many of the others")
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--file", action="append", default=[], metavar="FILE", help="of these files alone")
-    options.add_argument("--line", type=int, help="of this line alone")
     options.add_argument("--most", type=float, default=20.0, metavar="S", help="seconds of tests for one mutant (default 20)")
     given = options.parse_args()
     files = given.file or deciding_files()
@@ -289,8 +279,6 @@ def main() -> int:
     others = [x for x in every if not x.deciding]
     chosen = [x for x in every if x.deciding] if given.deciding else []
     chosen += random.Random(given.seed).sample(others, min(given.sample, len(others)))
-    if given.line:
-        chosen = [x for x in every if x.line == given.line]
     known, lost, start = listed(), 0, time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         for count, (mutant, how) in enumerate(plant(chosen, given.most, copy_project(Path(folder))), 1):

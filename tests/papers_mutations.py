@@ -1,4 +1,4 @@
-"""For every line of the audit, wrong corrections that a careless reader might make: each must be found out by the line itself.
+"""Wrong corrections for every line of the audit, which the line's own measure must detect.
 
 A wrong correction is of the kind of the line's forms, a function or data.
 """
@@ -29,7 +29,7 @@ def reflexive(A, rng):
 
 
 def shortest(A, rng):
-    """An inverse with X A symmetric only: it gives short solutions, not nearest ones."""
+    """Return an inverse X with X A symmetric only, which gives shortest but not nearest solutions."""
     X = pinv(A)
     return X + rng.normal(size=X.shape) @ (np.eye(len(A)) - A @ X)
 
@@ -43,7 +43,7 @@ def shortest_acceleration(p):
 
 
 def changed(function: Callable[..., Any], index: Any, value: Callable[..., Any]) -> Callable[..., Any]:
-    """The function with one entry of its result replaced by value(old entry, *arguments)."""
+    """Return a function with one entry of its result replaced by value(old entry, *arguments)."""
 
     def other(*arguments: Any) -> Any:
         found = function(*arguments).copy()
@@ -58,12 +58,12 @@ def flipped(function: Callable[..., Any], index: Any) -> Callable[..., Any]:
 
 
 def unit(bar: Callable[..., Any], level: int) -> Callable[..., Any]:
-    """A unit with the sign of its A, J or J' changed."""
+    """Return a unit with the opposite sign of A, J or J'."""
     return lambda p: tuple(-x if k == level else x for k, x in enumerate(bar(p)))
 
 
 def blocks(block: int, index: tuple[int, int]) -> Callable[..., Any]:
-    """The six-bar's matrices with one entry changed."""
+    """Return the six-bar's matrices with one entry changed."""
 
     def other(phi: Any, rate: Any) -> Any:
         found = tuple(np.array(x, dtype=float) for x in six_bar_blocks(phi, rate))
@@ -92,13 +92,9 @@ LINE: Wrong = {
     "sign in the product": lambda O1, A, B: (A.real - B.real) * (O1.imag - B.imag) + (A.imag - B.imag) * (O1.real - B.real),
 }
 METHOD: dict[str, Wrong] = {
-    "Gauss's function": {
-        "sign of Q": lambda p, a: me.gauss_function(replace(p, Q=-p.Q), a),
-    },
+    "Gauss's function": {"sign of Q": lambda p, a: me.gauss_function(replace(p, Q=-p.Q), a)},
     "Gauss's function by the root of M": {"positive root": lambda p, a: np.sum((power(p.M, 0.5) @ (p.M @ a + p.f - p.Q)) ** 2) / 2},
-    "constraint forces that do work": {
-        "other sign": lambda p, a, extra: me.root_function(p, a, -extra),
-    },
+    "constraint forces that do work": {"other sign": lambda p, a, extra: me.root_function(p, a, -extra)},
     "constraints in accelerations": {"other sign": lambda rate, q, v: -me.differentiate(rate, q, v)},
     "general solution": {
         "plus in the projector": lambda p, X, h: X @ p.g + (np.eye(p.n) + X @ p.J) @ h,
@@ -117,9 +113,7 @@ METHOD: dict[str, Wrong] = {
 }
 PROJECTOR: dict[str, Wrong] = {
     "inverse of a projector": {"rows counted": [1, -1, 0], "rank of J": [0, 0, 1]},
-    "order of the factors reversed": {
-        "not reversed": lambda p: power(p.M, -0.5) @ N(p),
-    },
+    "order of the factors reversed": {"not reversed": lambda p: power(p.M, -0.5) @ N(p)},
     "with an ordinary inverse": {"Moore-Penrose": pr.euclidean, "constraints alone": shortest_acceleration},
     "with Moore-Penrose inverses": FREE | NO_MASS,
     "meets the constraints": FREE,
@@ -131,42 +125,29 @@ PROJECTOR: dict[str, Wrong] = {
     "where M keeps the range of J^T": FREE | {"M left out": without_mass},
 }
 EXAMPLE: dict[str, Wrong] = {
-    "mass matrix": {
-        "inertia about the end": lambda: crank_slider.mass() * [1, 1, 4, 1, 1, 4, 1],
-    },
+    "mass matrix": {"inertia about the end": lambda: crank_slider.mass() * [1, 1, 4, 1, 1, 4, 1]},
     "velocity forces": {"something": 1.0},
     "applied forces": {
         "spring": changed(crank_slider.forces, 6, lambda old, q, v: 5.0 * (q[6] - L1 - L2) - v[6]),
         "torque": flipped(crank_slider.forces, 2),
     },
     "order of the accelerations": {"y before x": [0, 1, 2, 4, 3, 5, 6], "angles last": [0, 1, 3, 4, 6, 2, 5]},
-    "constraints": {
-        "sign in row 4": changed(crank_slider.residual, 3, lambda old, q: old + 2 * q[4]),
-    },
-    "Jacobian but for one entry": {
-        "sign of (1, 3)": flipped(crank_slider.jacobian, (0, 2)),
-    },
-    "entry (6, 6) of the Jacobian": {
-        "sign": {"of": "cos", "factor": -1},
-        "other angle": {"of": "cos", "angle": 2},
-    },
+    "constraints": {"sign in row 4": changed(crank_slider.residual, 3, lambda old, q: old + 2 * q[4])},
+    "Jacobian but for one entry": {"sign of (1, 3)": flipped(crank_slider.jacobian, (0, 2))},
+    "entry (6, 6) of the Jacobian": {"sign": {"of": "cos", "factor": -1}, "other angle": {"of": "cos", "angle": 2}},
     "rows 1, 2 and 4 of g": SQUARES,
     "row 3 of g": SQUARES,
     "row 5 of g": SQUARES,
     "row 6 of g": SQUARES,
     "start": {"rod's centre": [0.075, 0, 0, 0.28, 0, 0, 0.71], "turned": [0.075, 0, 1e-3, 0.43, 0, 0, 0.71]},
     "figures of the crank's centre": {"1 to 4": [1, 4], "2 to 9": [2, 9], "3 to 6": [3, 6]},
-    "inertias of crank and rod": {"about the end": [4.0, 4.0], "crank only": [1.0, 0.0]},
-    "gravity": {"9.8": 9.8, "upwards": -9.81, "in feet": 32.2},
+    "inertias of crank and rod": {"about the end": {"bars": [4.0, 4.0]}, "crank only": {"bars": [1.0, 0.0]}},
+    "gravity": {"9.8": {"gravity": 9.8}, "upwards": {"gravity": -9.81}, "in feet": {"gravity": 32.2}},
     "integrator, step and time span": {"long steps": lambda motion: float(motion.run(ex.SHOWN, rtol=1e-3).theta[-1])},
 }
 LINK_UNITS: dict[str, Wrong] = {
-    "RRR1 path": {
-        "sign of J": unit(lu.first_bar, 1),
-    },
-    "RRR1 second path": {
-        "alpha the other way": lambda p: lu.second_bar(replace(p, alpha=-p.alpha)),
-    },
+    "RRR1 path": {"sign of J": unit(lu.first_bar, 1)},
+    "RRR1 second path": {"alpha the other way": lambda p: lu.second_bar(replace(p, alpha=-p.alpha))},
     "RP1 path": {"other side": lambda p: lu.block(replace(p, e=-p.e)), "sign of J'": unit(lu.block, 2)},
     "RP2 vector and Jacobian unit": {"other side": lambda p: lu.guide(replace(p, e=-p.e))},
     "RP2 rate unit, column 2": {"sign": lambda p: -lu.column_2(p), "exchanged": lambda p: lu.column_2(p)[::-1]},
@@ -180,9 +161,7 @@ LOOPS: dict[str, Wrong] = {
     "accelerations": {"A for J'": ["J"]},
     "columns of a unit": {"blocks too": [1, 1, 1], "angle only": [1, 0, 0]},
     "one 1 in each row": {"U only": [["U"]], "K only": [["K"]]},
-    "matrices of a loop": {
-        "U and K exchanged": lambda units, U, K: lo.assemble(units, U, K)[::-1],
-    },
+    "matrices of a loop": {"U and K exchanged": lambda units, U, K: lo.assemble(units, U, K)[::-1]},
     "loops one above the other": {"transposed": True},
     "six-bar example": {
         "an entry of J": blocks(0, (0, 1)),
@@ -195,9 +174,7 @@ LOOPS: dict[str, Wrong] = {
         "a joint left out": {"eight_bar": ["1-2-5-3", "1-2-6-7-9-4", "1-2-6-8-9-4"]},
         "other order": {"six_bar": ["a-c-b-d", "d-e-f-g"]},
     },
-    "motion laws": {
-        "sign of the sine": lambda: lo.textbook() | {"sine": lambda u: u + np.sin(2 * np.pi * u) / (2 * np.pi)},
-    },
+    "motion laws": {"sign of the sine": lambda: lo.textbook() | {"sine": lambda u: u + np.sin(2 * np.pi * u) / (2 * np.pi)}},
 }
 POINTS: dict[str, Wrong] = {
     "loops of the shaper": {"sense of the crank": lambda x: (po.sides(x)[0] - 2 * (x.A - x.O2), po.sides(x)[1])},

@@ -1,6 +1,7 @@
-"""One recipe, one judge, and one way to ask for more: what simulate, compare and kinematics promise."""
+"""Test simulate, compare and kinematics: steps and times, the limits of the judge, results, and former names."""
 
 import json
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -24,15 +25,12 @@ from gauss_bench.trajectory import Status, Trajectory
 
 
 @pytest.mark.parametrize(
-    ("step", "t_end", "count", "shortened"),
-    [(4e-4, 0.5, 1250, 0), (7e-4, 0.5, 715, 1), (1e-3, 2.0, 2000, 0), (1e-2, 0.5, 50, 0), (1e-4, 1.0, 10000, 0), (0.3, 0.5, 2, 1)],
+    ("step", "t_end", "count", "shortened"), [(4e-4, 0.5, 1250, 0), (7e-4, 0.5, 715, 1), (1e-3, 2.0, 2000, 0), (0.3, 0.5, 2, 1)]
 )
 def test_a_step_is_the_step_that_is_taken(step: float, t_end: float, count: int, shortened: int) -> None:
     found = sampling(step, t_end, sample_times(t_end))
-    assert (found.count, found.shortened) == (count, shortened)
-    assert bool(found.note) is bool(shortened)
-    assert found.times[0] == 0.0
-    assert found.times[-1] == pytest.approx(t_end, abs=1e-12)
+    assert (found.count, found.shortened, bool(found.note)) == (count, shortened, bool(shortened))
+    assert (found.times[0], found.times[-1]) == (0.0, pytest.approx(t_end, abs=1e-12))
     whole = found.times[:-1] if shortened else found.times
     assert np.abs(whole / step - np.round(whole / step)).max() < 1e-6
 
@@ -40,28 +38,22 @@ def test_a_step_is_the_step_that_is_taken(step: float, t_end: float, count: int,
 def test_a_time_that_whole_steps_miss_is_met_by_two_short_ones() -> None:
     found = sampling_through(1e-4, [0.0, 0.01375 + 2e-5, 0.02])
     assert 0.01375 + 2e-5 in found.times
-    assert found.shortened == 2
-    assert found.count == 201
+    assert (found.shortened, found.count) == (2, 201)
 
 
 @pytest.mark.slow
 def test_compare_labels_a_row_with_the_step_it_took() -> None:
     rows = gauss_bench.compare("four_bar", ["gauss"], steps=(4e-4, 7e-4), t_end=0.1, jobs=1)
     plain = rows[(rows["stabilization"] == "none") & (rows["integrator"] == "rk4")].set_index("step")
-    assert plain.loc[4e-4, "steps"] == 250
-    assert plain.loc[4e-4, "compared"] == 11
+    assert plain[["steps", "compared"]].loc[[4e-4, 7e-4]].to_numpy().tolist() == [[250, 11], [143, 3]]  # at 0, 0.07 and the end
     assert plain.loc[4e-4, "note"] == ""
-    assert plain.loc[7e-4, "steps"] == 143
-    assert plain.loc[7e-4, "compared"] == 3  # 0, 0.07 and the end
     assert "1 of 143 steps" in plain.loc[7e-4, "note"]
     assert plain.loc[4e-4, "measured_unit"] == "rad"
     assert plain.loc[4e-4, "position_error"] == max(plain.loc[4e-4, ["length_error", "angle_error"]])
 
 
 def test_how_long_and_by_which_steps() -> None:
-    assert duration(5.0) == 5.0
-    assert duration(5.0, 2.0) == 2.0
-    assert duration(5.0, 2.0, 0.5) == 0.5
+    assert [duration(5.0), duration(5.0, 2.0), duration(5.0, 2.0, 0.5)] == [5.0, 2.0, 0.5]
     assert usable_steps([1e-3, 1e-2, 1e-3], 1.0) == (1e-2, 1e-3)
     for wrong in (0.0, -1.0, float("nan")):
         with pytest.raises(ChoiceError):
@@ -70,8 +62,9 @@ def test_how_long_and_by_which_steps() -> None:
             usable_steps([wrong], 1.0)
     with pytest.raises(ChoiceError, match=r"longer than the run of 0\.5 s"):
         usable_steps([1.0], 0.5)
-    listed = Case("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 2.0)
-    other = Case("squeezer", "squeeze", "gauss", "default", "rk4", "none", 1e-3, 2.0)
+    listed, other = (
+        Case(*x, "gauss", "default", "rk4", "none", 1e-3, 2.0) for x in (("four_bar", "torque"), ("squeezer", "squeeze"))
+    )
     assert [c.t_end for c in as_asked([listed, other])] == [2.0, 0.03]
     assert [(c.step, c.t_end) for c in as_asked([listed], 0.5, [1e-4])] == [(1e-4, 0.5)]
 
@@ -85,26 +78,17 @@ def run() -> tuple[Evaluator, Trajectory]:
     return Evaluator(mechanism), model.read()
 
 
-def changed(trajectory: Trajectory, **columns: object) -> Trajectory:
-    return Trajectory(**{k: columns.get(k, getattr(trajectory, k)) for k in ("t", "q", "v", "a", "steps")})  # type: ignore[arg-type]
-
-
-def test_the_judge_has_nothing_to_say_of_a_sound_run(run: tuple[Evaluator, Trajectory]) -> None:
-    evaluator, trajectory = run
-    assert completeness(trajectory, trajectory.t, evaluator.mechanism.n).valid
-    assert judge(examine(evaluator, trajectory, None, 0.0)).valid
-
-
-def test_missing_samples_are_objected_to(run: tuple[Evaluator, Trajectory]) -> None:
+def test_the_judge_objects_to_missing_samples_and_to_nothing_in_a_sound_run(run: tuple[Evaluator, Trajectory]) -> None:
     evaluator, x = run
     n = evaluator.mechanism.n
-    five = Trajectory(x.t[:5], x.q[:5], x.v[:5], x.a[:5], 5)
+    assert judge(examine(evaluator, x, None, 0.0)).valid
+    shifts = {0.0: True, 0.5e-9: True, 2e-9: False}
+    assert {by: completeness(replace(x, t=x.t + by), x.t, n).valid for by in shifts} == shifts
     lost = np.where(np.arange(201)[:, None] == 100, np.nan, x.q)
-    told = [completeness(y, x.t, n) for y in (five, changed(x, t=2 * x.t), changed(x, q=x.q[:, :3]), None, changed(x, q=lost))]
-    assert [y.objections[0].subject for y in told] == [Subject.COMPLETENESS] * 4 + [Subject.NUMBERS]
-    assert "5 of 201 samples" in told[0].sentence
-    assert completeness(changed(x, t=x.t + 0.5e-9), x.t, n).valid
-    assert not completeness(changed(x, t=x.t + 2e-9), x.t, n).valid
+    spoilt = (x[:5], replace(x, t=2 * x.t), replace(x, q=x.q[:, :3]), None, replace(x, q=lost))
+    verdicts = [completeness(y, x.t, n) for y in spoilt]
+    assert [y.objections[0].subject for y in verdicts] == [Subject.COMPLETENESS] * 4 + [Subject.NUMBERS]
+    assert "5 of 201 samples" in verdicts[0].sentence
 
 
 def test_each_limit_of_the_judge_holds_from_both_sides(run: tuple[Evaluator, Trajectory]) -> None:
@@ -115,73 +99,64 @@ def test_each_limit_of_the_judge_holds_from_both_sides(run: tuple[Evaluator, Tra
     def subjects(**found: object) -> list[Subject]:
         return [x.subject for x in judge(judging.Evidence(**plain | found)).objections]  # type: ignore[arg-type]
 
-    assert subjects(acceleration_error=0.9e-2) == []
-    assert subjects(acceleration_error=1.1e-2) == [Subject.MODEL]
-    assert subjects(acceleration_error=float("nan")) == [Subject.MODEL]
-    assert subjects(drift=Drift(still + 4.9e-3, still, still)) == []
-    assert subjects(drift=Drift(still + 5.1e-3, still, still)) == [Subject.LOOPS]
-    assert subjects(drift=Drift(still + 0.9e-2, still, still), size=20.0) == []
-    assert subjects(drift=Drift(still + 1.1e-2, still, still), size=20.0) == [Subject.LOOPS]
-    assert subjects(energy=still - 0.11) == []
-    assert subjects(energy=still - 0.13) == [Subject.ENERGY]
-    far = judging.metrics.Errors(still, still, np.full((201, 3), 0.024), np.full((201, 3), 0.049), still, still, still)
-    off = judging.metrics.Errors(still, still, np.full((201, 3), 0.026), np.full((201, 3), 0.051), still, still, still)
-    assert subjects(errors=far) == []
-    assert subjects(errors=off) == [Subject.MOTION] * 2
+    def gap(x: float) -> Drift:
+        return Drift(still + x, still, still)
+
+    def errors(length: float, angle: float) -> object:
+        lengths, angles = np.full((201, 3), length), np.full((201, 3), angle)
+        return judging.metrics.Errors(still, still, lengths, angles, still, still, still)
+
+    for within, beyond, objections in (
+        ({"acceleration_error": 0.9e-2}, {"acceleration_error": 1.1e-2}, [Subject.MODEL]),
+        ({}, {"acceleration_error": float("nan")}, [Subject.MODEL]),
+        ({"drift": gap(4.9e-3)}, {"drift": gap(5.1e-3)}, [Subject.LOOPS]),
+        ({"drift": gap(0.9e-2), "size": 20.0}, {"drift": gap(1.1e-2), "size": 20.0}, [Subject.LOOPS]),
+        ({"energy": still - 0.11}, {"energy": still - 0.13}, [Subject.ENERGY]),
+        ({"errors": errors(0.024, 0.049)}, {"errors": errors(0.026, 0.051)}, [Subject.MOTION] * 2),
+    ):
+        assert (subjects(**within), subjects(**beyond)) == ([], objections)
 
 
 def test_simulate_does_not_call_ok_what_may_not_be_used(capsys: pytest.CaptureFixture[str]) -> None:
     control = gauss_bench.simulate("four_bar", "yuan_ge_eq16", at=[0.1])
-    assert control.status is Status.INVALID
-    assert not control.valid
-    assert control.objections[0].subject is Subject.MODEL
+    assert (control.status, control.valid, control.objections[0].subject) == (Status.INVALID, False, Subject.MODEL)
     assert "accelerations off" in control.message
     assert main(["simulate", "four_bar", "--integrator", "euler", "--step", "0.01", "--at", "1", "--json"]) == 1
     found = json.loads(capsys.readouterr().out)
     assert found["status"] == "invalid"
     assert {x["subject"] for x in found["objections"]} >= {"loops"}
-    assert found["t"] == [1.0]  # what was computed is shown all the same
+    assert found["t"] == [1.0]  # the motion is shown nevertheless
 
 
-def test_results_read_as_objects_by_key_and_as_json() -> None:
-    found = gauss_bench.simulate("four_bar", "gauss", at=[0.1])
-    assert found.valid
-    assert found["status"] == found.status == "ok"
-    assert json.loads(found.to_json())["links"].keys() == found.links.keys()
-
-
-def test_public_functions_stand_beside_each_other() -> None:
+def test_public_functions_return_objects_that_are_read_by_key_and_as_json() -> None:
     import gauss_bench.kinematics.motion  # a room of the same name does not hide the function
 
     assert {"simulate", "compare", "kinematics", "certify", "compile_kernel", "Kernel"} <= set(gauss_bench.__all__)
     assert all(callable(getattr(gauss_bench, name)) for name in gauss_bench.__all__ if name != "__version__")
+    run = gauss_bench.simulate("four_bar", "gauss", at=[0.1])
+    assert run.valid
+    assert run["status"] == run.status == "ok"
+    assert json.loads(run.to_json())["links"].keys() == run.links.keys()
     found = gauss_bench.kinematics("jansen", intervals=2)
     assert found.observed["links"]
     assert found.link_types["crank"]
     assert found.branch_changes == []
 
 
-@pytest.mark.parametrize(("start", "law"), [(30.0, "constant"), (30.0, "poly345:travel_deg=20,time=1"), (30.0, "constant:speed=1")])
-def test_a_driver_starts_where_the_scenario_does(start: float, law: str, tmp_path: Path) -> None:
+def test_a_driver_starts_where_the_scenario_does(tmp_path: Path) -> None:
     path = tmp_path / "four_bar.toml"
-    content = built_in()["four_bar"].read_text(encoding="utf-8")
-    own = 'law = "constant", start_deg = 0.0'
+    content, own = built_in()["four_bar"].read_text(encoding="utf-8"), 'law = "constant", start_deg = 0.0'
     assert own in content
-    path.write_text(content.replace(own, f'law = "constant", start_deg = {start}', 1), encoding="utf-8")
-    found = gauss_bench.kinematics(str(path), "driven", driver=law, intervals=4)
-    assert found.driver["angle"][0] == pytest.approx(np.radians(start), abs=1e-12)
-    given = gauss_bench.kinematics(str(path), "driven", driver="constant:speed=1,start_deg=10", intervals=2)
-    assert given.driver["angle"][0] == pytest.approx(np.radians(10.0), abs=1e-12)
+    path.write_text(content.replace(own, 'law = "constant", start_deg = 30.0', 1), encoding="utf-8")
+    laws = {"constant": 30.0, "poly345:travel_deg=20,time=1": 30.0, "constant:speed=1": 30.0, "constant:speed=1,start_deg=10": 10.0}
+    for law, start in laws.items():
+        found = gauss_bench.kinematics(str(path), "driven", driver=law, intervals=2)
+        assert found.driver["angle"][0] == pytest.approx(np.radians(start), abs=1e-12)
 
 
-def test_the_former_name_of_intervals_serves_for_one_release() -> None:
+def test_former_names_serve_for_one_release_with_a_warning() -> None:
     with pytest.warns(DeprecationWarning, match="intervals"):
-        found = gauss_bench.kinematics("four_bar", steps=2)
-    assert len(found.t) == 3
-
-
-def test_a_linkage_is_read_under_the_rooms_former_name_too_with_a_warning() -> None:
+        assert len(gauss_bench.kinematics("four_bar", steps=2).t) == 3
     former = import_module("gauss_bench.mechanism.load")
     with pytest.warns(DeprecationWarning, match=r"gauss_bench\.linkage\.load"):
-        read = former.load
-    assert read is gauss_bench.load
+        assert former.load is gauss_bench.load

@@ -178,7 +178,7 @@ def test_a_search_asks_their_settings_as_it_asks_ours(tmp_path: Path) -> None:
 def test_a_file_for_an_engine_that_nobody_asks_is_refused() -> None:
     with pytest.raises(ChoiceError, match=r"minimal\.toml: engine: the suite searches no settings of minimal"):
         with_authors(read_suite("quick"), [SOUND])
-    with pytest.raises(ChoiceError, match=r"minimal\.toml: engine: minimal is not among the engines that are asked, gauss"):
+    with pytest.raises(ChoiceError, match=r"minimal\.toml: engine: minimal is not among the engines of this search, gauss"):
         list_owned(["gauss"], [SOUND])
     with pytest.raises(ChoiceError, match="give one of them"):
         gauss_bench.recommend("four_bar", 1e-3, engines=["minimal"], settings="default", authors=[SOUND])

@@ -1,20 +1,17 @@
-"""What is wrong with an engine: planted faults are named, sound engines are left alone, and what cannot run has a reason."""
+"""Test that a diagnosis names planted faults and no fault of a sound engine."""
 
-import json
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import gauss_bench
-from gauss_bench.cli import main
-from gauss_bench.diagnosis import explanations, faults, samples
+from gauss_bench.diagnosis import faults, samples
 from gauss_bench.diagnosis.causes import Cause, Part
 from gauss_bench.diagnosis.checks import CRANK_SLIDER, DRIVEN, FOUR_BAR, alter
 from gauss_bench.diagnosis.diagnosis import SMALL, Verdict, diagnose_runs
-from gauss_bench.diagnosis.faults import BY_NAME, CLEAN, ENGINES, Fault, Faulty
+from gauss_bench.diagnosis.faults import CLEAN, ENGINES, Fault, Faulty
 from gauss_bench.diagnosis.motion import OwnMotion, TrueMotion
 from gauss_bench.diagnosis.observations import Burst, checkpoints, ladder
 from gauss_bench.diagnosis.selftest import diagnose_fault
@@ -23,18 +20,12 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import JointDamping, Mechanism, RotationalSpringDamper, Torque
 from gauss_bench.reference.certificate import find_certified
-from gauss_bench.runs.one_run import one_run
+from gauss_bench.runs.one_run import Run, one_run, sampling
 from gauss_bench.terms import Terms
-from gauss_bench.trajectory import States
+from gauss_bench.trajectory import States, Status
 from tests.conftest import exhaustive, needs
 
-QUICK = (
-    "soft_loop",
-    "stale",
-    "late",
-    "wrapped",
-    "backwards",
-)  # and the inertia, below; all of them are planted by the test of the whole selftest
+QUICK = ("inertia", "soft_loop", "stale", "late", "wrapped", "backwards")  # the test of the whole self-test plants all faults
 SIX_BAR = ("six_bar", "torque")
 
 
@@ -47,13 +38,17 @@ def verdict(fault: Fault, where: tuple[str, str], step: float = 2e-3, until: flo
 
 
 @pytest.mark.slow("soft_loop")
-@pytest.mark.parametrize("fault", [pytest.param(x, id=x.name) for x in ENGINES if x.name in QUICK])
-def test_a_planted_fault_is_named(fault: Fault) -> None:
+@pytest.mark.parametrize("name", QUICK)
+def test_a_planted_fault_is_named(name: str) -> None:
+    (fault,) = (x for x in ENGINES if x.name == name)
     found = diagnose_fault(fault)
     assert found.cause is fault.cause, found.sentence
     assert found.numbers is not None
-    parts = sorted(found.parts, key=lambda part: found.parts[part])
-    assert parts[-1] is fault.cause.part, found.parts
+    assert max(found.parts, key=lambda part: found.parts[part]) is fault.cause.part, found.parts
+    if name == "inertia":
+        best = found.explanations[0]
+        assert (best.what, best.amount) == ("inertia of crank", pytest.approx(0.01, rel=1e-3))
+        assert "inertia of crank is 1 % too large" in found.sentence
 
 
 @pytest.mark.slow
@@ -78,12 +73,6 @@ def jacobian_of_the_step_before(terms: Terms, model: faults.FaultyModel, t: floa
     return replace(terms, J=model.recent[0][0]) if model.running else terms
 
 
-def rows_of_the_beginning(terms: Terms, model: faults.FaultyModel, t: float, q: np.ndarray, v: np.ndarray) -> Terms:
-    """Constraint data that all stages of a step share."""
-    J, gamma = model.recent[1] if model.running else (terms.J, terms.gamma)
-    return replace(terms, J=J, gamma=gamma)
-
-
 def shifted(by: float, times: np.ndarray, step: float) -> np.ndarray:
     return np.where(times > 0, times + by, times)
 
@@ -95,22 +84,15 @@ def of(name: str, cause: Cause, **what: object) -> Fault:
 VARIATIONS = [  # none of them is one of the catalogue's
     (of("inertia of rocker", Cause.INERTIA, linkage=partial(alter, of="rocker", inertia=1.01)), FOUR_BAR, {}),
     (of("mass of slider", Cause.MASS, linkage=partial(alter, of="slider", mass=0.99)), CRANK_SLIDER, {}),
-    (of("softer solver", Cause.SOFTNESS, solved=partial(faults.compliant, epsilon=1e-2, rate=20.0)), FOUR_BAR, {}),
     (of("Jacobian alone", Cause.STALE, terms=jacobian_of_the_step_before), CRANK_SLIDER, {}),
-    (of("rows of the beginning of the step", Cause.STALE, terms=rows_of_the_beginning), CRANK_SLIDER, {}),
     (of("stale under Euler", Cause.STALE, terms=faults.stale), FOUR_BAR, {"integrator": "semi_implicit_euler"}),
     (of("half a millisecond", Cause.SHIFT, times=partial(shifted, 5e-4)), FOUR_BAR, {}),
-    (
-        of("a step under Euler", Cause.SHIFT, times=partial(faults.resample, late=1.0)),
-        CRANK_SLIDER,
-        {"integrator": "semi_implicit_euler", "step": 1e-3},
-    ),
     (
         of("second rate, projected", Cause.SECOND_RATE, terms=faults.without_second_rate),
         DRIVEN,
         {"stabilization": "projection"},
     ),
-    (of("order in a driven linkage", Cause.ORDER, read=faults.links_in_another_order), DRIVEN, {}),
+    (of("inertia in a larger linkage", Cause.INERTIA, linkage=partial(alter, of="coupler", inertia=1.01)), SIX_BAR, {}),
     (of("gravity in a larger linkage", Cause.GRAVITY, linkage=partial(alter, gravity=-1.0)), SIX_BAR, {}),
 ]
 
@@ -119,7 +101,7 @@ VARIATIONS = [  # none of them is one of the catalogue's
 @pytest.mark.slow("none")
 @pytest.mark.parametrize("stabilization", ["none", "projection"])
 def test_a_wrong_length_is_told_from_soft_constraints(stabilization: str) -> None:
-    """A coupler that is a millimetre too long: by the file's dimensions its loop is open, and no step or force changes that."""
+    """The coupler is a millimetre too long, so that the loop is open by the file's dimensions, whatever the step and the force."""
     longer_one = of("length of coupler", Cause.LENGTH, linkage=partial(alter, joint="B", by=1e-3))
     found = verdict(longer_one, FOUR_BAR, stabilization=stabilization)
     assert found.cause is Cause.LENGTH, found.sentence
@@ -130,35 +112,21 @@ def test_a_wrong_length_is_told_from_soft_constraints(stabilization: str) -> Non
 
 @pytest.mark.slow
 def test_a_fault_smaller_than_the_integrators_error_is_told_beside_it() -> None:
-    """Euler's method at 2 ms errs by far more than 1 % of the crank's inertia does."""
+    """The error of Euler's method at 2 ms is far larger than that of 1 % of the crank's inertia."""
     heavy = of("inertia", Cause.INERTIA, linkage=partial(alter, of="crank", inertia=1.01))
     found = verdict(heavy, FOUR_BAR, integrator="semi_implicit_euler")
     assert found.cause is Cause.INTEGRATOR, found.sentence
-    assert "beside it, the inertia of crank is 1 % too large" in found.sentence
+    assert "besides, the inertia of crank is 1 % too large" in found.sentence
     assert [x.what for x in found.candidates] == ["inertia of crank"]
 
 
 @pytest.mark.slow
-def test_accelerations_that_a_cause_reproduces_are_no_round_off() -> None:
-    found = verdict(of("inertia", Cause.INERTIA, linkage=partial(alter, of="coupler", inertia=1.01)), SIX_BAR, step=4e-3)
-    assert found.cause is Cause.INERTIA, found.sentence
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("fault", "where", "choice"), exhaustive(VARIATIONS, *VARIATIONS[1:4], VARIATIONS[8]), ids=lambda x: getattr(x, "name", None)
+    ("fault", "where", "choice"), exhaustive(VARIATIONS, VARIATIONS[1], VARIATIONS[5]), ids=lambda x: getattr(x, "name", None)
 )
 def test_a_variation_of_a_fault_is_named_too(fault: Fault, where: tuple[str, str], choice: dict[str, object]) -> None:
     found = verdict(fault, where, **{"step": 4e-3, **choice})  # type: ignore[arg-type]
     assert found.cause is fault.cause, found.sentence
-
-
-def test_the_parameter_and_by_how_much_it_is_off_are_told() -> None:
-    found = diagnose_fault(BY_NAME["inertia"])
-    best = found.explanations[0]
-    assert best.what == "inertia of crank"
-    assert best.amount == pytest.approx(0.01, rel=1e-3)
-    assert "inertia of crank is 1 % too large" in found.sentence
 
 
 def of_all_links(key: str, factor: float, mechanism: Mechanism) -> Mechanism:
@@ -203,7 +171,7 @@ NAMED = [
 
 @pytest.mark.parametrize(("fault", "said"), NAMED, ids=lambda x: getattr(x, "name", ""))
 def test_every_cause_that_reproduces_the_accelerations_is_named_and_no_other(fault: Fault, said: str) -> None:
-    """The last of them makes the motion diverge: a shorter run, or one that ended early, tells it."""
+    """The last fault makes the motion diverge, and is found in a shorter run."""
     found = verdict(fault, FOUR_BAR, step=4e-3)
     assert found.cause is fault.cause, found.sentence
     assert any(said in x.sentence for x in found.candidates), found.sentence
@@ -215,7 +183,7 @@ def test_every_cause_that_reproduces_the_accelerations_is_named_and_no_other(fau
 
 
 def test_three_runs_that_err_by_known_amounts_are_split_into_them() -> None:
-    """x = truth + 1e-3 + 50 h^2: the limit is off by 1e-3, the step adds the rest, at order two."""
+    """In x = truth + 1e-3 + 50 h^2 the limit is off by 1e-3, and the step adds an error of order two."""
     n, steps = 9, (4e-3, 2e-3, 1e-3)
     true = States(np.arange(6.0), np.zeros((6, n)), np.zeros((6, n)))
 
@@ -262,65 +230,22 @@ def test_a_map_of_time_is_found_and_an_engine_in_time_has_none() -> None:
     assert samples.time_map(truth, States(t, other.q + 1e-3 * t[:, None], other.v), stretch=False) is None
 
 
-def test_what_is_left_out_is_so_once_or_not_at_all() -> None:
-    """Half of a velocity term is no velocity term left out."""
-    y = np.ones((4, 3))
-    some = explanations.Explanation(Cause.VELOCITY_TERMS, "x", y, "left out", once=True)
-    assert explanations.explain(y, np.ones(3), iter([some]))[0].share == pytest.approx(1.0)
-    assert not explanations.explain(0.5 * y, np.ones(3), iter([some]))
+def test_checkpoints_are_reached_by_whole_steps_with_one_more_after_them() -> None:
+    for step, until in ((1e-3, 1.0), (3e-3, 0.5), (1e-2, 0.1), (0.02, 0.1)):
+        t = checkpoints(step, until)
+        assert len(t) >= 1
+        np.testing.assert_allclose(np.round(t / step), t / step, rtol=1e-9)
+        assert step * (1 - 1e-9) <= t[0] <= t[-1] <= until * (1 + 1e-9) - step
 
 
-@pytest.mark.parametrize(("step", "until"), [(1e-3, 1.0), (3e-3, 0.5), (1e-2, 0.1), (0.02, 0.1)])
-def test_checkpoints_are_reached_by_whole_steps_with_one_more_after_them(step: float, until: float) -> None:
-    t = checkpoints(step, until)
-    assert len(t) >= 1
-    np.testing.assert_allclose(np.round(t / step), t / step, rtol=1e-9)
-    assert t[0] >= step * (1 - 1e-9)
-    assert t[-1] + step <= until * (1 + 1e-9)
-
-
-# the verb
-
-PLUGIN = """
-import os
-import time
-from gauss_bench.diagnosis.faults import BY_NAME, CLEAN, Faulty
-
-
-class Heavy(Faulty):
-    def __init__(self):
-        super().__init__(BY_NAME["inertia"])
-
-
-class Dies(Heavy):
-    def build(self, mechanism, choice):
-        os.abort()
-
-
-class Hangs(Heavy):
-    def build(self, mechanism, choice):
-        time.sleep(600)
-"""
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_engines_of_others_are_diagnosed_in_a_worker(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "patients.py").write_text(PLUGIN, encoding="utf-8")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setenv("PYTHONPATH", f"{Path(__file__).parents[1]}:{tmp_path}")
-    asked = ["diagnose", "four_bar", "--until", "0.3", "--json", "--engine"]
-    assert main([*asked, "patients:Heavy", "--step", "0.004"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert (found["cause"], found["part"]) == ("inertia", "model")
-    assert found["explanations"][0]["amount"] == pytest.approx(0.01, rel=1e-3)
-    for name, status in (("Dies", "crashed"), ("Hangs", "timeout")):
-        assert main([*asked, f"patients:{name}", "--budget", "3"]) == 1
-        found = json.loads(capsys.readouterr().out)
-        assert (found["cause"], found["runs"][0]["status"]) == ("unknown", status)
-        assert status in found["verdict"]
+def test_an_engine_that_does_not_run_has_its_reason() -> None:
+    mechanism = load(*FOUR_BAR)
+    truth = find_certified(mechanism, 0.3)
+    assert truth is not None
+    crashed = Run(Status.CRASHED, "it died", None, None, sampling(1e-3, 0.3))
+    found = diagnose_runs(lambda c, wanted: crashed, mechanism, truth, ladder(Choice(step=1e-3), adaptive=False), 0.3)
+    assert (found.cause, len(found.runs)) == (Cause.UNKNOWN, 1)
+    assert "crashed: it died" in found.sentence
 
 
 @pytest.mark.long("mujoco-rigid-causes1", "pinocchio-default-causes2")
@@ -335,7 +260,7 @@ def test_engines_of_others_are_diagnosed_in_a_worker(
     ],
 )
 def test_engines_as_they_are(engine: str, settings: str, causes: set[Cause]) -> None:
-    """Shipped MuJoCo is soft, Exudyn takes steps of order two, and at a millisecond nothing is wrong with the others."""
+    """MuJoCo as shipped is soft, Exudyn has steps of order two, and the others have no dominant cause at a millisecond."""
     needs(engine)
     found = gauss_bench.diagnose("crank_slider", engine, settings=settings, until=0.5)
     assert found.cause in causes, found.verdict

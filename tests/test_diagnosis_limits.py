@@ -1,4 +1,4 @@
-"""Where a diagnosis draws its lines: each on made-up samples on both sides of it."""
+"""Test the limits of a diagnosis with artificial samples on both sides of each."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -37,7 +37,7 @@ def test_errors_are_looked_at_until_one_leaves_a_tenth_but_for_five_samples_at_l
 
 @pytest.mark.parametrize(("order", "converges"), [(0.39, False), (0.41, True), (4.0, True), (-1.0, False)])
 def test_runs_converge_whose_order_is_beyond_two_fifths(order: float, converges: bool) -> None:
-    """x = 1e-3 + c h^p about a truth of 0: without an order the last run is the limit, with one 1e-3 is."""
+    """Errors are x = 1e-3 + c h^p: without an order the last run is the limit, and with an order the limit is 1e-3."""
     runs = tuple(burst(NONE + 1e-3 + 1e-4 * h**order, h) for h in (1.0, 0.5, 0.25))
     found = by_steps(runs, States(runs[0].at.t, NONE, NONE), adaptive=False)
     assert found.order == pytest.approx(order)
@@ -51,15 +51,12 @@ def test_runs_that_no_step_changes_have_no_order_and_those_that_one_step_mends_a
     true = States(np.arange(float(K)), NONE, NONE)
     assert np.isnan(by_steps((burst(NONE),) * 3, true, adaptive=False).order)
     assert by_steps((burst(NONE + 1e-3), burst(NONE), burst(NONE)), true, adaptive=False).order == np.inf
-
-
-def test_a_size_is_the_root_mean_square_of_the_largest_entries() -> None:
-    assert size(np.array([[3.0, -4.0], [0.0, 0.0]])) == pytest.approx(4 / np.sqrt(2))
+    assert size(np.array([[3.0, -4.0], [0.0, 0.0]])) == pytest.approx(4 / np.sqrt(2))  # mean square of the largest entries
     assert size(np.zeros((0, 3))) == 0.0
 
 
 class Open:
-    """A linkage whose gaps are what a run's positions are."""
+    """A linkage whose gaps are equal to the positions of a run."""
 
     mechanism = SimpleNamespace(
         joints=[SimpleNamespace(name="A", held=(0, 0))], couplings=[], drivers=[SimpleNamespace(name="crank")]
@@ -75,33 +72,26 @@ class Open:
         return SimpleNamespace(multipliers=lambda a: 100.0 * x.q)
 
 
-@pytest.mark.parametrize(("left", "stays"), [(0.74, False), (0.76, True)])
-def test_a_gap_stays_of_which_half_the_step_leaves_three_quarters(left: float, stays: bool) -> None:
+def test_a_gap_stays_if_half_the_step_leaves_three_quarters_of_it() -> None:
     gap = np.zeros((K, N))
     gap[:, 1] = 1e-3
-    found = closure_of(Open(), (burst(gap), burst(gap), burst(left * gap)), gap)  # type: ignore[arg-type]
-    assert found.closure_stays is stays
-    assert found.closure == pytest.approx((1e-3, 1e-3, left * 1e-3))
-    assert (found.closure_joint, found.closure_share) == ("A", pytest.approx(1.0))
-    assert (found.held, found.compliance) == (pytest.approx(1.0), pytest.approx(0.01))
+    for left, stays in ((0.74, False), (0.76, True)):
+        found = closure_of(Open(), (burst(gap), burst(gap), burst(left * gap)), gap)  # type: ignore[arg-type]
+        assert found.closure_stays is stays
+        assert found.closure == pytest.approx((1e-3, 1e-3, left * 1e-3))
+        assert (found.closure_joint, found.closure_share) == ("A", pytest.approx(1.0))
+        assert (found.held, found.compliance) == (pytest.approx(1.0), pytest.approx(0.01))
     assert not closure_of(Open(), (burst(gap),), gap).closure_stays  # type: ignore[arg-type]
-
-
-def test_the_widest_gap_is_that_of_a_joint_or_of_what_drives() -> None:
-    gap = np.zeros((K, N))
-    gap[:, 2] = 1e-3
-    assert closure_of(Open(), (burst(gap),), gap).closure_joint == "crank"  # type: ignore[arg-type]
-
-
-def test_a_gap_grows_that_is_three_times_as_wide_at_the_end() -> None:
+    driven = np.roll(gap, 1, axis=1)
+    assert closure_of(Open(), (burst(driven),), driven).closure_joint == "crank"  # type: ignore[arg-type]
     closed = Closure((1.0,), 1.0, 3.0, False, "", 0.0, 0.0, 0.0)
     assert not closed.grows
-    assert replace(closed, closure_late=3.01).grows
+    assert replace(closed, closure_late=3.01).grows  # three times as wide at the end
 
 
 @pytest.mark.parametrize(("order", "cause"), [(1.0, Cause.INTEGRATOR), (1.4, Cause.INTEGRATOR), (1.6, Cause.SOFTNESS)])
 def test_gaps_that_follow_forces_cause_no_error_that_falls_more_slowly_with_the_step(order: float, cause: Cause) -> None:
-    """A solver on velocities leaves gaps of the square of a step, beside an error of first order."""
+    """A solver on velocities leaves gaps of second order in the step and errors of first order."""
     gaps = Closure((1.6e-4, 4e-5, 1e-5), 1.6e-4, 1.6e-4, False, "D", 0.1, 0.95, 1e-6)
     case = SimpleNamespace(closure=gaps, steps=SimpleNamespace(order=order), adaptive=False, by_step=1e-2, whole=1e-2)
     case._find_stale_data, case._constraints_yield, case._name_hidden_fault = (lambda: None), (lambda: False), (lambda: "")
@@ -126,10 +116,10 @@ def one_of(effect: Array, once: bool = False, exact: bool = False, linear: bool 
     return Explanation(Cause.FORCE, "f", effect if linear else lambda c: c * effect, "f {is}", once, exact)
 
 
-@pytest.mark.parametrize(("amount", "found"), [(0.84, 0), (0.86, 1), (1.14, 1), (1.16, 0)])
-def test_what_is_left_out_once_has_an_amount_near_one(amount: float, found: int) -> None:
-    assert len(explain(amount * X, MASS, iter([one_of(X, once=True)]))) == found
-    assert len(explain(amount * X, MASS, iter([one_of(X)]))) == 1
+def test_what_is_left_out_once_has_an_amount_near_one() -> None:
+    for amount, found in ((0.84, 0), (0.86, 1), (1.14, 1), (1.16, 0)):
+        assert len(explain(amount * X, MASS, iter([one_of(X, once=True)]))) == found
+        assert len(explain(amount * X, MASS, iter([one_of(X)]))) == 1
 
 
 @pytest.mark.parametrize("linear", [True, False])
@@ -143,7 +133,7 @@ def test_an_amount_is_that_of_least_squares_in_the_metric_of_the_masses(linear: 
 
 
 def test_an_explanation_reproduces_what_it_leaves_no_more_of_than_noise() -> None:
-    """What is left is orthogonal to the effect: a hundredth of the accelerations."""
+    """The residual is orthogonal to the effect, and a hundredth of the accelerations."""
     effect, left = np.zeros((K, N)), np.zeros((K, N))
     effect[0, 0], left[1, 0] = 1.0, 0.01
     a = np.zeros((K, N))
@@ -164,16 +154,13 @@ def test_the_best_explanation_stands_first_and_what_changes_nothing_nowhere() ->
     assert explain(0 * X, MASS, iter([one_of(X)])) == []
 
 
-@pytest.mark.parametrize(
-    ("amount", "one", "many"),
-    [
+def test_amounts_in_words() -> None:
+    for amount, one, many in (
         (-1.0, "f is left out", "f are left out"),
         (-1.014, "f is left out", "f are left out"),
         (-1.016, "f is 102 % too small", "f are 102 % too small"),
         (-2.014, "f has the wrong sign", "f have the wrong sign"),
         (-1.984, "f is 198 % too small", "f are 198 % too small"),
         (0.01, "f is 1 % too large", "f are 1 % too large"),
-    ],
-)
-def test_amounts_in_words(amount: float, one: str, many: str) -> None:
-    assert (tell("f {is}", amount), tell("f {are}", amount)) == (one, many)
+    ):
+        assert (tell("f {is}", amount), tell("f {are}", amount)) == (one, many)

@@ -124,7 +124,7 @@ def test_no_verb_writes_over_what_it_reads_or_over_another_kind_of_file(
     before = out.read_bytes()
     assert main([*call, str(linkage), "--out", str(out), *(["--replace"] if call[0] == "export" else [])]) == 2
     said = capsys.readouterr().err
-    assert "is what is read" in said or "files of its own kind alone" in said
+    assert "is the input" in said or "files of the same kind" in said
     assert (linkage.read_bytes(), out.read_bytes()) == (FOUR_BAR.read_bytes(), before)
 
 
@@ -135,7 +135,7 @@ def test_no_picture_or_table_takes_the_place_of_the_linkage_that_it_shows(
     shutil.copy(FOUR_BAR, linkage)
     link.symlink_to(linkage)
     assert main(["show", str(linkage), "--svg", str(link), "--replace"]) == 2
-    assert "is what is read" in capsys.readouterr().err
+    assert "is the input" in capsys.readouterr().err
     assert link.is_symlink()
     nowhere = tmp_path / "nowhere.svg"
     nowhere.symlink_to(tmp_path / "gone.svg")

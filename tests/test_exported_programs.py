@@ -144,7 +144,7 @@ def test_a_program_without_a_reference_says_why(monkeypatch: pytest.MonkeyPatch,
     found = export("pendulum", "c", tmp_path / "x.c")
     assert found.error is not None
     assert found.error.position is None
-    assert "Error: not known: no reference could be had: nobody knows." in (tmp_path / "x.c").read_text()
+    assert "Error: not known: no reference could be computed: nobody knows." in (tmp_path / "x.c").read_text()
 
 
 def test_a_requirement_that_is_not_reached_leaves_no_file(

@@ -1,18 +1,16 @@
-"""Files and outputs keep to the schemas that are published for them, and a schema allows no key beside those that it names."""
+"""Test that files and outputs fit their published schemas, and that a schema allows no other keys."""
 
 import io
 import json
 import tomllib
 from collections.abc import Iterator
 from contextlib import redirect_stdout
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
 
-from gauss_bench.api.telling import HIDDEN, Result
 from gauss_bench.cli import main
 from gauss_bench.linkage.load import built_in
 from gauss_bench.suites.read import FOLDER as SUITES
@@ -32,8 +30,10 @@ CALLS = QUICK | {
     "simulate what an engine cannot model": ["simulate", "ROOT/tests/data/friction.toml", "--engine", "gauss-native"],
     "show welds": ["show", "ROOT/tests/data/everything.toml"],
     "kinematics of two drivers": ["kinematics", "excavator", "--intervals", "4"],
+    "export": ["export", "four_bar", "--engine", "mujoco", "--out", "OUT/four_bar.xml"],
 }
 LONGER = SLOW | {
+    "export a program": QUICK["export"],
     "export a step that is sought": ["export", "four_bar", "--engine", "exudyn", "--tuned", "--out", "OUT/four_bar.py"],
     "tune": ["tune", "ROOT/tests/data/four_bar_default.xml", "--position", "1e-4", "--until", "0.1", "--out", "OUT/tuned.xml"],
     "check a new baseline": [*CHECK, "--accept", "first"],
@@ -42,8 +42,12 @@ LONGER = SLOW | {
     "report": ["report", "--out", "OUT/run"],
 }
 BEFORE = {"check": [*CHECK, "--accept", "first"], "report": SLOW["run"]}  # what must have been done in the same folder
-NEEDED = {"export a step that is sought": "exudyn", "tune": "mujoco"}
-LINKAGES = [*built_in().values(), *sorted(DATA.glob("*.toml"))]
+NEEDED = {"export": "mujoco", "export a step that is sought": "exudyn", "tune": "mujoco"}
+SOMETIMES = {
+    "show": set(),
+    "simulate": {"drivers", "welds", "warnings", "loads"},
+    "kinematics": {"loads"},
+}  # keys left out if empty
 OPEN = {"options", "where"}  # keys of an engine's own choice, and of a stored file
 
 
@@ -60,8 +64,7 @@ def print_json(call: list[str], folder: Path) -> Any:
 
 def faults(schema: Any, data: Any) -> list[str]:
     """Return the place and message of everything in the data that does not fit the schema."""
-    found = Draft202012Validator(schema).iter_errors(data)
-    return [f"{'.'.join(map(str, x.absolute_path))}: {x.message}" for x in found]
+    return [f"{'.'.join(map(str, x.absolute_path))}: {x.message}" for x in Draft202012Validator(schema).iter_errors(data)]
 
 
 def parts_of(schema: Any, name: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
@@ -82,7 +85,10 @@ def test_every_verb_with_json_is_called_here() -> None:
 
 
 @pytest.mark.slow("export", "import")
-@pytest.mark.long("conformance", "doctor", "atlas", "run", "recommend", "check", "report", "export a step that is sought")
+@pytest.mark.long(
+    *("conformance", "doctor", "atlas", "run", "recommend", "check", "report", "tune"),
+    *("export a program", "export a step that is sought"),
+)
 @pytest.mark.parametrize("name", [*CALLS, *(pytest.param(x, marks=pytest.mark.slow) for x in LONGER)])
 def test_a_verb_prints_what_its_schema_names_and_nothing_else(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if name in NEEDED:
@@ -97,133 +103,50 @@ def test_a_verb_prints_what_its_schema_names_and_nothing_else(name: str, tmp_pat
     if isinstance(row, dict):
         row["invented"] = 1  # a key that the schema lacks is refused, as each key would be that the schema forgot
         assert faults(schema, whole)
-
-
-@pytest.mark.parametrize("name", ["show", "simulate", "simulate a driven linkage", "kinematics"])
-def test_a_schema_refuses_an_output_without_one_of_its_keys_and_a_schema_without_a_key_refuses_the_output(
-    name: str, tmp_path: Path
-) -> None:
-    printed, schema = print_json(CALLS[name], tmp_path), formats.find_schema(CALLS[name][0])
-    definition = schema["$defs"][schema["$ref"].rpartition("/")[2]]
-    sometimes = set(definition["properties"]) - set(definition["required"])
-    if_there_are_any = {"simulate": {"drivers", "welds", "warnings", "loads"}, "kinematics": {"loads"}}
-    assert sometimes == if_there_are_any.get(CALLS[name][0], set())
-    for key in printed:
-        if key not in sometimes:
+        del row["invented"]
+    if name in SOMETIMES:
+        definition = schema["$defs"][schema["$ref"].rpartition("/")[2]]
+        assert set(definition["properties"]) - set(definition["required"]) == SOMETIMES[name]
+        for key in printed.keys() - SOMETIMES[name]:
             assert faults(schema, {k: x for k, x in printed.items() if k != key}) == [f": '{key}' is a required property"]
-        kept = definition["properties"].pop(key)
-        assert any(f"('{key}' was unexpected)" in x for x in faults(schema, printed))
-        definition["properties"][key] = kept
 
 
-@pytest.mark.parametrize("name", formats.list_formats())
-def test_a_schema_is_valid_closed_and_says_what_every_key_means(name: str) -> None:
-    schema = formats.find_schema(name)
-    Draft202012Validator.check_schema(schema)
-    assert "$id" not in schema
-    for key, part in parts_of(schema):
-        if "properties" in part:
-            assert part["additionalProperties"] is False, key
-            undescribed = {k for k, x in part["properties"].items() if "description" not in x}
-            assert name == "linkage" or undescribed <= {*SECTIONS}, (
-                key
-            )  # a section's own schema has its meaning, the guide those of linkages
-        is_open = part.keys() <= {"description"} or part.get("additionalProperties") is True
-        assert not is_open or key in OPEN or name == "linkage", key
+def test_a_schema_is_valid_closed_and_says_what_every_key_means() -> None:
+    for name in formats.list_formats():
+        schema = formats.find_schema(name)
+        Draft202012Validator.check_schema(schema)
+        assert "$id" not in schema
+        for key, part in parts_of(schema):
+            if "properties" in part:
+                assert part["additionalProperties"] is False, key
+                undescribed = {k for k, x in part["properties"].items() if "description" not in x}
+                # a section's own schema has its meaning, and the guide has those of linkages
+                assert name == "linkage" or undescribed <= {*SECTIONS}, key
+            is_open = part.keys() <= {"description"} or part.get("additionalProperties") is True
+            assert not is_open or key in OPEN or name == "linkage", key
 
 
-def test_descriptions_have_the_units_of_docstrings_and_of_columns() -> None:
-    simulation = formats.find_schema("simulate")["$defs"]
-    assert simulation["Simulation"]["properties"]["step"]["description"] == "of the integration [s]"
-    assert simulation["LinkState"]["properties"]["omega"]["description"] == "(k,) [rad/s]"
-    row = formats.find_schema("run")["properties"]["results"]["items"]["properties"]
-    assert row["length_error"]["description"] == "largest error of any link's centre of mass over all times; unit: m"
-    suite = formats.find_schema("suite")["$defs"]["LongRuns"]["properties"]
-    assert suite["duration"]["description"] == "[s]; a second run takes half the step"
+def test_every_suite_and_linkage_fits_its_schema_and_none_with_an_unknown_key_does() -> None:
+    for name, paths in {"suite": SUITES.glob("*.toml"), "linkage": [*built_in().values(), *DATA.glob("*.toml")]}.items():
+        schema = formats.find_schema(name)
+        for path in paths:
+            document = tomllib.loads(path.read_text(encoding="utf-8"))
+            assert faults(schema, document) == [], path
+            assert any("invented" in x for x in faults(schema, document | {"invented": 1})), path
 
 
-@pytest.mark.parametrize("path", sorted(SUITES.glob("*.toml")), ids=lambda p: p.stem)
-def test_every_suite_fits_the_schema(path: Path) -> None:
-    assert faults(formats.find_schema("suite"), tomllib.loads(path.read_text(encoding="utf-8"))) == []
+def test_a_faulty_suite_is_refused_by_the_schema_at_the_same_place() -> None:
+    for content, said in FAULTY:
+        if said != "TOML syntax":
+            (fault,) = faults(formats.find_schema("suite"), tomllib.loads(content))
+            place, _, key = said.rpartition(".")
+            assert fault.startswith(f"{said}: ") or (fault.startswith(f"{place}: ") and f"'{key}'" in fault)
 
 
-@pytest.mark.parametrize(("content", "said"), FAULTY)
-def test_a_faulty_suite_is_refused_by_the_schema_at_the_same_place_unless_it_is_no_toml(content: str, said: str) -> None:
-    try:
-        document = tomllib.loads(content)
-    except tomllib.TOMLDecodeError:
-        assert said == "TOML syntax"
-        return
-    (fault,) = faults(formats.find_schema("suite"), document)
-    place, _, key = said.rpartition(".")
-    assert fault.startswith(f"{said}: ") or (fault.startswith(f"{place}: ") and f"'{key}'" in fault)
-
-
-@pytest.mark.parametrize("path", LINKAGES, ids=lambda p: p.stem)
-def test_every_linkage_fits_the_schema_and_none_with_an_unknown_key_does(path: Path) -> None:
-    document, schema = tomllib.loads(path.read_text(encoding="utf-8")), formats.find_schema("linkage")
-    assert faults(schema, document) == []
-    assert any("invented" in x for x in faults(schema, document | {"invented": 1}))
-    link = next(iter(document["links"].values()))
-    link["mass"] = -1.0
-    assert any(x.startswith("links.") for x in faults(schema, document))
-
-
-def test_a_schema_is_printed_by_name_and_an_unknown_name_is_refused_with_those_there_are(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_schema_is_printed_by_name_and_an_unknown_name_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list", "--schema", "simulate"]) == 0
-    assert json.loads(capsys.readouterr().out) == formats.find_schema("simulate")
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == formats.find_schema("simulate")
+    assert printed["$defs"]["LinkState"]["properties"]["omega"]["description"] == "(k,) [rad/s]"
     assert main(["list", "--schema", "studio"]) == 2
-    said = capsys.readouterr()
-    assert "no schema 'studio'; there are linkage, suite, list" in said.err
-    assert said.out == ""
-
-
-class Inner(TypedDict, total=False):
-    """A part.
-
-    Attributes:
-        a, b: both of them: in SI; c: the third.
-    """
-
-    a: float
-    b: int
-    c: str
-
-
-@dataclass(frozen=True)
-class Outer(Result):
-    """A whole. It has more.
-
-    Attributes:
-        parts: name -> part.
-        flag: of the whole,
-            on two lines.
-    """
-
-    computed = ("count",)
-    parts: dict[str, Inner]
-    flag: bool | None
-    model: object = field(metadata=HIDDEN)
-
-    @property
-    def count(self) -> int:
-        """Number of parts."""
-        return len(self.parts)
-
-
-def test_a_type_without_a_schema_or_a_field_without_a_meaning_is_an_error_and_not_an_open_schema() -> None:
-    assert formats.list_meanings(Inner) == {"a": "both of them: in SI", "b": "both of them: in SI", "c": "the third"}
-    assert formats.list_meanings(Outer) | {"parts": "name -> part", "flag": "of the whole, on two lines"} == (
-        formats.list_meanings(Outer)
-    )
-    writer = formats.Writer()
-    writer.describe(Outer)
-    assert writer.named["Outer"]["required"] == ["parts", "flag", "count"]
-    assert writer.named["Outer"]["properties"]["flag"]["type"] == ["boolean", "null"]
-    assert writer.named["Inner"]["required"] == []
-    with pytest.raises(TypeError, match="no schema of <class 'object'>"):
-        writer.describe(dict[str, object])
-    with pytest.raises(KeyError, match="'other'"):
-        formats.Writer().describe(TypedDict("Undescribed", {"other": int}))
+    assert "no schema 'studio'; there are linkage, suite, list" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Faults planted in a copy of the package, one at a time: each must be seen by the test that is named for it.
+"""Plant faults in a copy of the package, one at a time: the test that is named for a fault must fail.
 
 A measurement that no test guards can be wrong for years and look right. `mutations.toml` keeps what has been tried, so that a test
 that goes blind is noticed. A mutation whose text is no longer in its file fails: it has to move with the code.
@@ -29,14 +29,14 @@ FAILED = 1  # pytest's exit code where tests ran and failed; anything else is no
 
 @pytest.fixture(scope="session")
 def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The package and its tests, to be spoilt."""
-    folder = tmp_path_factory.mktemp("spoilt")
+    """A copy of the package and its tests, in which faults are planted."""
+    return copy_project(tmp_path_factory.mktemp("spoilt"))
+
+
+def copy_project(folder: Path) -> Path:
+    """Copy the project into a folder, and return it."""
     for name in NEEDED:
-        source = ROOT / name
-        if source.is_dir():
-            shutil.copytree(source, folder / name)
-        else:
-            shutil.copy(source, folder / name)
+        (shutil.copytree if (ROOT / name).is_dir() else shutil.copy)(ROOT / name, folder / name)
     return folder
 
 
@@ -111,15 +111,9 @@ class Spoilt:
         self.process = subprocess.Popen(command, cwd=folder, env=where, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def outcome(self, tests: list[str], spoilt: tuple[str, ...] = (), limit: int = LIMIT) -> tuple[int, str]:
-        """Exit code of pytest, or the signal that ended it, and what was printed; `spoilt` are files changed since the start."""
-        arguments = [
-            "-q",
-            "-x",
-            "-p",
-            "no:cacheprovider",
-            "--assert=plain",
-            *tests,
-        ]  # rewriting them takes longer than running them
+        """Return exit code and output of pytest; `spoilt` are the files that changed since the start."""
+        # plain assertions, because rewriting them takes longer than running them
+        arguments = ["-q", "-x", "-p", "no:cacheprovider", "--assert=plain", *tests]
         order = {"told": str(self.told), "limit": limit, "arguments": arguments, "spoilt": spoilt}
         assert self.process.stdin
         assert self.process.stdout
@@ -138,19 +132,13 @@ def spoilt(copy: Path) -> Iterator[Spoilt]:
     tests.stop()
 
 
-@pytest.mark.parametrize("mutation", MUTATIONS, ids=lambda m: m["fault"])
-def test_a_mutation_names_a_place_that_is_there(mutation: dict[str, str]) -> None:
-    assert set(mutation) == KEYS
-    path = ROOT / mutation["file"]
-    assert path.exists(), f"{mutation['file']} is gone: let the mutation follow the code"
-    assert path.read_text(encoding="utf-8").count(mutation["text"]) == 1, "let the mutation follow the code"
-    file, _, name = mutation["test"].partition("::")
-    assert f"def {name}(" in (ROOT / file).read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("fault", [x for x in TABLES["fault"] if "file" in x], ids=lambda x: x["sentence"])
-def test_a_fault_of_the_self_test_names_a_place_that_is_there(fault: dict[str, str]) -> None:
-    assert (ROOT / fault["file"]).read_text(encoding="utf-8").count(fault["text"]) == 1, "let planted.toml follow the code"
+def test_a_mutation_names_a_place_and_a_test_that_are_there() -> None:
+    for mutation in MUTATIONS:
+        assert set(mutation) == KEYS
+        file, _, name = mutation["test"].partition("::")
+        assert f"def {name}(" in (ROOT / file).read_text(encoding="utf-8"), mutation["fault"]
+    for fault in (*MUTATIONS, *(x for x in TABLES["fault"] if "file" in x)):
+        assert (ROOT / fault["file"]).read_text(encoding="utf-8").count(fault["text"]) == 1, f"{fault}: let it follow the code"
 
 
 @pytest.mark.long

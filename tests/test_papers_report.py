@@ -1,4 +1,4 @@
-"""What the report says of the papers follows from the rows, and turns round with them."""
+"""Test that the report's sentences on the papers follow from the rows, and change with them."""
 
 from pathlib import Path
 from typing import Any
@@ -10,13 +10,13 @@ from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import papers
 from gauss_bench.report.sections import reproduction as again
 from gauss_bench.tables import read_table
-from tests.papers_tables import Rows
 
+Rows = tuple[dict[str, Any], ...]
 REPORTS = Path(__file__).parents[1] / "reports"
 
 
 def told_of(audit: Rows = (), reproduction: Rows = (), motion: Rows = ()) -> Run:
-    """A run of the tables that these sections read."""
+    """Return a run with the tables that these sections read."""
     return Run({}, {"audit": audit, "reproduction": reproduction, "paper_motion": motion})
 
 
@@ -95,15 +95,10 @@ def test_the_claim_is_refuted_with_the_numbers_of_the_rows(told: Run) -> None:
     assert all(finding.title != "The paper's mechanism never stops" for finding in paper_findings(stopping))
 
 
-def test_the_motion_of_the_example_is_drawn_of_its_rows(told: Run) -> None:
-    rows = told.table("paper_motion")
-    speed, slider = again.paper_figures(rows)
-    assert [r["y"] for r in speed.rows] == [r["theta1_rate"] for r in rows]
-    assert [r["y"] for r in slider.rows] == [r["x3"] for r in rows]
-    assert again.paper_figures(()) == []
-
-
-def test_a_run_without_papers_says_so() -> None:
+def test_a_run_without_papers_says_so_and_the_motion_of_the_example_is_drawn_of_its_rows(told: Run) -> None:
     assert "no paper" in words(papers.section(told_of()))
     assert "did not repeat" in words(again.section(told_of()))
-    assert list(paper_findings(told_of())) == []
+    assert list(paper_findings(told_of())) == again.paper_figures(()) == []
+    rows = told.table("paper_motion")
+    drawn = [[r["y"] for r in figure.rows] for figure in again.paper_figures(rows)]
+    assert drawn == [[r[key] for r in rows] for key in ("theta1_rate", "x3")]

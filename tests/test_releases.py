@@ -1,10 +1,9 @@
-"""Releases side by side: a planted change is found and named, rounding is not, and what fails is a row with the reason.
+"""Compare releases: a planted change is named, rounding is not, and a failure is a row with the reason.
 
 The releases are stand-ins: one small engine with a library of one number, in environments made by venv alone.
 """
 
 import hashlib
-import json
 import math
 import os
 import venv
@@ -17,11 +16,12 @@ import numpy as np
 import pytest
 
 from gauss_bench.cli import main
-from gauss_bench.engines import FILE, FOREIGN, bars, read_environments
+from gauss_bench.engines import FILE, bars, read_environments
 from gauss_bench.engines.installation import InstallationFault, interpreter_in
+from gauss_bench.reference.build import build_reference
 from gauss_bench.releases import asking, compare, costs, environments, library, probes
-from gauss_bench.releases.asking import Answers, as_data, distrust, from_data, read_accelerations
-from gauss_bench.releases.cases import FOLDER, SHIFTS, STATES, find_mechanism, linkage_of, states_of
+from gauss_bench.releases.asking import Answers, distrust, read_accelerations
+from gauss_bench.releases.cases import SHIFTS, STATES, find_mechanism, linkage_of, states_of
 from gauss_bench.releases.compare import Figure, compare_figures, compare_releases, relative_difference
 from gauss_bench.releases.costs import Cost, find_changes, judge_ratio, null_width, ratio_of, split
 from gauss_bench.releases.environments import BY_VERSION, CHECKED, Release, as_engines, check_hash, install_release, read_available
@@ -96,31 +96,37 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Release]:
 
 @pytest.fixture
 def twin(made: dict[str, Release], monkeypatch: pytest.MonkeyPatch) -> dict[str, Release]:
-    """The stand-in as an engine whose releases the verb can compare, without pip; its version 4.0 cannot be installed."""
+    """The stand-in as an engine whose releases the verb can compare without pip; release 4.0 cannot be installed."""
 
     def install(of: Library, version: str, told: object) -> Release:
         return made.get(version, Release("twin", version, reason=f"pip finds no wheel of twin {version}"))
 
     monkeypatch.setattr(verb, "read_library", lambda engine: TWIN)
     monkeypatch.setattr(verb, "install_release", install)
-    monkeypatch.setattr(asking, "list_cases", lambda offer: asking_cases())
+    case = asking.Case(asking.FIRST, "", "default", "rk4", "none")
+    truth = build_reference(find_mechanism(case.linkage, ""), 0.05)
+    for name, value in {"list_cases": lambda offer: [case], "SAMPLES": [0.0, 0.05], "truth_of": lambda *_: truth}.items():
+        monkeypatch.setattr(asking, name, value)
     return made
-
-
-def asking_cases() -> list[asking.Case]:
-    """One case: the first linkage with the stand-in's only setting."""
-    return [asking.Case(asking.FIRST, "", "default", "rk4", "none")]
-
-
-def compare_twins(folder: Path, *more: str) -> int:
-    return main(["releases", "twin", "--no-costs", "--out", str(folder), *more])
 
 
 @pytest.mark.slow
 def test_a_planted_change_is_named_rounding_is_not_and_a_release_without_a_wheel_is_a_row(
     twin: dict[str, Release], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert compare_twins(tmp_path, "--only", "1.0,2.0,3.0,4.0") == 0
+    asked: list[str] = []
+
+    def ask(of: Library, release: Release, *more: Any) -> Answers:
+        asked.append(release.version)
+        return asking.ask_release(of, release, *more)
+
+    def compare_twins(versions: str) -> None:
+        assert main(["releases", "twin", "--no-costs", "--out", str(tmp_path), "--only", versions]) == 0
+
+    monkeypatch.setattr(verb, "ask_release", ask)
+    compare_twins("1.0,2.0")
+    compare_twins("1.0,2.0,3.0,4.0")
+    assert asked == ["1.0", "2.0", "3.0"]  # a comparison goes on where it was
     rows = {row["version"]: row for row in read_table("releases", tmp_path)}
     assert [rows[x]["status"] for x in ("1.0", "2.0", "3.0", "4.0")] == ["ok", "ok", "ok", "skip"]
     assert rows["4.0"]["message"] == "pip finds no wheel of twin 4.0"
@@ -128,23 +134,20 @@ def test_a_planted_change_is_named_rounding_is_not_and_a_release_without_a_wheel
     changes = read_table("release_changes", tmp_path)
     first, second = ([x for x in changes if x["before"] == before] for before in ("1.0", "2.0"))
     # the releases 1.0 and 2.0 differ by rounding, a default and a closure that is new
-    assert {x["quantity"] for x in first} == {"default", *(f"closure, {x}" for x in (asking.MOVING, asking.RESTING))}
+    closures = {f"closure, {x}" for x in (asking.MOVING, asking.RESTING)}
+    assert {x["quantity"] for x in first} == {"default"} | closures
     assert {(x["was"], x["now"]) for x in first if x["quantity"] == "default"} == {("1e-8", "1e-6")}
     assert all("there is no weld" in x["was"] and x["now"] == "works" for x in first if x["quantity"] != "default")
     assert 0 < rows["2.0"]["rounding"] == rows["2.0"]["compared"]
     # accelerations of 3.0 are 1e-4 larger, and so is their error
     found = {x["quantity"]: x for x in second}
-    assert found.keys() == {x["quantity"] for x in first} - {"default"} | {asking.MOVING, asking.RESTING}
+    assert found.keys() == closures | {asking.MOVING, asking.RESTING}
     assert found[asking.MOVING]["difference"] == pytest.approx(1e-4, rel=0.01)
     assert found[asking.MOVING]["error_before"] < 1e-12
     assert found[asking.MOVING]["error_after"] == pytest.approx(1e-4, rel=0.01)
     page = (tmp_path / verb.PAGE).read_text(encoding="utf-8")
     assert "## twin 2.0 -> 3.0" in page
     assert "twin 4.0: pip finds no wheel of twin 4.0" in page
-    # a second call asks nobody
-    monkeypatch.setattr(verb, "ask_release", lambda *_: pytest.fail("it was asked again"))
-    assert compare_twins(tmp_path, "--only", "1.0,2.0,3.0,4.0") == 0
-    assert read_table("release_changes", tmp_path) == changes
 
 
 def test_releases_are_chosen_between_two_of_which_neither_need_be_listed() -> None:
@@ -155,22 +158,31 @@ def test_releases_are_chosen_between_two_of_which_neither_need_be_listed() -> No
     assert choose_releases(some, None, None, ["2.0", "1.9", "2.0"]) == ["1.9", "2.0"]
 
 
-@pytest.mark.parametrize("engine", ["mujoco", "pinocchio", "exudyn", "casadi"])
-def test_every_list_of_releases_is_in_order_and_has_hashes(engine: str) -> None:
-    found = read_library(engine)
-    assert engine in FOREIGN
-    assert sorted(found.releases, key=library.order) == list(found.releases)
-    assert len(found.releases) >= (10 if engine == "mujoco" else 3)
-    assert all(len(x) == 64 for x in found.sha256.values())
-    for version in found.releases:  # the file of this machine, at least
-        assert any(name.startswith(f"{found.package}-{version}-") for name in found.sha256)
-    for place, *_ in found.raced:
-        assert find_mechanism(*linkage_of(place)).dof >= 1
+def test_every_list_of_releases_is_in_order_and_has_hashes() -> None:
+    assert {*library.names()} == {"mujoco", "pinocchio", "exudyn", "casadi"}
+    for engine in library.names():
+        found = read_library(engine)
+        assert sorted(found.releases, key=library.order) == list(found.releases)
+        assert len(found.releases) >= 3
+        assert all(len(x) == 64 for x in found.sha256.values())
+        for version in found.releases:  # at least the file for this machine
+            assert any(name.startswith(f"{found.package}-{version}-") for name in found.sha256)
+        for place, *_ in found.raced:
+            assert find_mechanism(*linkage_of(place)).dof >= 1
 
 
 def figure(values: np.ndarray, shifted: np.ndarray | None = None, **more: object) -> Figure:
     others = np.array([values]) if shifted is None else shifted
     return Figure("accelerations", "four_bar", "default", values=values, shifted=others, **more)  # type: ignore[arg-type]
+
+
+ONE = np.ones((1, 1))
+
+
+def compared(before: Figure, after: Figure) -> compare.Change:
+    change = compare_figures(before, after)
+    assert change is not None
+    return change
 
 
 def test_a_difference_is_relative_to_its_row_and_small_rows_to_a_share_of_the_largest() -> None:
@@ -184,55 +196,37 @@ def test_a_difference_is_relative_to_its_row_and_small_rows_to_a_share_of_the_la
 
 @pytest.mark.parametrize(("times_rounding", "real"), [(49.0, False), (51.0, True)])
 def test_a_difference_is_real_beyond_fifty_times_what_a_changed_start_makes(times_rounding: float, real: bool) -> None:
-    values = np.ones((1, 1))
-    before = figure(values, np.array([values + 1e-9, values - 5e-10]), error=0.5)
-    after = figure(values + times_rounding * 1e-9, np.array([values + times_rounding * 1e-9]), error=1e-6)
-    change = compare_figures(before, after)
-    assert change is not None
-    assert change.is_real is real
-    assert change.rounding == pytest.approx(1e-9, rel=1e-6)
+    before = figure(ONE, np.array([ONE + 1e-9, ONE - 5e-10]), error=0.5)
+    changed = ONE + times_rounding * 1e-9
+    change = compared(before, figure(changed, np.array([changed]), error=1e-6))
+    assert (change.is_real, change.rounding) == (real, pytest.approx(1e-9, rel=1e-6))
     assert (change.error_before, change.error_after) == (0.5, 1e-6)
+    assert not compared(figure(ONE, np.zeros((0, 1, 1))), figure(2 * ONE)).is_real  # without a changed start nothing is real
 
 
 @pytest.mark.parametrize(("steady", "scattered", "real"), [(9e-7, 2e-3, True), (2e-6, 2e-3, False), (9e-7, 9e-4, False)])
 def test_answers_that_begin_to_follow_rounding_are_a_real_change(steady: float, scattered: float, real: bool) -> None:
-    values = np.ones((1, 1))
-    before = figure(values, np.array([values * (1 - steady)]))
-    after = figure(values * (1 + 10 * scattered), np.array([values * (1 + 9 * scattered)]))
+    before = figure(ONE, np.array([ONE * (1 - steady)]))
+    after = figure(ONE * (1 + 10 * scattered), np.array([ONE * (1 + 9 * scattered)]))
     for pair in ((before, after), (after, before)):
-        change = compare_figures(*pair)
-        assert change is not None
-        assert change.is_real is real
-        assert change.rounding == pytest.approx(steady if real else scattered, rel=0.05)
+        change = compared(*pair)
+        assert (change.is_real, change.rounding) == (real, pytest.approx(steady if real else scattered, rel=0.05))
 
 
-def test_without_a_changed_start_nothing_is_called_real() -> None:
-    values = np.ones((1, 1))
-    change = compare_figures(figure(values, np.zeros((0, 1, 1))), figure(2 * values))
-    assert change is not None
-    assert not change.is_real
-
-
-@pytest.mark.parametrize(("steps", "real"), [(101.0, False), (103.0, True)])
-def test_one_rejected_step_more_is_rounding_and_three_in_a_hundred_are_not(steps: float, real: bool) -> None:
-    before, after = (replace(figure(np.array([[x]])), quantity=compare.STEPS) for x in (100.0, steps))
-    change = compare_figures(before, after)
-    assert change is not None
-    assert change.is_real is real
+def test_one_rejected_step_more_is_rounding_and_three_in_a_hundred_are_not() -> None:
+    old, one_more, three_more = (replace(figure(x * ONE), quantity=compare.STEPS) for x in (100.0, 101.0, 103.0))
+    assert [compared(old, x).is_real for x in (one_more, three_more)] == [False, True]
 
 
 def test_failures_and_defaults_are_changes_with_words() -> None:
-    fails = replace(figure(np.ones((1, 1))), status="error", message="it stops")
-    works = figure(np.ones((1, 1)))
+    works = figure(ONE)
+    fails = replace(works, status="error", message="it stops")
     assert compare_figures(fails, fails) is None
-    change = compare_figures(fails, works)
-    assert change is not None
+    change = compared(fails, works)
     assert (change.is_real, change.was, change.now) == (True, "it stops", "works")
     old, new = Figure("default", "", "tolerance", text="1e-8"), Figure("default", "", "solver", text="CG")
-    assert {(x.setting, x.was, x.now) for x in compare_releases([old], [new])} == {
-        ("tolerance", "1e-8", "not there"),
-        ("solver", "not there", "CG"),
-    }
+    said = {(x.setting, x.was, x.now) for x in compare_releases([old], [new])}
+    assert said == {("tolerance", "1e-8", "not there"), ("solver", "not there", "CG")}
     assert compare_releases([works], []) == []  # it was not asked: there was no time
 
 
@@ -270,12 +264,6 @@ def test_coupled_bars_keep_their_coupling_and_gain_no_energy() -> None:
     assert np.einsum("ki,i,ki->k", v, mass, a) == pytest.approx(v @ weight)  # power of inertia is that of the weights
 
 
-def test_bars_are_those_of_the_linkages() -> None:
-    for name, some in (("wide_four_bar", bars.FOUR_BAR), ("rod_of_one_length", bars.PAIR), ("two_bars", bars.CHAIN)):
-        mechanism = find_mechanism(str(FOLDER / f"{name}.toml"), "")
-        assert [(x.name, x.mass, x.inertia) for x in mechanism.links] == [(x.name, x.mass, x.inertia) for x in some]
-
-
 def test_accelerations_of_bars_are_the_second_differences_of_their_places() -> None:
     """The bars turn by theta + w t + alpha t^2 / 2."""
     theta, w, alpha = np.array([0.3, 1.0, 2.0]), np.array([2.0, -1.0, 0.5]), np.array([1.0, 3.0, -2.0])
@@ -306,21 +294,10 @@ def test_a_release_whose_models_fail_their_check_is_not_trusted() -> None:
 
 
 def test_messages_name_no_folder_and_are_short() -> None:
-    long = replace(figure(np.ones((1, 1))), status="error", message="warning in /home/me/gauss_bench/file.py, line 3: " + 300 * "x")
+    long = replace(figure(ONE), status="error", message="warning in /home/me/gauss_bench/file.py, line 3: " + 300 * "x")
     told = asking.shorten(long).message
     assert told.startswith("warning in file.py, line 3: xxx")
     assert len(told) == asking.LONGEST
-
-
-def test_answers_survive_a_journal() -> None:
-    answers = Answers("1.0", "twin 1.0", figures=(figure(np.ones((2, 3)), error=0.5), Figure("default", "", "x", text="1")))
-    again = from_data(json.loads(json.dumps(as_data(answers))))
-    assert (again.version, again.library, len(again.figures)) == ("1.0", "twin 1.0", 2)
-    for one, other in zip(answers.figures, again.figures, strict=True):
-        assert one.key == other.key
-        assert relative_difference(one.values, other.values) == 0.0
-        assert one.shifted.shape == other.shifted.shape
-    assert again.figures[0].error == 0.5
 
 
 def test_steps_and_the_fixed_overhead_are_told_apart() -> None:
@@ -386,15 +363,19 @@ def test_a_race_runs_in_the_environments_and_the_newest_a_second_time_in_process
     assert rows[costs.NULL, costs.STEP_TIME].verdict == ""
 
 
-def test_releases_are_engines_while_they_are_compared(made: dict[str, Release], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_releases_are_engines_and_answer_in_their_environments_while_they_are_compared(
+    made: dict[str, Release], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delenv(FILE, raising=False)
-    with as_engines(TWIN, [made["1.0"], made["2.0"]]):
+    with as_engines(TWIN, [made["1.0"], made["3.0"]]), Worker() as worker:
         found = read_environments()
-        assert list(found) == ["twin-1.0", "twin-2.0", "twin-2.0-again"]
+        assert list(found) == ["twin-1.0", "twin-3.0", "twin-3.0-again"]
         assert found["twin-1.0"].class_name == "twin.adapter:Twin"
-        again, once = (Path(found[x].python) for x in ("twin-2.0-again", "twin-2.0"))
+        again, once = (Path(found[x].python) for x in ("twin-3.0-again", "twin-3.0"))
         assert again != once
         assert again.parent == once.parent
+        worker.under(interpreter_of("twin-3.0"))
+        assert asking.ask(worker, "twin.release_cases:defaults") == {"tolerance": "1e-6"}
     assert FILE not in os.environ
 
 
@@ -405,9 +386,10 @@ def test_a_file_is_trusted_by_its_hash_or_installed_by_its_version(tmp_path: Pat
     assert check_hash(TWIN, wheel) == BY_VERSION
     assert check_hash(replace(TWIN, sha256={wheel.name: right}), wheel) == CHECKED
     with pytest.raises(InstallationFault, match="its hash differs"):
-        check_hash(replace(TWIN, sha256={wheel.name: right[::-1]}), wheel)
+        check_hash(replace(TWIN, sha256={wheel.name: hashlib.sha256(b"another").hexdigest()}), wheel)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_release_that_pip_does_not_find_has_the_reason_and_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -422,6 +404,8 @@ def test_a_release_that_pip_does_not_find_has_the_reason_and_leaves_nothing(
 
 def test_what_pip_says_becomes_a_reason() -> None:
     explain = environments.explain
+    missing = explain(TWIN, "1.0", "ERROR: No matching distribution found for twin==1.0")
+    assert missing == "pip finds no wheel of twin 1.0 for this Python and machine"
     assert explain(TWIN, "1.0", "ERROR: ResolutionImpossible: see") == "twin 1.0 does not go together with numpy>=2"
     assert explain(TWIN, "1.0", "no route to host") == "no route to host"
     assert read_available("twin (2.0)\nAvailable versions: 2.0, 1.0\n  INSTALLED: 1.0\n", "twin") == ["2.0", "1.0"]
@@ -459,7 +443,11 @@ def test_tables_of_one_engine_leave_those_of_others_alone_and_become_a_page(tmp_
     assert releases_page(Run({}, {})) is None
 
 
-def test_the_page_tells_the_rule_by_which_changes_are_judged() -> None:
+def test_the_page_tells_the_rule_by_which_changes_are_judged_and_what_is_equal() -> None:
+    row = {"rounding": 56, "compared": 56, "largest_rounding": 0.0}
+    assert what_changed.describe_rounding(row) == "equal to the last bit: 56 of 56 figures"
+    said = what_changed.describe_rounding(row | {"largest_rounding": 1.4e-10})
+    assert said == "equal but for rounding: 56 of 56 figures, which differ by at most 1.4e-10"
     assert f"exceeds {compare.MARGIN:g} times" in what_changed.RULE
     assert (compare.SCATTERED, compare.STEADY) == (1e-3, 1e-6)
     assert "by more than a thousandth, and those of the other by less than a millionth" in what_changed.RULE
@@ -493,17 +481,3 @@ def test_every_probe_of_mujoco_is_its_model_at_rest() -> None:
         rest = slice(STATES, 2 * STATES)
         told = release_cases.ask_probe(f"{name}, CG", states.q[rest], states.v[rest])
         assert relative_difference(told, states.a[rest]) < 1e-3, name
-
-
-def test_figures_that_differ_by_nothing_are_told_as_equal_to_the_last_bit() -> None:
-    row = {"rounding": 56, "compared": 56, "largest_rounding": 0.0}
-    assert what_changed.describe_rounding(row) == "equal to the last bit: 56 of 56 figures"
-    said = what_changed.describe_rounding(row | {"largest_rounding": 1.4e-10})
-    assert said == "equal but for rounding: 56 of 56 figures, which differ by at most 1.4e-10"
-
-
-def test_an_engines_function_is_asked_in_its_environment(made: dict[str, Release]) -> None:
-    with as_engines(TWIN, list(made.values())), Worker() as worker:
-        worker.under(interpreter_of("twin-3.0"))
-        assert asking.ask(worker, "twin.release_cases:defaults") == {"tolerance": "1e-6"}
-        assert "there is no" not in str(asking.ask(worker, "twin.release_cases:list_probes"))

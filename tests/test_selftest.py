@@ -1,4 +1,4 @@
-"""The suite's test of itself: every planted fault is seen, a sound suite is not accused, and a fault that goes unseen is told."""
+"""Test the self-test: it detects every planted fault, and names missed faults and false alarms."""
 
 import json
 
@@ -7,50 +7,42 @@ import pytest
 import gauss_bench
 from gauss_bench.bench import gate
 from gauss_bench.cli import main
-from gauss_bench.diagnosis import checks, planted, selftest
+from gauss_bench.diagnosis import checks, selftest
 from gauss_bench.diagnosis.planted import PLANTED, SIZES, Planted, plant, smallest
 from gauss_bench.runs.blocks import Block
 from gauss_bench.runs.one_run import measure_seconds
 
 
-def test_clocks_and_gate_are_guarded(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["selftest", "--only", "clocks", "--only", "gate", "--json"]) == 0
+def test_faults_of_four_kinds_are_detected(capsys: pytest.CaptureFixture[str]) -> None:
+    kinds = ("clocks", "gate", "formulations", "metrics")
+    assert main(["selftest", "--json", *(x for kind in kinds for x in ("--only", kind))]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["detected"] == found["planted"] == sum(x.kind in ("clocks", "gate") for x in PLANTED)
+    assert found["detected"] == found["planted"] == sum(x.kind in kinds for x in PLANTED)
     assert found["passed"]
     assert found["false_alarms"] == []
-
-
-def test_formulations_and_metrics_are_guarded() -> None:
-    found = gauss_bench.selftest(["formulations", "metrics"])
-    assert [x for x in found.findings if not x.seen] == []
-    assert found.passed
 
 
 @pytest.mark.long
 @pytest.mark.slow
 def test_the_whole_suite_is_guarded_and_tells_how_small_a_fault_it_sees() -> None:
     found = gauss_bench.selftest()
-    assert found.planted >= 30
     assert [x for x in found.findings if not x.seen] == []
+    assert all(sum(x.kind == kind for x in found.findings) >= 5 for kind in selftest.KINDS)
     assert found.false_alarms == ()
-    assert {x.kind for x in found.findings} == set(selftest.KINDS)
     assert {x.fault for x in found.smallest} == set(SIZES)
     assert all(0 < x.size < 1e-6 for x in found.smallest)
 
 
-def test_a_fault_that_nobody_sees_fails_and_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missed_fault_and_a_false_alarm_fail_and_are_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     blind = Planted("gate", "a fault that no check looks at", checks.check_guard, checks.check_guard)
-    monkeypatch.setattr(selftest, "PLANTED", (blind,))
-    assert main(["selftest", "--only", "gate"]) == 1
+    with monkeypatch.context() as patched:
+        patched.setattr(selftest, "PLANTED", (blind,))
+        assert main(["selftest", "--only", "gate"]) == 1
     said = capsys.readouterr().out
     assert "MISSED gate" in said
     assert "0 of 1 planted" in said
-
-
-def test_a_suite_that_is_not_sound_fails_though_all_is_seen(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
     monkeypatch.setattr(gate, "ORDER_MARGIN", 2.0)
     assert main(["selftest", "--only", "gate"]) == 1
     assert "FALSE ALARM" in capsys.readouterr().out
@@ -76,9 +68,3 @@ def test_the_smallest_fault_that_is_seen_is_where_seeing_begins() -> None:
     assert smallest(check) == pytest.approx(3e-8, rel=0.06)
     with pytest.raises(ValueError, match="not detected"):
         smallest(lambda size: None)
-
-
-@pytest.mark.parametrize("kind", selftest.KINDS)
-def test_every_kind_holds_several_faults(kind: str) -> None:
-    many = [x for x in planted.PLANTED if x.kind == kind]
-    assert len(many) >= 5 or kind == selftest.ADAPTERS

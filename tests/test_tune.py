@@ -166,7 +166,7 @@ def test_the_input_is_never_written_over(tmp_path: Path, capsys: pytest.CaptureF
     model = tmp_path / "model.xml"
     model.write_bytes(FOUR_BAR.read_bytes())
     assert main(["tune", str(model), "--position", "1e-4", "--out", str(model), "--replace"]) == 2
-    assert "is what is read" in capsys.readouterr().err
+    assert "is the input" in capsys.readouterr().err
     assert model.read_bytes() == FOUR_BAR.read_bytes()
 
 

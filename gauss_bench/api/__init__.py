@@ -1,1 +1,1 @@
-"""The verbs: simulate, compare, kinematics, the options of the command line and the text it prints."""
+"""The public functions, such as `simulate` and `compare`, the options of the command line, and the texts that it prints."""

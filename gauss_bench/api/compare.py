@@ -1,4 +1,4 @@
-"""Several engines on one linkage, as a table."""
+"""Run several engines on one linkage, and return their errors as a table."""
 
 import tempfile
 from collections.abc import Sequence
@@ -24,23 +24,23 @@ def compare(
     budget: float | None = None,
     settings: str | None = None,
 ) -> pd.DataFrame:
-    """Compare engines on a linkage by accuracy and drift: one row per engine, setting and step.
+    """Return a table of the accuracy and drift of engines on a linkage: one row per engine, setting and step.
 
     Args:
         linkage: name of a built-in linkage, or a path.
-        engines: names; all where not given.
-        scenario: of the file; the first with a start where not given.
-        steps: integration steps [s]. A row's step is the step taken; if it does not divide `t_end`, the last step is shorter and
-            the note says so. Errors are evaluated at the reference's times that whole steps reach; `compared` counts them.
-        t_end: [s]; the scenario's duration where not given.
-        jobs: worker processes.
-        budget: seconds that one row may take.
-        settings: of the engines, instead of their standard settings: a name, KEY=VALUE,... of their own options, or both.
+        engines: names of engines; by default all.
+        scenario: name of a scenario; by default the first with a start.
+        steps: integration steps [s]. If a step does not divide `t_end`, the last step is shorter and the row's note says so. Errors
+            are evaluated at the times of the reference that whole steps reach; the column `compared` counts these times.
+        t_end: end of the runs [s]; by default the scenario's duration.
+        jobs: number of worker processes.
+        budget: longest time of one row [s].
+        settings: settings of all engines, as a name, as KEY=VALUE,... or as both; by default each engine's standard settings.
 
     Raises:
         LinkageError: the file has faults.
-        ChoiceError: a number of jobs, a step or a time that cannot be used, or settings that an engine does not know.
-        KeyError: unknown engine.
+        ChoiceError: the number of jobs, a step or a time cannot be used, or an engine does not know the settings.
+        KeyError: an engine is unknown.
     """
     if jobs < 1:
         raise ChoiceError(f"jobs must be at least 1, not {jobs}")

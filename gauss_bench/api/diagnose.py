@@ -31,30 +31,28 @@ from gauss_bench.runs.questions import ForceQuestion, ask_along
 from gauss_bench.runs.worker import Worker
 from gauss_bench.trajectory import Reference, Trajectory
 
-STEP = 1e-3  # [s] where none is given
-BUDGET = 120.0  # [s] for everything
-USUAL = 1.0  # [s] of motion by default: in longer runs errors grow until they no longer add up linearly
+STEP = 1e-3  # [s] default of the integration step
+BUDGET = 120.0  # [s] default of the time for the whole diagnosis
+USUAL = 1.0  # [s] longest motion by default: in longer runs errors grow until they no longer add up linearly
 LEAST = 1.0  # [s] that every run may take, even after the deadline
-KNOWN = {"position": 1e-9, "angle": 1e-9}  # [m], [rad] error bars that the reference must have: errors below 1e-6 are not diagnosed
+KNOWN = {"position": 1e-9, "angle": 1e-9}  # [m], [rad] largest error bars of the reference: errors below 1e-6 are not diagnosed
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Diagnosis(OneRun):
-    """The diagnosis of one engine on one linkage; the fields of OneRun say what was asked for.
+    """The diagnosis of one engine on one linkage; the fields of OneRun name the run.
 
     Attributes:
         until: end of the run [s].
-        cause: the dominant cause, a `diagnosis.causes.Cause`; part: the part of the error that it belongs to, or None.
+        cause: the dominant cause; part: the part of the error to which the cause belongs, or None.
         verdict: the diagnosis in one sentence.
-        parts: [m, rad] how much of the error each part accounts for: model, constraint softness, integrator, drift, round-off and
-            output sampling.
-        numbers: `diagnosis.diagnosis.Numbers`, or None without a run.
-        explanations: of wrong accelerations, the best first: cause, what, amount, share and a sentence.
-        candidates: the explanations that reproduce the accelerations within their noise, each with its amount and residual.
+        parts: part -> its share of the error [m, rad].
+        numbers: the measured figures; None if no run reached a checkpoint.
+        explanations: explanations of wrong accelerations, the best first.
+        candidates: the explanations that reproduce the accelerations within their noise.
         runs: status and message of each run.
         reference: how the reference was made.
-        remarks: sentences on the closures of a model file, on joint forces that the engine tells itself, and on whether a required
-            accuracy is held.
+        remarks: sentences on the closures of a model file, on the engine's own joint forces, and on each required accuracy.
     """
 
     until: float
@@ -76,13 +74,14 @@ class Diagnosis(OneRun):
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """The engine and the setting that are diagnosed, or a model file as it stands.
+    """The engine and the setting that are diagnosed.
 
     Attributes:
-        engine: as `engines.get` takes it; name, settings: as they are printed.
-        choice: of the first run.
+        engine: name or address of the engine, as `engines.get` takes it.
+        name, settings: the engine and its settings as they are printed.
+        choice: the setting of the first run.
         offered: the engine's offer.
-        file: the user's model file, where its own settings are judged.
+        file: the user's model file if its own settings are diagnosed, else None.
     """
 
     engine: str
@@ -108,38 +107,36 @@ def diagnose(
     position: float | None = None,
     angle: float | None = None,
 ) -> Diagnosis:
-    """Split an engine's error on a linkage (a built-in name or a file) by its causes, and name the one that dominates.
+    """Split an engine's error on a linkage by its causes, and name the dominant cause.
 
-    The engine runs in a worker with the step asked for, half of it and a quarter of it (with finer tolerances if it chooses its own
-    steps). "No dominant cause" means that the largest position error is below 1e-6 m or rad, or below three times the error bar of
-    the reference, and that the reported accelerations agree with the linkage's to 1e-3: `diagnosis.diagnosis`.
+    The engine runs in a worker with the given step, half of it and a quarter of it, or with finer tolerances if it chooses its own
+    steps. There is no dominant cause if the largest position error is below 1e-6 m or rad, or below three times the error bar of
+    the reference, and if the reported accelerations agree with the linkage's to 1e-3 (`diagnosis/diagnosis.py`).
 
-    A model file of the user is judged as the linkage that it is: an MJCF file in MuJoCo with its own timestep, integrator and
-    closures, at its keyframe and with the keyframe's controls; any model file in another engine that is named.
+    A model file is diagnosed like the linkage that it describes, at its keyframe and with the keyframe's controls. MuJoCo runs an
+    MJCF file with the file's own timestep, integrator and closures; other engines run the linkage.
 
     Args:
-        linkage: name of a built-in linkage, or a path; MODEL.xml (MJCF) or MODEL.urdf.
-        engine: one of `gauss_bench.engines.names()`; needed but for MJCF, which MuJoCo runs.
-        scenario: of the file; the first with a start where not given.
-        settings, integrator, stabilization: of the engine; its defaults where not given, or those of the MJCF file.
-        step: integration step [s]; 0.001, or the timestep of the MJCF file, where not given.
-        until: [s]; one second, or the scenario's duration where that is shorter, where not given.
-        budget: seconds for everything (120).
+        linkage: name of a built-in linkage, or a path of a linkage file, an MJCF file (MODEL.xml) or a URDF file (MODEL.urdf).
+        engine: name of the engine; may be left out for an MJCF file, which MuJoCo runs.
+        scenario: name of a scenario; by default the first with a start.
+        settings, integrator, stabilization: names of the engine's options; by default the engine's own, or those of the MJCF file.
+        step: integration step [s]; by default 0.001, or the timestep of the MJCF file.
+        until: end of the run [s]; by default one second, or the scenario's duration if that is shorter.
+        budget: time for the whole diagnosis [s]; by default 120.
         told: called with each sentence of progress.
-        close: the loops of a URDF, each as LINK.FRAME=LINK.FRAME.
-        position, angle: errors [m], [rad] that are allowed; a remark says whether the run is as good.
+        close: the loops of a URDF file, each as LINK.FRAME=LINK.FRAME.
+        position, angle: largest allowed errors [m], [rad]; a remark says whether the run holds them.
 
     Raises:
-        LinkageError, ExchangeError: the file has faults, or more acts in the model than a linkage has.
-        ChoiceError: the engine does not offer what was asked for, the run has too few steps, or no reference can be made.
-        KeyError: unknown engine.
+        LinkageError, ExchangeError: the file has faults, or something acts in the model that no linkage has.
+        ChoiceError: the engine does not offer the setting, the run has too few steps, or no reference can be made.
+        KeyError: the engine is unknown.
     """
-    required = {kind: x for kind, x in (("position", position), ("angle", angle)) if x is not None}
-    if required:
-        list_requirements(**required)
+    required = {} if position is None and angle is None else list_requirements(position=position, angle=angle)
     file = read_file(linkage, tuple(close))
     if file is not None and scenario is not None:
-        raise ChoiceError("--scenario: a model file has none, but starts at its keyframe")
+        raise ChoiceError("--scenario: a model file has no scenarios; it starts at its keyframe")
     mechanism = load(linkage, scenario) if file is None else file.mechanism
     if file is not None and file.kind == "MJCF" and engine in (None, "mujoco") and settings is None:
         subject = subject_as_it_stands(file, integrator, stabilization, step)
@@ -148,7 +145,7 @@ def diagnose(
     end = duration(min(USUAL, mechanism.duration), until=until)
     deadline = time.monotonic() + check_budget(budget, BUDGET)
     check_size(subject.choice.step, end)
-    checkpoints(subject.choice.step, end)  # refused before anything is run
+    checkpoints(subject.choice.step, end)  # raises ChoiceError if the run has too few steps
     if not subject.offered.usable:
         missing = Ended(subject.offered.status, subject.offered.reason)
         return make_diagnosis(mechanism, subject, end, without_run(missing), "", ())
@@ -169,14 +166,14 @@ def diagnose(
 def subject_with_settings(
     engine: str | None, settings: str | None, integrator: str | None, stabilization: str | None, step: float | None
 ) -> Subject:
-    """Return an engine with the settings that are asked for, and its defaults for the others.
+    """Return an engine with the given settings, and its defaults for those that are None.
 
     Raises:
-        ChoiceError: no engine is named, or it does not offer what is asked for.
-        KeyError: unknown engine.
+        ChoiceError: no engine is named, or it does not offer a setting.
+        KeyError: the engine is unknown.
     """
     if engine is None:
-        raise ChoiceError("--engine: say which engine is to be diagnosed")
+        raise ChoiceError("--engine: name the engine to diagnose")
     offered = offer(engine)
     choice = offered.choose(settings, integrator, stabilization, STEP if step is None else step)
     return Subject(engine, engine, choice.settings, choice, offered)
@@ -193,19 +190,22 @@ def run_ladder(
     told: Told,
     question: ForceQuestion,
 ) -> tuple[Verdict, Run | None]:
-    """Run a subject with finer and finer steps or tolerances; return the verdict and the first run, which answers the question."""
+    """Diagnose runs with finer and finer steps or tolerances; return the verdict and the first run.
+
+    The first run also answers the question on the engine's own joint forces. It is None if the diagnosis needed no run.
+    """
     choice, offered, runs = subject.choice, subject.offered, list[Run]()
 
     def run(chosen: Choice, wanted: Sampling) -> Run:
         left = max(LEAST, deadline - time.monotonic())
         request = Request(linkage, mechanism.scenario, subject.engine, chosen, wanted)
-        if not runs:
+        if not runs:  # the first run alone is asked for forces
             request = replace(request, ask=question.ask, answers=question.answers)
         runs.append(run_apart(request, mechanism, left, worker))
         return runs[-1]
 
     adaptive = choice.integrator in offered.adaptive
-    # drift is recognised by what projection takes off the error of the same setting
+    # drift is recognised by a further run of the same setting with projection, which then has a smaller error
     can_project = choice.stabilization == "none" and "projection" in offered.stabilizations
     projected = replace(choice, stabilization="projection") if can_project and not adaptive else None
     verdict = diagnose_runs(run, mechanism, reference, ladder(choice, adaptive), end, adaptive, projected, told)
@@ -215,7 +215,7 @@ def run_ladder(
 def make_diagnosis(
     mechanism: Mechanism, subject: Subject, end: float, verdict: Verdict, reference: str, remarks: Sequence[str]
 ) -> Diagnosis:
-    """Return a verdict with what was asked for."""
+    """Return the diagnosis: a verdict with the run, the reference [text] and the remarks that belong to it."""
     return Diagnosis(
         **name_run(mechanism, subject.name, replace(subject.choice, settings=subject.settings)),
         until=end,
@@ -233,28 +233,32 @@ def make_diagnosis(
 
 
 def describe_forces(error: float, largest: float) -> list[str]:
-    """Return the sentence on the error of an engine's own joint forces; none where it tells no forces."""
+    """Return the sentence on the largest error of an engine's own joint forces [N, N m] and on the largest force.
+
+    The list is empty if the engine reports no forces; the error is then NaN.
+    """
     if np.isnan(error):
         return []
     return [f"its own joint forces are off by {error:.1e} (N, N m) at the same states, where the largest is {largest:.1e}"]
 
 
 def read_file(name: str, close: tuple[str, ...]) -> OwnFile | None:
-    """Return the model file of that name, or None if the name is that of a linkage.
+    """Return the model file with this name, or None if the name is that of a linkage.
 
     Raises:
-        ExchangeError, MissingExtra: as `read_own_file`; ChoiceError: loops are given for a linkage.
+        ExchangeError, MissingExtra: the model file cannot be read.
+        ChoiceError: `close` is given for a linkage.
     """
     if is_model_file(name):
         with Worker() as worker:
             return read_own_file(name, close, worker)
     if close:
-        raise ChoiceError("--close: is for a URDF; a linkage file names its joints")
+        raise ChoiceError("--close: only a URDF file needs it; a linkage file names its joints")
     return None
 
 
 def subject_as_it_stands(file: OwnFile, integrator: str | None, stabilization: str | None, step: float | None) -> Subject:
-    """Return an MJCF file in MuJoCo, with its own timestep and integrator where no others are asked for.
+    """Return MuJoCo with the settings of an MJCF file, and with the file's own integrator and timestep [s] for those that are None.
 
     Raises:
         ChoiceError: MJCF has no such integrator, stabilisation or step.
@@ -272,8 +276,8 @@ def subject_as_it_stands(file: OwnFile, integrator: str | None, stabilization: s
 
 
 def compare_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference, required: Mapping[str, float]) -> list[str]:
-    """Return a sentence for each requirement [m], [rad]: whether a run is as good as it asks for."""
-    if not reference.certified:  # its samples are equally spaced, and need not lie at those of the run
+    """Return for each requirement (kind -> largest error [m], [rad]) a sentence that says whether a run holds it."""
+    if not reference.certified:  # other references have equally spaced samples, which need not be those of the run
         q, v = truths.between(reference, trajectory.t)
         reference = Reference.with_one_bar(replace(trajectory, q=q, v=v), reference.method)
     largest = state_errors(mechanism, trajectory, reference).largest
@@ -285,10 +289,10 @@ def compare_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Refe
 
 
 def find_reference(linkage: str, mechanism: Mechanism, until: float, deadline: float, told: Told) -> Reference:
-    """Return the certified motion, or a reference by smaller and smaller steps before the deadline, as for a recommendation.
+    """Return the certified motion up to `until` [s]; if there is none, compute a reference with smaller and smaller steps.
 
     Raises:
-        ChoiceError: no reference is known well enough in time.
+        ChoiceError: no reference is exact enough before the deadline (a time of the monotonic clock [s]).
     """
     if certified := find_certified(mechanism, until):
         return certified
@@ -297,5 +301,5 @@ def find_reference(linkage: str, mechanism: Mechanism, until: float, deadline: f
             found = truths.truth(WayRun(linkage, mechanism, until), KNOWN, lambda: deadline - time.monotonic(), worker, told)
     except truths.NoTruth as failure:
         motion = f"{mechanism.name}, scenario {mechanism.scenario}"
-        raise ChoiceError(f"{motion}, has no reference to compare with: {failure}") from failure
+        raise ChoiceError(f"{motion}: there is no reference to compare with: {failure}") from failure
     return Reference.with_one_bar(found.reference.samples, found.reference.method, found.bar)

@@ -1,4 +1,4 @@
-"""Build the mechanism for kinematics from a linkage file, a driver and the held links, slides and pins."""
+"""Build the mechanism for kinematics from a linkage file, a driver and a list of links, slides and pins that must not move."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -21,15 +21,15 @@ from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.untrusted import read_bytes
 
-TURN = {"constant": {"speed": 2 * np.pi}}  # [rad/s] default of a law given by its name alone: one turn in a second
-RISE = {"travel_deg": 360.0, "time": 1.0}
+TURN = {"constant": {"speed": 2 * np.pi}}  # [rad/s] defaults of a law that is given by its name alone: one turn in a second
+RISE = {"travel_deg": 360.0, "time": 1.0}  # defaults of all other laws
 
 
 def driver_table(text: str) -> dict[str, Any]:
-    """Parse "LAW" or "LAW:key=value,..." into a driver table with the keys of a scenario's driver.
+    """Return the driver table (key -> number or text, as in a scenario) of a text "LAW" or "LAW:key=value,...".
 
     Raises:
-        ChoiceError: the part after the colon is not of that form.
+        ChoiceError: the part after the colon has another form.
     """
     law, _, rest = text.partition(":")
     table: dict[str, Any] = {"law": law}
@@ -40,10 +40,13 @@ def driver_table(text: str) -> dict[str, Any]:
         table[key.strip()] = _read_number(value.strip())
     if law == "table" and "file" in table:
         table["rows"] = _read_rows(Path(table.pop("file")))
-    return (TURN.get(law, RISE) if not rest and law != "table" else {}) | table
+    if not rest and law != "table":
+        table = TURN.get(law, RISE) | table
+    return table
 
 
-def _read_number(value: str) -> Any:
+def _read_number(value: str) -> float | str:
+    """Return a text as a number, or unchanged if it is none."""
     try:
         return float(value)
     except ValueError:
@@ -51,7 +54,11 @@ def _read_number(value: str) -> Any:
 
 
 def _read_rows(path: Path) -> list[list[float]]:
-    """Read rows (t, value) from a text file; numbers are separated by commas or blanks, and # starts a comment."""
+    """Return the rows [t, value] of a text file; commas or blanks separate numbers, and # starts a comment.
+
+    Raises:
+        ChoiceError: the file cannot be read, or holds something else.
+    """
     try:
         content = read_bytes(path, MAX_BYTES).decode("utf-8")
         lines = [line.partition("#")[0].replace(",", " ").split() for line in content.splitlines()]
@@ -62,11 +69,11 @@ def _read_rows(path: Path) -> list[list[float]]:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A linkage file that was read, and the scenario that is to be moved.
+    """The content of a linkage file, and the scenario that is to be moved.
 
     Attributes:
-        document, digest, path: of the file.
-        scenario: the named one or the first driven one; None if nothing is named or driven.
+        document, digest, path: content, checksum and path of the file.
+        scenario: name of a scenario; None takes the file's first.
     """
 
     document: dict[str, Any]
@@ -75,35 +82,41 @@ class Source:
     scenario: str | None
 
     def load(self, place: Place = assemble) -> Mechanism:
-        """Return the mechanism of the scenario as it stands in the file."""
+        """Return the mechanism of the unchanged file; `place` finds its position at the start."""
         return load_document(self.document, self.scenario, str(self.path), self.digest, self.path.stem, place)
 
     def load_changed(self, document: dict[str, Any], scenario: dict[str, Any]) -> Mechanism:
-        """Return the mechanism of a changed document in a scenario of its own, which is called "kinematics"."""
+        """Return the mechanism of a changed document, whose only scenario is the given table, under the name "kinematics"."""
         return load_document(document | {"scenarios": {"kinematics": scenario}}, "kinematics", str(self.path), self.digest)
 
     def refuse(self, scenario: str, sentence: str) -> LinkageError:
-        """Return the error for a scenario that cannot be moved."""
+        """Return the error that a scenario of this file cannot be moved, with the reason."""
         return LinkageError(str(self.path), [Fault(f"scenarios.{scenario}", sentence)])
 
 
 def load_with_drivers(
     linkage: str, scenario: str | None, driver: str | None, hold: Sequence[str] | None = None, with_forces: bool = False
 ) -> Mechanism:
-    """Return the mechanism of a driven scenario: the named or the first driven one; a given driver replaces the scenario's own.
+    """Return the mechanism of a driven scenario.
 
-    A held link or slide (`hold`, else the scenario's own list) becomes a driver at rest; a held pin becomes a weld. Positions do
-    not depend on the scenario's forces: they always act if `with_forces`, else only where nothing is replaced or held.
+    A held link or slide becomes a driver at rest, and a held pin becomes a weld.
+
+    Args:
+        linkage: name of a built-in linkage, or a path.
+        scenario: name of a scenario; by default the first driven one.
+        driver: the driver as text; by default the scenario's own drivers.
+        hold: names of links, slides and pins, each with "=VALUE" or without; by default the scenario's own list.
+        with_forces: whether the scenario's forces act; positions do not depend on them. An unchanged scenario keeps its forces.
 
     Raises:
-        LinkageError: faults of the file or of the driver, by table and field.
+        LinkageError: the file or the driver has faults, named by table and field.
         ChoiceError: a name in `hold` cannot be held, or its value is not a number.
     """
     document, digest, path = document_of(linkage)
     source = Source(document, digest, path, scenario or next(_find_driven_scenarios(document), None))
     if held := _read_holds(source, hold):
         return _load_held(source, driver, held, with_forces)
-    own = source.load()  # the file's own faults come first, under its own names
+    own = source.load()  # reports faults of the file first, by the names in the file
     if driver is None:
         if not own.drivers:
             raise source.refuse(own.scenario, _explain_undriven(own))
@@ -115,18 +128,22 @@ def load_with_drivers(
 
 
 def _explain_undriven(mechanism: Mechanism) -> str:
-    """Say why a linkage without drivers has no kinematics, and what to do instead."""
+    """Return a sentence on why a linkage without drivers has no kinematics, and what to do instead."""
     if not mechanism.knife_edges:
         return "drives nothing; name a driven scenario, or give a driver"
     names = ", ".join(x.name for x in mechanism.knife_edges)
     return (
-        f"the knife edge {names} holds a direction of motion and no position: where the linkage goes follows from its start and "
-        f"from forces, not from a law; run `gauss-bench simulate {mechanism.name} --scenario {mechanism.scenario}`"
+        f"the knife edge {names} holds a direction of motion and no position: the start and the forces decide where the linkage "
+        f"goes, and no law does; run `gauss-bench simulate {mechanism.name} --scenario {mechanism.scenario}`"
     )
 
 
 def _place_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict[str, Any]:
-    """Parse a driver; by default it drives the crank, and starts where its coordinate is at the scenario's start."""
+    """Return the table of a driver given as text; by default it drives the crank from its position at the scenario's start.
+
+    Raises:
+        ChoiceError: the text names nothing to drive, and the linkage has no crank.
+    """
     table = driver_table(driver)
     if not {"link", "joint", "between"} & table.keys():
         if "crank" not in document:
@@ -134,16 +151,18 @@ def _place_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict
                 "--driver: the linkage has no crank; say what is driven: link=NAME, joint=NAME or between=POINT+POINT"
             )
         table["link"] = document["crank"]
-    if table["law"] != "table" and not {"start", "start_deg"} & table.keys() and (start := place_of(own, table)) is not None:
-        table["start"] = start
+    if table["law"] != "table" and not {"start", "start_deg"} & table.keys():
+        start = place_of(own, table)
+        if start is not None:
+            table["start"] = start
     return table
 
 
 def _read_holds(source: Source, hold: Sequence[str] | None) -> dict[str, float | None]:
-    """Return name of a link or joint -> value at which it is held [degrees or m], None for its value at the start.
+    """Return name of a link or joint -> value at which it is held [degrees or m]; None stands for its value at the start.
 
     Raises:
-        ChoiceError: the value after the name is not a number.
+        ChoiceError: the text after a name is not a number.
     """
     if hold is None:
         return dict.fromkeys(sequence(table(table(source.document, "scenarios"), source.scenario or ""), "hold"))
@@ -158,14 +177,14 @@ def _read_holds(source: Source, hold: Sequence[str] | None) -> dict[str, float |
 
 
 def _load_held(source: Source, driver: str | None, held: dict[str, float | None], with_forces: bool) -> Mechanism:
-    """Return the driven mechanism with some coordinates held, by default at their values in the scenario's start."""
+    """Return the driven mechanism in which the coordinates of `held` do not move; `held` is that of `_read_holds`."""
     own = _load_own(source)
     chosen = source.document["scenarios"][own.scenario]
     moved = write_out(merge(source.document, chosen.get("override", {})))
     tables = [*drivers_of(chosen)] if driver is None else [_place_driver(source.document, own, driver)]
     if not tables:
         raise source.refuse(own.scenario, "drives nothing; name a driven scenario, or give a driver")
-    # a new scenario: its start holds the coordinates, and drivers at rest keep them there
+    # the start of a new scenario sets the held coordinates, and drivers at rest keep them there
     start: dict[str, Any] = {"angles": {}, "slides": {}}
     for name, value in held.items():
         _hold_body(moved, own, name, value, start)
@@ -174,19 +193,19 @@ def _load_held(source: Source, driver: str | None, held: dict[str, float | None]
     for key in ("expect", "measure"):
         moved.pop(key, None)
     defined, joints = moved.pop("forces", {}), moved.get("joints", {})
-    if with_forces:  # a pin that became a weld does not turn: its damping and friction exert nothing
+    if with_forces:  # a pin that became a weld does not turn, so its damping and friction exert nothing and are left out
         scenario["forces"] = [x for x in chosen.get("forces", []) if defined[x].get("joint") in (None, *joints)]
         moved["forces"] = {x: defined[x] for x in scenario["forces"]}
     mechanism = source.load_changed(moved | {"format": SECOND}, scenario)
     drivers = (*mechanism.drivers, *_list_still(mechanism, mechanism, start))
-    apart = mechanism.apart  # has the same drivers, on the links of the file: the forces of welds are found there
+    apart = mechanism.apart  # the same mechanism with every link of the file apart, in which forces of welds are found
     if apart:
         apart = replace(apart, drivers=(*apart.drivers, *_list_still(mechanism, apart, start)))
     return replace(mechanism, drivers=drivers, apart=apart, scenario=own.scenario, scenarios=own.scenarios)
 
 
 def _load_own(source: Source) -> Mechanism:
-    """Return the mechanism of the scenario; its start may leave freedoms open that are held, and the sketch is then enough."""
+    """Return the mechanism of the unchanged scenario; if its start leaves freedoms open, the sketch decides them."""
     try:
         return source.load()
     except LinkageError as error:
@@ -197,19 +216,31 @@ def _load_own(source: Source) -> Mechanism:
 
 
 def _list_still(mechanism: Mechanism, bodies: Mechanism, start: dict[str, Any]) -> list[AngleDriver | SlideDriver]:
-    """Return drivers at rest, for the angles and slides that `start` holds; `bodies` is the mechanism or its `apart`."""
+    """Return drivers at rest for the angles and slides in `start`; the drivers act on the links of `bodies`.
+
+    Args:
+        mechanism: gives the values of the coordinates.
+        bodies: the mechanism itself, or its `apart`.
+        start: {"angles": name -> value, "slides": name -> value}.
+    """
     still: list[AngleDriver | SlideDriver] = []
     for name in start["angles"]:
-        link, turn = bodies.find_body(name)
-        still.append(AngleDriver(name, constant(_start_angle(mechanism, name) - turn, 0.0), link))
-    for held, joint in zip(mechanism.slides, bodies.slides, strict=True):
+        body, turn = bodies.find_body(name)  # a welded link has a constant angle `turn` in its body
+        still.append(AngleDriver(name, constant(_start_angle(mechanism, name) - turn, 0.0), body))
+    for slide, joint in zip(mechanism.slides, bodies.slides, strict=True):
         if joint.name in start["slides"]:
-            still.append(SlideDriver(joint.name, constant(float(value_of(held.motion, mechanism.q0)), 0.0), joint))
+            still.append(SlideDriver(joint.name, constant(float(value_of(slide.motion, mechanism.q0)), 0.0), joint))
     return still
 
 
 def _hold_body(moved: dict[str, Any], own: Mechanism, name: str, value: float | None, start: dict[str, Any]) -> None:
-    """Hold a link by its angle, a slide by its coordinate, or a pin by welding its two links; changes `moved` and `start`.
+    """Hold a link by its angle, a slide by its coordinate, or a pin by welding its two links.
+
+    Args:
+        moved: the document, in which a held pin is replaced by a weld.
+        own: the mechanism of the unchanged file.
+        name, value: what is held, and where [degrees or m]; None stands for the value at the start.
+        start: table of the start, to which a held angle or slide is added.
 
     Raises:
         ChoiceError: there is no such link or joint, or it is a pin through more than two links.
@@ -225,20 +256,26 @@ def _hold_body(moved: dict[str, Any], own: Mechanism, name: str, value: float | 
     elif len(joints[name]["at"]) > 2:
         raise ChoiceError(f"hold {name!r}: the pin joins {len(joints[name]['at'])} links; hold links by their names")
     else:
-        near, far = joints[name]["at"]
-        one, other = (x.partition(".")[0] for x in (near, far))
-        if "ground" in (one, other):  # a pin on the ground: hold its link by the angle; the ground cannot be welded
-            turn = None if value is None else value if one == "ground" else -value
-            _hold_body(moved, own, other if one == "ground" else one, turn, start)
-            return
-        angle = _start_angle(own, other) - _start_angle(own, one) if value is None else float(np.radians(value))
-        moved["joints"] = {key: x for key, x in joints.items() if key != name}
-        drawn = dict(moved.get("assembly", {}).get("sketch", {}))
-        if name in drawn:
-            drawn[near] = drawn.pop(name)
-            moved["assembly"] = moved["assembly"] | {"sketch": drawn}
-        weld = {"link": other, "to": one, "points": [[near, far]], "angle": angle}
-        moved["welds"] = moved.get("welds", {}) | {f"{name}_held": weld}
+        _hold_pin(moved, own, name, value, start)
+
+
+def _hold_pin(moved: dict[str, Any], own: Mechanism, name: str, value: float | None, start: dict[str, Any]) -> None:
+    """Hold a pin of two links; arguments as in `_hold_body`."""
+    near, far = moved["joints"][name]["at"]  # both as "link.point"
+    near_link, far_link = (x.partition(".")[0] for x in (near, far))
+    # the ground cannot be welded: the angle of the other link is held, which is minus the pin's if the ground is the far link
+    if near_link == "ground":
+        return _hold_body(moved, own, far_link, value, start)
+    if far_link == "ground":
+        return _hold_body(moved, own, near_link, None if value is None else -value, start)
+    angle = _start_angle(own, far_link) - _start_angle(own, near_link) if value is None else float(np.radians(value))
+    moved["joints"] = {key: x for key, x in moved["joints"].items() if key != name}
+    sketch = dict(moved.get("assembly", {}).get("sketch", {}))
+    if name in sketch:  # the sketch named the point by the joint, which is gone
+        sketch[near] = sketch.pop(name)
+        moved["assembly"] = moved["assembly"] | {"sketch": sketch}
+    weld = {"link": far_link, "to": near_link, "points": [[near, far]], "angle": angle}
+    moved["welds"] = moved.get("welds", {}) | {f"{name}_held": weld}
 
 
 def _start_angle(mechanism: Mechanism, name: str) -> float:
@@ -252,9 +289,9 @@ def _find_driven_scenarios(document: dict[str, Any]) -> Iterator[str]:
 
 
 def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
-    """Return the value [rad, m] of a driver table's coordinate at the start of a scenario; None if it has no such coordinate.
+    """Return the value [rad, m] at the start of the coordinate that a driver table names; None if there is no such coordinate.
 
-    The scenario's own driver of the coordinate decides; without one, the assembled position does.
+    It is the first value of the scenario's own driver of the coordinate, or else the value in the assembled position.
     """
     link, joint, between = table.get("link"), table.get("joint"), table.get("between", ())
     named = {AngleDriver: link, SlideDriver: joint, LengthDriver: "-".join(between)}
@@ -268,6 +305,6 @@ def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
 
 
 def free_at_start(mechanism: Mechanism) -> list[str]:
-    """Return names of angles and slides that, held together, fix the freedom left by joints and drivers at the start."""
+    """Return the names of angles and slides that, if all are held, fix the freedom that joints and drivers leave at the start."""
     rows = Constraints(replace(mechanism, knife_edges=()))(0.0, mechanism.q0, mechanism.v0)
     return free_coordinates(mechanism, mechanism.q0, rows.J)

@@ -1,4 +1,4 @@
-"""Linkages out to other programs and in from them: what `gauss-bench export --json` and `import --json` print."""
+"""Export linkages to other programs and import models from them: the objects that `export --json` and `import --json` print."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -13,7 +13,7 @@ from gauss_bench.advice.budget import Budget
 from gauss_bench.advice.recommending import SEARCHED, Recommender
 from gauss_bench.advice.truth import NoTruth, shorten
 from gauss_bench.api.files import writable
-from gauss_bench.api.in_worker import answer_in_worker, tell_plainly
+from gauss_bench.api.in_worker import answer_in_worker
 from gauss_bench.api.program_error import LIMIT, ProgramError, measure_program
 from gauss_bench.api.recommend import list_requirements, setting_of, variants
 from gauss_bench.api.telling import Result, Told, nobody
@@ -33,25 +33,25 @@ from gauss_bench.runs.programs import ask_program, writes_programs
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import RunFailure
 
-WRITING, READING = 120.0, 30.0  # [s] to build a model and write it, and to read one: compilers can be kept busy for hours
-BUDGET = LIMIT  # [s] to look for a step or a setting
-STEP = 1e-3  # [s] of a file where nothing is measured
-TOLERANCE = 1e-8  # of a program whose integrator chooses its steps, where none is looked for
-OPEN, MOTION = 1e-6, 1e-4  # [m], [m and rad] requirements on a tuned step, which must need only half of them
-SHORTEST, LONGEST = 5.0, 10.0  # [s] that a step is tried for, whatever the scenario's duration
+WRITING, READING = 120.0, 30.0  # [s] limits for writing and reading a model, since a model can keep a compiler busy for hours
+BUDGET = LIMIT  # [s] default of the time for a search
+STEP = 1e-3  # [s] default of the step in a file
+TOLERANCE = 1e-8  # default of the tolerance in a program whose integrator chooses its steps
+OPEN, MOTION = 1e-6, 1e-4  # [m], [m and rad] requirements on a tuned step, whose errors must be at most half of them
+SHORTEST, LONGEST = 5.0, 10.0  # [s] a step is tried over the scenario's duration, but not less or more than these
 
 
 @dataclass(frozen=True)
 class Tuning(Result):
-    """The step that was found for an exported file, and what was measured with it.
+    """The step that was found for an exported file, and the errors that were measured with it.
 
     Attributes:
-        settings, integrator: of the engine.
-        step: [s]; until: how long was measured [s].
+        settings, integrator: names of the engine's settings and integrator.
+        step: integration step [s]; until: end of the measured run [s].
         loops_open: largest gap of any joint [m, rad].
-        motion_error: largest error of any link's place or angle [m, rad].
-        truth: how the reference was made; known: its error bar [m, rad].
-        loops_wanted, motion_wanted: requirements on both errors [m, rad]; the step needs half of them.
+        motion_error: largest error of any link's position or angle [m, rad].
+        truth: how the reference was made; known: error bar of the reference [m, rad].
+        loops_wanted, motion_wanted: requirements on both errors [m, rad]; the errors must be at most half of them.
     """
 
     computed = ("met",)
@@ -76,7 +76,7 @@ class Tuning(Result):
     def sentences(self) -> tuple[str, ...]:
         """Sentences for the head of the exported file."""
         how = f"settings {self.settings}, {self.integrator}, step {self.step:g} s"
-        held = "held with half of it" if self.met else "NOT HELD by any step that was tried"
+        held = "held by half" if self.met else "NOT HELD by any step that was tried"
         return (
             f"Measured over {self.until:g} s with {how}:",
             f"joints open by {self.loops_open:.1e} (m, rad) at most, links off by {self.motion_error:.1e} (m, rad) at most.",
@@ -87,16 +87,16 @@ class Tuning(Result):
 
 @dataclass(frozen=True)
 class Export(Result):
-    """A linkage, written for another program.
+    """A linkage that was written for another program.
 
     Attributes:
         engine: kind of the file; what: the kind in words.
         mechanism, scenario: names of the exported linkage and scenario.
-        file: path that was written, or that was not because of `refused`; bytes: its size.
+        file: path of the file, which is not written if `refused` has a reason; bytes: its size.
         step: integration step in the file [s].
         left_out: parts of the linkage file that the exported file lacks.
         tuning: how the step was found, or None.
-        error: of a program, as measured with its own setting; None for a model in MJCF, or where no setting was found.
+        error: measured error of a program; None for a model in MJCF, or if no setting was found.
         refused: why nothing was written, or an empty text.
     """
 
@@ -119,14 +119,14 @@ class Export(Result):
 
 @dataclass(frozen=True)
 class Import(Result):
-    """A linkage file, made of a model of another program.
+    """A linkage file that was made from a model of another program.
 
     Attributes:
-        model: the file that was read; kind: "MJCF" or "URDF".
-        file: that was written; name: of the linkage.
-        links, dof: how many it has.
+        model: path of the model; kind: "MJCF" or "URDF".
+        file: path of the linkage file; name: name of the linkage.
+        links, dof: number of links and of degrees of freedom.
         left_out: parts of the model that the linkage file lacks or represents in another way.
-        note: sentence that says that no loop is closed, and how one is; empty if there is a closure.
+        note: if the model closes no loop, a sentence that says so and how to close one; else empty.
     """
 
     model: str
@@ -158,34 +158,32 @@ def export(
     force: float | None = None,
     anyway: bool = False,
 ) -> Export:
-    """Write a linkage as a file that runs without this package: MJCF, a script for Pinocchio, Exudyn or CasADi, or plain C.
+    """Write a linkage as a model or program that runs without this package.
 
-    An engine that writes programs itself (`program` in `gauss_bench.engines.base`) is a kind too.
-
-    A script or program is run before it is written, and its head states its error. One whose motion the suite's judge refuses is
-    not written: the result's `refused` gives the reason.
+    A program is run before it is written, and its head states its error. If the judge refuses the program's motion, the program is
+    not written, and the result's `refused` gives the reason.
 
     Args:
         linkage: name of a built-in linkage, or a path.
-        engine: one of `gauss_bench.exchange.export.KINDS`: "mujoco", "pinocchio", "exudyn", "casadi" or "c"; or an
-            engine that writes programs itself.
-        out: the file to write.
-        scenario: of the linkage; the first with a start where not given.
-        tuned: find the largest step that holds the loops to 1e-6 m and the motion to 1e-4 (m, rad), and say in the file what was
-            measured.
-        step: of the file's integration [s] where it is not tuned (0.001).
-        replace: whether a file that is there already may be replaced.
-        budget: seconds to look for a step or a setting (60), and again to measure a program, which has 60 in any case. Time in
-            which other programs had the processor does not count.
+        engine: kind of the file: "mujoco" (MJCF), "pinocchio", "exudyn" or "casadi" (Python), "c", or the name of an engine that
+            writes programs itself (`program` in `gauss_bench.engines.base`).
+        out: path of the file to write.
+        scenario: name of a scenario; by default the first with a start.
+        tuned: find the largest step that holds the loops to 1e-6 m and the motion to 1e-4 (m, rad), and write the measured errors
+            into the file.
+        step: integration step in the file [s]; by default 0.001.
+        replace: whether an existing file may be replaced.
+        budget: longest time of the search, and again of measuring a program [s]; by default 60, and at least 60 for measuring. Time
+            in which other programs had the processor does not count.
         told: called with each sentence of progress.
-        position, angle, force: largest allowed error, as in `recommend`: the file gets the engine's cheapest setting that holds it
+        position, angle, force: largest allowed errors [m], [rad], [N]. The file gets the engine's cheapest setting that holds them
             over the scenario's duration. If there is none, nothing is written.
-        anyway: write a program that the judge refuses, with a warning at its top.
+        anyway: write a program that the judge refuses too, with a warning at its top.
 
     Raises:
         LinkageError: the linkage file has faults.
-        ExchangeError: the format cannot express a named part of the linkage; or the file exists already.
-        ChoiceError: an unknown kind, a step that is not positive, or a requirement that cannot be used.
+        ExchangeError: the format cannot express a named part of the linkage, or the file exists already.
+        ChoiceError: the kind is unknown, the step is not positive, or a requirement cannot be used.
         MissingExtra: the library that builds the model is not installed.
         OSError: the file cannot be written.
     """
@@ -200,7 +198,7 @@ def export(
     order = Order(linkage, mechanism, engine, kind)
     answer = Export(engine, mechanism.name, mechanism.scenario, str(path), kind.what, 0, usual.step, (), None)
     told(f"{mechanism.name}, scenario {mechanism.scenario}: the model")
-    file = order.write(usual)  # what the kind cannot express is refused before anything is searched
+    file = order.write(usual)  # raises ExchangeError, before any search, if the format cannot express the linkage
     try:
         setting = choose_setting(order, usual, tuned, wanted, seconds, told)
     except NotReached as reason:
@@ -209,10 +207,10 @@ def export(
     remarks, warning = setting.remarks, ""
     if kind.is_program:
         interpreter = None if kind.writer else interpreter_of(kind.engine)
-        alone = engine == "c" or interpreter is not None  # such a program is run itself
-        if alone and setting.choice != usual:  # the program that is measured is the one that is written
+        runs_itself = engine == "c" or interpreter is not None  # of other programs the suite runs the same setting
+        if runs_itself and setting.choice != usual:
             file = order.write(setting.choice)
-        source = file.text if alone else ""
+        source = file.text if runs_itself else ""
         error = measure_program(linkage, mechanism, kind.engine, setting.choice, source, max(seconds, LIMIT), told, interpreter)
         refused = name_missed(error, wanted) or ("" if error.is_valid or anyway else error.refusal)
         answer = replace_fields(answer, error=error, refused=refused)
@@ -226,10 +224,10 @@ def export(
 
 
 def _check_step(engine: str, kind: Kind, step: float | None, tuned: bool) -> None:
-    """Check that a step [s] can be used, and that at most one of `step` and `tuned` gives it.
+    """Check the arguments on the step [s] of a file.
 
     Raises:
-        ChoiceError: it cannot, both do, or the kind's integrator chooses its steps.
+        ChoiceError: the step is not positive, `step` and `tuned` are both given, or the kind's integrator chooses its steps.
     """
     if step is not None and not (np.isfinite(step) and step > 0):
         raise ChoiceError(f"the step must be a positive number of seconds, not {step:g}")
@@ -241,11 +239,12 @@ def _check_step(engine: str, kind: Kind, step: float | None, tuned: bool) -> Non
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """A linkage to be written as a file.
+    """A linkage that is to be written as a file.
 
     Attributes:
-        linkage: name of a built-in linkage, or a path; mechanism: its scenario.
-        name, kind: of the file.
+        linkage: name of a built-in linkage, or a path.
+        mechanism: the linkage in one scenario.
+        name, kind: name of the kind of file, as the user gives it, and the kind.
     """
 
     linkage: str
@@ -254,10 +253,12 @@ class Order:
     kind: Kind
 
     def write(self, choice: Choice, remarks: tuple[str, ...] = (), warning: str = "") -> Exported:
-        """Return the file with a setting of the engine, and with a warning and remarks in its head.
+        """Return the file's text with a setting, and with remarks and a warning in its head.
+
+        A worker makes the text, because libraries may crash or hang.
 
         Raises:
-            ExchangeError, MissingExtra: as `export`.
+            ExchangeError: the format cannot express a named part of the linkage; MissingExtra: a library is not installed.
         """
         if self.kind.writer:
             return write_file(self.linkage, self.mechanism.scenario, self.name, choice, remarks, warning)
@@ -274,9 +275,9 @@ class Setting:
     """The setting of an exported file.
 
     Attributes:
-        choice: of the engine.
-        remarks: sentences on how it was found, for the head of the file.
-        tuning: how its step was found, or None.
+        choice: the setting as the engine takes it.
+        remarks: sentences for the head of the file, on how the setting was found.
+        tuning: how the step was found, or None.
     """
 
     choice: Choice
@@ -285,7 +286,7 @@ class Setting:
 
 
 def choose_setting(order: Order, usual: Choice, tuned: bool, wanted: Mapping[str, float], budget: float, told: Told) -> Setting:
-    """Return the setting of a file: with a step that is found, the cheapest that holds a requirement, or the usual one.
+    """Return a setting with the largest accurate step if `tuned`, the cheapest that holds `wanted` if given, or else the usual one.
 
     Raises:
         NotReached: no setting is known to hold the requirement.
@@ -298,10 +299,10 @@ def choose_setting(order: Order, usual: Choice, tuned: bool, wanted: Mapping[str
 
 
 def find_kind(name: str) -> Kind:
-    """Return the kind of files of that name: one of KINDS, or the programs that an engine writes itself.
+    """Return the kind of file with this name: one of KINDS, or the programs that an engine of this name writes itself.
 
     Raises:
-        ChoiceError: there is none; the message lists those that there are.
+        ChoiceError: there is none; the message lists all kinds.
     """
     if name in KINDS:
         return KINDS[name]
@@ -316,10 +317,10 @@ def find_kind(name: str) -> Kind:
 
 
 def required(engine: str, kind: Kind, has_step: bool, **limits: float | None) -> dict[str, float]:
-    """Return the given requirements by kind, or {} if there are none.
+    """Return the given requirements: kind -> largest error [m], [rad], [N].
 
     Raises:
-        ChoiceError: a file of this kind holds no setting of the search, or another argument gives the step already.
+        ChoiceError: a file of this kind cannot hold the settings of a search, or another argument gives the step already.
     """
     if all(x is None for x in limits.values()):
         return {}
@@ -359,7 +360,7 @@ def find_setting(order: Order, wanted: Mapping[str, float], budget: float, told:
 
 
 def name_missed(error: ProgramError, wanted: Mapping[str, float]) -> str:
-    """Return how a program misses a requirement that its setting held in the search, or an empty text."""
+    """Return a sentence on the first requirement that a program misses, although its setting held it in the search; else ""."""
     for name, limit in wanted.items():
         found = {"position": error.position, "angle": error.angle}.get(name)
         if found is not None and not found <= limit:
@@ -370,10 +371,10 @@ def name_missed(error: ProgramError, wanted: Mapping[str, float]) -> str:
 def write_file(
     linkage: str, scenario: str, kind: str, choice: Choice, remarks: tuple[str, ...] = (), warning: str = ""
 ) -> Exported:
-    """Return a file that this package writes; it is made in a worker, since libraries may crash or hang.
+    """Return a file of one of KINDS with remarks and a warning in its head; a worker makes it.
 
     Raises:
-        ExchangeError, MissingExtra: as `export`.
+        ExchangeError: the format cannot express a named part of the linkage; MissingExtra: a library is not installed.
     """
     with Worker() as worker:
         file = answer_in_worker(worker, write_there, (linkage, scenario, kind, choice, remarks, warning), WRITING, linkage)
@@ -381,8 +382,8 @@ def write_file(
 
 
 def write_there(linkage: str, scenario: str, kind: str, choice: Choice, remarks: tuple[str, ...], warning: str) -> dict[str, Any]:
-    """Run `export_linkage` in the worker and return plain data."""
-    return tell_plainly(lambda: asdict(export_linkage(load(linkage, scenario), kind, choice.step, remarks, choice, warning)))
+    """Return the fields of `Exported` as plain data; this runs in a worker."""
+    return asdict(export_linkage(load(linkage, scenario), kind, choice.step, remarks, choice, warning))
 
 
 def import_model(
@@ -391,14 +392,14 @@ def import_model(
     """Write a linkage file from a planar model in MJCF or URDF.
 
     Args:
-        model: the file, which is read by MuJoCo's own compiler where it is MJCF.
-        out: the linkage file to write; the linkage is called as it is, without the ending.
-        close: the loops of a URDF, each as LINK.FRAME=LINK.FRAME.
-        replace: whether a file that is there already may be replaced.
+        model: path of the model; MuJoCo's own compiler reads MJCF.
+        out: path of the linkage file to write, after which the linkage is named.
+        close: the loops of a URDF file, each as LINK.FRAME=LINK.FRAME.
+        replace: whether an existing file may be replaced.
         told: called with each sentence of progress.
 
     Raises:
-        ExchangeError: an element is not planar or cannot be part of a linkage, with file and reason; or the file exists already.
+        ExchangeError: an element is not planar or cannot be part of a linkage, or the file exists already.
         MissingExtra: MuJoCo is not installed.
         OSError: the file cannot be written.
     """
@@ -412,17 +413,18 @@ def import_model(
 
 
 def read_there(model: str, name: str, close: list[str]) -> dict[str, Any]:
-    """Run `import_file` in the worker and return plain data."""
-    return tell_plainly(lambda: asdict(import_file(Path(model), name, close)))
+    """Return the fields of an imported linkage as plain data; this runs in a worker."""
+    return asdict(import_file(Path(model), name, close))
 
 
 def tune(order: Order, budget: float, told: Told) -> Tuning:
-    """Find the largest step whose errors are at most half of OPEN and MOTION, else the nearest step, as `recommend` does.
+    """Find the largest step whose errors are at most half of OPEN and MOTION; if there is none, take the step with least errors.
 
-    If no reference is exact enough over the whole time, as for a chaotic motion, a quarter of it is tried, then a sixteenth.
+    The motion may be chaotic, so that no reference is exact enough over the whole time. Then a quarter of the time is tried, and
+    then a sixteenth.
 
     Raises:
-        ExchangeError: no run ends, or no reference is known well enough.
+        ExchangeError: no run ends, or no reference is exact enough.
     """
     kind, mechanism = order.kind, order.mechanism
     named = f"{mechanism.source}: {mechanism.name}"

@@ -1,4 +1,4 @@
-"""Checks of the files that a verb is to write, made before anything is run."""
+"""Check the files that a verb will write, before it runs anything."""
 
 import os
 import re
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from gauss_bench.untrusted import BadInput, read_start
 
-LOOKED_AT = 65_536  # bytes at the start of a file by which its kind is recognised
+LOOKED_AT = 65_536  # bytes at the start of a file from which its kind is recognised
 STARTS = {".png": rb"\x89PNG", ".gif": rb"GIF8", ".npz": rb"PK\x03\x04"}
 ROOTS = {b"svg": ".svg", b"html": ".html", b"mujoco": ".xml"}  # root elements; SVG and HTML may have a doctype before
 ROOT = re.compile(rb"\s*<(?:[?!].*?<)*?!?(?:doctype\s+)?(svg|html|mujoco)\b", re.DOTALL | re.IGNORECASE)
@@ -22,13 +22,15 @@ class FileRefused(BadInput, ValueError):
 def writable(
     out: str | Path, replace: bool, option: str = "--out", usual: Path | None = None, suffix: str = "", source: str | Path = ""
 ) -> Path:
-    """Return the path of a file that may be written.
+    """Return the path `out` if a file may be written there.
 
     Args:
-        option: the command-line option that named it, for error texts.
-        usual: the default folder, which need not exist yet.
+        out: the path.
+        replace: whether an existing file may be replaced.
+        option: the command-line option that named the path, for error texts.
+        usual: the default folder of such files; the verb creates it if only its parent exists.
         suffix: ending of the kind of file to write; an existing file of another kind is never replaced.
-        source: the file that is read, which is never replaced either.
+        source: path of the verb's input, which is never replaced.
 
     Raises:
         FileRefused: the path is a folder, its folder cannot be written, or a file exists there and may not be replaced.
@@ -41,19 +43,17 @@ def writable(
     if os.path.lexists(path) and not replace:  # lexists: a dangling symbolic link counts as a file
         raise FileRefused(f"{out}: is there already, and may hold changes of yours; --replace writes over it")
     if path.exists() and not path.is_file():
-        raise FileRefused(f"{out}: it is no ordinary file")
+        raise FileRefused(f"{out}: is no ordinary file")
     if path.exists() and source and Path(source).exists() and path.samefile(source):
-        raise FileRefused(f"{out}: is what is read; {option} takes another file")
+        raise FileRefused(f"{out}: is the input; {option} takes another file")
     if path.exists() and suffix and (path.suffix.lower() != suffix or not is_of_kind(path, suffix)):
-        raise FileRefused(
-            f"{out}: is there already, and no {suffix} file: --replace takes the place of files of its own kind alone"
-        )
-    _check(path.parent if path.parent.is_dir() else path.parent.parent, str(out))
+        raise FileRefused(f"{out}: is there already, and no {suffix} file: --replace only replaces files of the same kind")
+    _check_writable(path.parent if path.parent.is_dir() else path.parent.parent, str(out))
     return path
 
 
 def is_of_kind(path: Path, suffix: str) -> bool:
-    """Tell whether the content of a file fits its ending; content of an unknown kind fits every ending."""
+    """Tell whether the content of a file fits the ending `suffix`; content of an unknown kind fits every ending."""
     start = read_start(path, LOOKED_AT)
     kind = next((x for x, pattern in STARTS.items() if re.match(pattern, start)), "")
     if root := ROOT.match(start):
@@ -66,43 +66,50 @@ def is_of_kind(path: Path, suffix: str) -> bool:
 
 
 def usable_folder(out: Path, usual: Path | None = None) -> Path:
-    """Return a folder that may be written; its parent must exist, unless it is the default folder `usual`.
+    """Return the folder `out` if it may be written; its parent must exist, unless it is the default folder `usual`.
 
     Raises:
-        FileRefused: the path is a file, its parent does not exist, or it may not be written.
+        FileRefused: the path is a file, its parent does not exist, or writing is not permitted.
     """
+    parent = out.absolute().parent
     if out.exists() and not out.is_dir():
         raise FileRefused(f"--out {out}: is a file; it takes a folder")
-    if out != usual and not out.absolute().parent.is_dir():
-        raise FileRefused(f"--out {out}: there is no folder {out.absolute().parent}")
-    if (nearest := next((x for x in (out, out.absolute().parent) if x.is_dir()), None)) is not None:
-        _check(nearest, f"--out {out}")
+    if out != usual and not parent.is_dir():
+        raise FileRefused(f"--out {out}: there is no folder {parent}")
+    nearest = out if out.is_dir() else parent  # permission of the parent matters only if `out` does not exist yet
+    if nearest.is_dir():
+        _check_writable(nearest, f"--out {out}")
     return out
 
 
-def _check(folder: Path, asked: str) -> None:
-    """Refuse a folder without write permission now, rather than after a long computation."""
+def _check_writable(folder: Path, named: str) -> None:
+    """Refuse a folder without write permission now, rather than after a long computation; `named` begins the message.
+
+    Raises:
+        FileRefused: there is no permission.
+    """
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise FileRefused(f"{asked}: nothing may be written into the folder {folder}")
+        raise FileRefused(f"{named}: nothing may be written into the folder {folder}")
 
 
 def describe_files(
     asked: Mapping[str, Path], kinds: Mapping[str, tuple[str, ...]], replace: bool, source: str | Path = ""
 ) -> dict[str, Path]:
-    """Return option -> path of the files that are asked for, each checked by `writable`.
+    """Return option -> path of all files that a verb will write, each checked by `writable`.
 
     Args:
-        kinds: option -> file endings that it accepts.
-        source: the file that is read, which is never replaced.
+        asked: option -> path, as the user gave them.
+        kinds: option -> file endings that the option accepts.
+        replace, source: as in `writable`.
 
     Raises:
-        FileRefused: an unknown ending, a file named twice, or as `writable`.
+        FileRefused: an ending is unknown, a file is named twice, or `writable` refuses one.
     """
     files: dict[str, Path] = {}
     for name, path in asked.items():
         if path.suffix.lower() not in kinds[name]:
             raise FileRefused(f"--{name} {path}: the ending says what to write: {', '.join(kinds[name])}")
         if path in files.values():
-            raise FileRefused(f"--{name} {path}: is asked for twice")
+            raise FileRefused(f"--{name} {path}: is named twice")
         files[name] = writable(path, replace, f"--{name}", suffix=path.suffix.lower(), source=source)
     return files

@@ -1,8 +1,8 @@
 """The curves of a run, which `simulate --plot` draws and `--out` writes as a table.
 
-Groups come in the order of `Group`: observed links, observed points, energies, joint forces, motors, transmission angles; within a
-group, curves have the order of the linkage file. If the file observes nothing, all links are included. Signs and reference points
-are those of `Simulation`.
+The groups of curves are observed links, observed points, energies, joint forces, motors and transmission angles. Within a group,
+curves have the order of the linkage file. If the file observes nothing, all links are included. Signs and reference points are
+those of `Simulation`.
 """
 
 import csv
@@ -21,12 +21,12 @@ from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Curve, Group, History, Trajectory
 
-LEVELS = ("", "/s", "/s^2")
-DIGITS = 10  # of a number in a CSV file
+LEVELS = ("", "/s", "/s^2")  # units of a position, a velocity and an acceleration, after "rad" or "m"
+DIGITS = 10  # significant digits of a number in a CSV file
 
 
 def history(result: Simulation) -> History:
-    """Return the curves of a run at all its samples, about a millisecond apart; a run without samples has none.
+    """Return the curves of a run at all its samples, which are about a millisecond apart; a run without samples has no curves.
 
     Joint forces are computed from the accelerations at every sample, which takes seconds for tens of thousands of samples.
     """
@@ -34,42 +34,42 @@ def history(result: Simulation) -> History:
     if x is None:
         return History(np.zeros(0), ())
     with np.errstate(all="ignore"):  # a diverged run overflows; its curves then hold infinities
-        sound = len(x.t) if result.trusted_until is None else int(np.searchsorted(x.t, result.trusted_until, "right"))
-        return History(x.t, tuple(curves(mechanism, x, sound)))
+        trusted = len(x.t) if result.trusted_until is None else int(np.searchsorted(x.t, result.trusted_until, "right"))
+        return History(x.t, tuple(curves(mechanism, x, trusted)))
 
 
-def curves(mechanism: Mechanism, x: Trajectory, sound: int) -> Iterator[Curve]:
-    """Yield every curve in order; the work done is integrated over the first `sound` samples only, which may be trusted."""
+def curves(mechanism: Mechanism, x: Trajectory, trusted: int) -> Iterator[Curve]:
+    """Yield every curve of a trajectory in order; only its first `trusted` samples count for the work done."""
     whole, links = mechanism.whole, spread(mechanism, x)
     turning = whole.observed_links or (() if whole.observed_points else range(len(whole.links)))
     yield from turn(whole, links, turning)
     yield from observe(whole, links)
     evaluator = Evaluator(mechanism)
-    yield from energies(evaluator, x, sound)
+    yield from energies(evaluator, x, trusted)
     yield from forces(evaluator, x)
     yield from transmission(mechanism, x.q)
 
 
 def turn(whole: Mechanism, links: Trajectory, which: Iterable[int]) -> Iterator[Curve]:
-    """Yield angles of links, with their rates."""
+    """Yield the angle, angular velocity and angular acceleration of the links with these indices."""
     for i in which:
         for key, unit, level in zip(("theta", "omega", "alpha"), LEVELS, (links.q, links.v, links.a), strict=True):
             yield Curve(Group.LINK, whole.link_name(i), key, f"rad{unit}", angle_at(level, i))
 
 
 def observe(whole: Mechanism, links: Trajectory) -> Iterator[Curve]:
-    """Yield positions of observed points, with their rates."""
+    """Yield the positions, velocities and accelerations of observed points, by coordinates."""
     for point in whole.observed_points:
         for letter, unit, level in zip(("", "v", "a"), LEVELS, point_levels(point, links), strict=True):
             for j, axis in enumerate("xy"):
                 yield Curve(Group.POINT, point.name, letter + axis, f"m{unit}", level[:, j])
 
 
-def energies(evaluator: Evaluator, x: Trajectory, sound: int) -> Iterator[Curve]:
-    """Yield kinetic energy, potential energy, and the energy gained beyond the work done, NaN after `sound` samples [J]."""
+def energies(evaluator: Evaluator, x: Trajectory, trusted: int) -> Iterator[Curve]:
+    """Yield kinetic energy, potential energy, and the energy gained beyond the work done [J]; NaN after `trusted` samples."""
     potential, gained = evaluator.applied.potential(x.q), np.full(len(x.t), np.nan)
-    if sound:
-        gained[:sound] = metrics.energy_error(evaluator, x[:sound])[0]
+    if trusted:
+        gained[:trusted] = metrics.energy_error(evaluator, x[:trusted])[0]
     samples = {"kinetic": evaluator.energy(x.q, x.v) - potential, "potential": potential, "gained": gained}
     for key, values in samples.items():
         yield Curve(Group.ENERGY, "energy", key, "J", np.asarray(values))
@@ -91,7 +91,8 @@ def transmission(mechanism: Mechanism, q: Array) -> Iterator[Curve]:
     Source: Alt, Der Uebertragungswinkel und seine Bedeutung fuer das Konstruieren periodischer Getriebe (1932).
     """
     given = {driver.link for driver in mechanism.drivers if isinstance(driver, AngleDriver)}
-    given |= {mechanism.crank} if mechanism.crank is not None and not given else set()
+    if not given and mechanism.crank is not None:
+        given = {mechanism.crank}
     at = Links.of(q, np.zeros_like(q))
     for dyad in close_from(mechanism, given)[0] if given else ():
         if dyad.kind != "RPR":
@@ -102,7 +103,7 @@ def transmission(mechanism: Mechanism, q: Array) -> Iterator[Curve]:
 
 
 def table(history: History) -> str:
-    """Return the curves as CSV with one row per time and the units in the header."""
+    """Return curves as the text of a CSV file with one row per time and the units in the header."""
     lines = io.StringIO()
     writer = csv.writer(lines, lineterminator="\n")
     writer.writerow(["t [s]", *(f"{x.name} [{x.unit}]" for x in history.curves)])

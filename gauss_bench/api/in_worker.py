@@ -1,4 +1,4 @@
-"""Calls of this room's functions in a worker, whose answers are plain data or the sentence of a refusal."""
+"""Call functions in a worker that answer with plain data or refuse with a sentence."""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,22 +11,22 @@ from gauss_bench.runs.worker import Worker, WorkerFailure
 def answer_in_worker(
     worker: Worker, function: Callable[..., dict[str, Any]], arguments: tuple[Any, ...], limit: float, file: str
 ) -> dict[str, Any]:
-    """Call a function of this room in a worker, within `limit` seconds; an error names `file`.
+    """Return the answer of a function that a worker calls within `limit` seconds; errors name `file`.
 
     Raises:
-        ExchangeError: it refused, or the process failed; MissingExtra: a library is missing.
+        ExchangeError: the function refused, or the process failed; MissingExtra: a library is missing.
     """
     try:
-        return read_answer(worker.call(function, arguments, limit), file)
+        return read_answer(worker.call(answer_plainly, (function, *arguments), limit), file)
     except WorkerFailure as failure:
         raise ExchangeError(f"{file}: {failure}") from failure
 
 
 def read_answer(answer: object, file: str) -> dict[str, Any]:
-    """Return the data of an answer that `tell_plainly` made.
+    """Return the data of an answer that `answer_plainly` made; errors name `file`.
 
     Raises:
-        ExchangeError: the function refused, or gave no such answer for `file`; MissingExtra: a library is missing.
+        ExchangeError: the function refused, or the answer is something else; MissingExtra: a library is missing.
     """
     match answer:
         case {"refused": str(sentence)}:
@@ -35,13 +35,13 @@ def read_answer(answer: object, file: str) -> dict[str, Any]:
             raise MissingExtra(sentence, name=library)
         case dict():
             return answer
-    raise ExchangeError(f"{file}: the process that should answer did not")
+    raise ExchangeError(f"{file}: the worker did not answer")
 
 
-def tell_plainly(made: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """Return a result, or the reason for its failure, as plain data that a worker can send."""
+def answer_plainly(function: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
+    """Return a function's answer, or the reason for its refusal, as plain data that a worker can send."""
     try:
-        return made()
+        return function(*arguments)
     except ExchangeError as error:
         return {"refused": str(error)}
     except ImportError as error:

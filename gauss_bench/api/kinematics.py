@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, NotRequired, TypedDict, cast
 
 import numpy as np
@@ -25,21 +26,21 @@ from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Curve, Trajectory
 
-MOST_INTERVALS = 100_000
-UNITS = {  # of the states of links and points
+MOST_INTERVALS = 100_000  # largest number of intervals of a motion
+UNITS = {  # units of the states of links and points, for the heads of columns
     **{"x": "m", "y": "m", "theta": "rad"},
     **{"vx": "m/s", "vy": "m/s", "omega": "rad/s"},
     **{"ax": "m/s^2", "ay": "m/s^2", "alpha": "rad/s^2"},
 }
-LONGEST_WAY = 2e4  # [rad, m] largest travel of a driver: it is followed in fractions of a radian, some thousand a second
+LONGEST_WAY = 2e4  # [rad, m] largest travel of a driver: a solver follows it in fractions of a radian, some thousand in a second
 
 
 class DriverState(TypedDict):
     """The motion of a driver.
 
     Attributes:
-        angle: (k,) driven angle [rad]; of other drivers a former name of their value [m].
-        position: (k,) of a slide [m]; length: (k,) of a length or cylinder [m].
+        angle: (k,) value of the driver [rad]; for a driver of a slide or length, the former name of its value [m].
+        position: (k,) value of a slide's driver [m]; length: (k,) value of a driver of a length or cylinder [m].
         speed: (k,) [rad/s] or [m/s].
         acceleration: (k,) [rad/s^2] or [m/s^2].
     """
@@ -55,9 +56,9 @@ class BranchChange(TypedDict):
     """A change of the assembly branch.
 
     Attributes:
-        t: first time after it [s].
-        group: of links that changes sides.
-        before, after: its side, +1 or -1.
+        t: first time after the change [s].
+        group: name of the group of links that changes sides.
+        before, after: side of the group before and after the change, +1 or -1.
     """
 
     t: float
@@ -72,7 +73,7 @@ class DescribedSingular(TypedDict):
     Attributes:
         coordinate: name of the link (for its angle) or slide that reverses.
         kind: "limit" if this coordinate is the driving one, else "dead centre".
-        value: of the coordinate at the position [rad, m].
+        value: value of the coordinate at the position [rad, m].
         crank, crank_deg: angle of the crank there [rad] and [degrees]; null if the driving coordinate is no angle.
         input: name of the driving coordinate; input_value: its value there [rad, m].
     """
@@ -91,22 +92,21 @@ class Kinematics(Result):
     """The motion of a driven linkage at k times.
 
     Attributes:
-        status: "ok", or "stopped" if the motion ends before its law; message: why.
-        mechanism, scenario: what was moved.
+        status: "ok", or "stopped" if the motion ends before the driver's law; message: why it ends.
+        mechanism, scenario: names of the linkage and scenario.
         method: "loop", "basic" or "native".
-        t: (k,) [s].
-        driver: value, speed and acceleration of the first driver, each (k,), the value as "angle" [rad]; drivers: the same by name.
-            That of a slide [m] is also called "position", that of a length [m] "length"; their "angle" is a former name.
-        links, points: as in Simulation.
-        link_types: type of each link and of the ground in Wang's notation of link units.
-        loops: joints around each loop.
-        branch: assembly branch at the start; branch_changes: where along the motion it changes.
-        iterations: (k,) iterations of the solver at each time, or None if the method counts none.
-        singular: limits and dead centres, or why they cannot be listed.
-        observed: {"points": names, "links": names} that are shown.
-        loads: the largest and mean loads of joints, welds and drivers, if asked for.
-        model: the driven linkage; trajectory: states of its links; shown: the points; load_curves: the loads at every time. They
-            are not in dictionaries.
+        t: (k,) times [s].
+        driver: motion of the first driver; drivers: name -> motion of the driver.
+        links, points: name -> motion of the link or point.
+        link_types: name of a link, or "ground" -> its type in Wang's notation of link units.
+        loops: names of the joints around each loop.
+        branch: name of a group of links -> its side at the start, +1 or -1; branch_changes: changes of sides in the motion.
+        iterations: (k,) iterations of the solver at each time, or None if the method does not count them.
+        singular: limits and dead centres, or a sentence on why they cannot be listed.
+        observed: names of the points and links that are shown.
+        loads: the largest and mean loads of joints, welds and drivers, if they were asked for.
+        model: the driven linkage; trajectory: states of its links; shown: the observed points; load_curves: the loads at every
+            time. Dictionaries leave these four out.
     """
 
     status: str
@@ -142,7 +142,7 @@ class Kinematics(Result):
 
 
 def observe(mechanism: Mechanism, names: list[str] | None) -> tuple[Point, ...]:
-    """Return the points named "link.point", or the observed points of the file, each on its own link.
+    """Return the points with these names, "link.point" each, or the observed points of the file if `names` is None.
 
     Raises:
         ChoiceError: there is no such point.
@@ -177,19 +177,18 @@ def kinematics(
 
     Args:
         linkage: name of a built-in linkage, or a path.
-        scenario: a driven one; the first where not given.
-        driver: "LAW" or "LAW:key=value,..." with the keys of a scenario's driver, instead of the scenario's own. Unless it names
-            its own start, it starts where the scenario's driver does, or where the linkage is assembled.
+        scenario: name of a driven scenario; by default the first.
+        driver: "LAW" or "LAW:key=value,..." with the keys of a scenario's driver; by default the scenario's own drivers. If the
+            text names no start, the driver starts at the first value of the scenario's driver, or at the assembled position.
         intervals: number of equal parts of the duration; there is one more position.
-        points: "link.point" to report; those the file observes where not given.
+        points: names of points to report, as "link.point"; by default those that the file observes.
         method: "loop" (link units), "basic" (point coordinates) or "native" (compiled loops; needs the extra "kernel").
-        hold: "NAME" or "NAME=VALUE" of links (angle in the world), slides and pins of two links (their relative angle) that must
-            not move, VALUE in degrees or metres; by default they keep their value in the scenario's start or the sketch. Without
-            `hold`, the scenario's own list.
-        steps: the former name of `intervals`, for one release.
+        hold: "NAME" or "NAME=VALUE" of links, slides and pins that must not move; by default the scenario's own list. VALUE is a
+            link's angle or the relative angle of a pin's two links [degrees], or a slide's position [m]; without VALUE they stay
+            where they are at the start.
+        steps: former name of `intervals`, for one release.
         told: called with a sentence when the motion begins, after all arguments were checked.
-        forces: find the loads of joints, welds and drivers that the motion takes under gravity and the scenario's forces, by
-            inverse dynamics.
+        forces: also find by inverse dynamics the loads of joints, welds and drivers under gravity and the scenario's forces.
 
     Raises:
         LinkageError, ChoiceError: the file, the driver, a point or the method cannot be used, the driver goes too far, or the loads
@@ -198,7 +197,10 @@ def kinematics(
     if steps is not None:
         warnings.warn("kinematics(steps=) is now kinematics(intervals=)", DeprecationWarning, stacklevel=2)
         intervals = steps
-    _check_known(method, intervals)
+    if method not in METHODS:
+        raise ChoiceError(f"no method {method!r}; there are {', '.join(METHODS)}")
+    if not 1 <= intervals <= MOST_INTERVALS:
+        raise ChoiceError(f"intervals must be at least 1 and at most {MOST_INTERVALS}, not {intervals}")
     mechanism = load_with_drivers(linkage, scenario, driver, hold, with_forces=forces)
     _check_all_driven(mechanism)
     shown = observe(mechanism, points)
@@ -206,8 +208,14 @@ def kinematics(
     _check_travel(mechanism, times)
     told(f"{mechanism.name}, scenario {mechanism.scenario}: {intervals + 1} positions")
     moved = move(mechanism, times, method)
+    return describe_motion(mechanism, moved, method, shown, _find_loads(mechanism, moved.states) if forces else ())
+
+
+def describe_motion(
+    mechanism: Mechanism, moved: "Moved", method: str, shown: tuple[Point, ...], curves: tuple[Curve, ...]
+) -> Kinematics:
+    """Return the public result of a motion; `curves` are its loads, or empty if they were not asked for."""
     states = moved.states
-    curves = _find_loads(mechanism, states) if forces else ()
     driven_by = {x.name: driver_state(x, states.t) for x in mechanism.drivers}
     graph, links = find_graph(mechanism), spread(mechanism, states)
     return Kinematics(
@@ -231,31 +239,19 @@ def kinematics(
         model=mechanism,
         trajectory=links,
         shown=shown,
-        loads=metrics.summarise_loads(mechanism, states, curves) if forces else None,
+        loads=metrics.summarise_loads(mechanism, states, curves) if curves else None,
         load_curves=curves,
     )
 
 
-def _check_known(method: str, intervals: int) -> None:
-    """Check the name of a method, and the number of intervals.
-
-    Raises:
-        ChoiceError: there is no such method, or there are too few or too many intervals.
-    """
-    if method not in METHODS:
-        raise ChoiceError(f"no method {method!r}; there are {', '.join(METHODS)}")
-    if not 1 <= intervals <= MOST_INTERVALS:
-        raise ChoiceError(f"intervals must be at least 1 and at most {MOST_INTERVALS}, not {intervals}")
-
-
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """A motion through a law.
+    """A motion by drivers, as far as it goes.
 
     Attributes:
-        states: at the times that were reached.
-        iterations: (k,) of the solver at each of them, or None if the method counts none.
-        stopped: why the motion ends before its law, or an empty text.
+        states: states at the k times that were reached.
+        iterations: (k,) iterations of the solver at each time, or None if the method does not count them.
+        stopped: why the motion ends before the drivers' laws, or an empty text.
     """
 
     states: Trajectory
@@ -264,10 +260,10 @@ class Moved:
 
 
 def move(mechanism: Mechanism, times: Array, method: str) -> Moved:
-    """Move a linkage by its drivers over the times (k,) [s], as far as it goes.
+    """Move a linkage by its drivers over the times (k,) [s], as far as it goes, by one of METHODS.
 
     Raises:
-        ChoiceError: the method does not cover the linkage, or the drivers do not match its freedom.
+        ChoiceError: the method does not cover the linkage, or the number of drivers is not the number of freedoms.
     """
     stopped = ""
     try:
@@ -276,16 +272,16 @@ def move(mechanism: Mechanism, times: Array, method: str) -> Moved:
         stopped, motion = str(error), error.reached
     except ValueError as error:
         raise ChoiceError(str(error)) from error
-    count = len(motion.q)
+    count = len(motion.q)  # fewer than times if the motion stopped
     states = Trajectory(times[:count], motion.q, motion.v, motion.a, count - 1)
     return Moved(states, getattr(motion, "iterations", None), stopped)
 
 
 def _find_loads(mechanism: Mechanism, states: Trajectory) -> tuple[Curve, ...]:
-    """Return the loads along a motion.
+    """Return the curves of all loads along a motion.
 
     Raises:
-        ChoiceError: dry friction leaves them undetermined, or does not settle.
+        ChoiceError: dry friction leaves the loads undetermined, or its iteration does not converge.
     """
     try:
         return tuple(metrics.load_curves(Evaluator(mechanism), states))
@@ -294,28 +290,28 @@ def _find_loads(mechanism: Mechanism, states: Trajectory) -> tuple[Curve, ...]:
 
 
 def name_value(driver: Driver) -> str:
-    """Return the word of the grammar for what a driver prescribes."""
+    """Return the word of the grammar for the value of a driver: "angle", "position" or "length"."""
     match driver:
         case AngleDriver():
             return "angle"
-        case SlideDriver() if driver.joint.guide.name != f"{driver.name}_barrel.pin":  # as it is called in a cylinder
+        case SlideDriver() if driver.joint.guide.name != f"{driver.name}_barrel.pin":  # a cylinder's guide has this name
             return "position"
         case SlideDriver() | LengthDriver():
             return "length"
 
 
 def driver_state(driver: Driver, times: Array) -> DriverState:
-    """Return the motion of a driver at times (k,) [s]; "angle" is a former name of values that are no angles."""
+    """Return the motion of a driver at times (k,) [s], with its value under "angle" and under the word of the grammar."""
     value, speed, acceleration = driver.law(times)
     state = DriverState(angle=value, speed=speed, acceleration=acceleration)
     return cast(DriverState, state | {name_value(driver): value})
 
 
 def _check_travel(mechanism: Mechanism, times: Array) -> None:
-    """Check that no driver travels further over the times (k,) than LONGEST_WAY.
+    """Check that no driver travels further than LONGEST_WAY over the times (k,) [s].
 
     Raises:
-        ChoiceError: one does.
+        ChoiceError: a driver travels further.
     """
     for driver in mechanism.drivers:
         with np.errstate(all="ignore"):
@@ -331,10 +327,11 @@ def _check_all_driven(mechanism: Mechanism) -> None:
     """Check that the drivers leave no coordinate free.
 
     Raises:
-        ChoiceError: they do; the message says what to hold.
+        ChoiceError: some coordinates are free; the message says which coordinates to hold.
     """
-    if mechanism.dof > len(mechanism.drivers) and (left := free_at_start(mechanism)):
-        names = [x.partition(" of ")[2] or x.partition(" ")[2] for x in left]
+    left = free_at_start(mechanism) if mechanism.dof > len(mechanism.drivers) else []
+    if left:
+        names = [x.partition(" of ")[2] or x.partition(" ")[2] for x in left]  # of "angle of crank" or "slide piston"
         more = "; ".join(f"`--hold {x}`" for x in names)
         raise ChoiceError(
             f"{mechanism.name}: the drivers leave {len(left)} free ({', '.join(left)}); hold it where it stands by {more}, by "
@@ -343,24 +340,24 @@ def _check_all_driven(mechanism: Mechanism) -> None:
 
 
 def _link_types(mechanism: Mechanism, graph: LinkageGraph) -> dict[str, str]:
-    """Return link, or "ground" -> its type in Wang's notation of link units."""
+    """Return name of a link, or "ground" -> its type in Wang's notation of link units."""
     types = {x.name: link_type(graph.elements(k)) for k, x in enumerate(mechanism.links)}
     return types | {"ground": link_type(graph.elements(GROUND), frame=True)}
 
 
 def _changes(mechanism: Mechanism, states: Trajectory) -> list[BranchChange]:
-    """Return the changes of assembly branch: the first time [s] after each, the group of links, and its side before and after."""
+    """Return the changes of assembly branch between neighbouring samples of a motion."""
     branches = [branch_of(mechanism, q) for q in states.q]
     changes: list[BranchChange] = []
-    for t, before, after in zip(states.t[1:].tolist(), branches, branches[1:], strict=False):
-        changes += [
-            {"t": t, "group": group, "before": x, "after": after[group]} for group, x in before.items() if x != after[group]
-        ]
+    for t, (before, after) in zip(states.t[1:].tolist(), pairwise(branches), strict=True):
+        for group, side in before.items():
+            if side != after[group]:
+                changes.append({"t": t, "group": group, "before": side, "after": after[group]})
     return changes
 
 
 def native_motion(mechanism: Mechanism, times: Array) -> Trajectory:
-    """Compute the motion at times (k,) [s] by compiled loop closure, with the result of `loop_motion`.
+    """Compute the motion at times (k,) [s] by compiled loop closure.
 
     Raises:
         ValueError: the drivers do not fit the linkage, or there is no compiler.
@@ -373,7 +370,8 @@ def native_motion(mechanism: Mechanism, times: Array) -> Trajectory:
     laws = [[np.broadcast_to(x, np.shape(times)) for x in driver.law(times)] for driver in mechanism.drivers]
     levels = np.array(laws).reshape(len(laws), 3, len(times)).transpose(1, 2, 0)  # (3, k, drivers)
     sweep = closure.sweep(*levels)
-    if (loss := sweep.loss) is None:
+    loss = sweep.loss  # why and where the motion ended early
+    if loss is None:
         return Trajectory(times, sweep.q, sweep.v, sweep.a, 0)
     kind = SingularPosition if loss.kind == "singular position" else LimitOfMotion
     where = describe_drivers(mechanism, loss.inputs)
@@ -386,11 +384,11 @@ METHODS: dict[str, Callable[..., Any]] = {"loop": loop_motion, "basic": basic_mo
 
 
 def columns(result: Kinematics) -> Iterator[tuple[str, Array]]:
-    """Yield name and values (k,) of every column: t, drivers, states of links and points, and loads if they were asked for."""
+    """Yield name and values (k,) of every column of the table of a motion: times, drivers, links, points and loads."""
     yield "t [s]", result.t
     for driver in result.model.drivers:
         unit, state = "rad" if isinstance(driver, AngleDriver) else "m", cast(Mapping[str, Array], result.drivers[driver.name])
-        for key, per in ((name_value(driver), ""), ("speed", "/s"), ("acceleration", "/s^2")):
+        for key, per in ((name_value(driver), ""), ("speed", "/s"), ("acceleration", "/s^2")):  # per: end of the unit
             yield f"{driver.name}.{key} [{unit}{per}]", state[key]
     for group in (result.links, result.points):
         for name, values in group.items():
@@ -401,13 +399,13 @@ def columns(result: Kinematics) -> Iterator[tuple[str, Array]]:
 
 
 def table(result: Kinematics) -> pd.DataFrame:
-    """Return the result as a table with one row per time; columns name their units, as in the table of `simulate`."""
+    """Return a motion as a table with one row per time and columns that name their units, as in the table of `simulate`."""
     names, values = zip(*columns(result), strict=True)
     return pd.DataFrame(np.column_stack([np.broadcast_to(x, result.t.shape) for x in values]), columns=list(names))
 
 
 def describe_singular(mechanism: Mechanism) -> list[DescribedSingular] | str:
-    """Return the limits and dead centres of a linkage with one degree of freedom, or why they cannot be listed."""
+    """Return the limits and dead centres of a linkage with one degree of freedom, or a sentence on why they cannot be listed."""
     try:
         positions = singular_positions(mechanism)
     except (ValueError, ChangePoint) as error:

@@ -1,4 +1,4 @@
-"""Build the parser of the command line from `verbs.toml`; the functions behind the verbs are not imported here."""
+"""Build the parser of the command line from `verbs.toml`, without importing the functions behind the verbs."""
 
 import argparse
 import math
@@ -10,7 +10,7 @@ from typing import Any
 from gauss_bench import __version__
 from gauss_bench.untrusted import harmless
 
-MOST_JOBS = 512  # workers: each takes a quarter of a GiB
+MOST_JOBS = 512  # largest number of workers, each of which takes a quarter of a GiB
 DESCRIPTION = "Validation and benchmarking of closed-loop planar linkage dynamics."
 EXIT_CODES = (
     "Exit codes: 0 done, 1 an accuracy regression or a failed case, 2 bad usage or a faulty file, 70 a fault of gauss-bench "
@@ -19,7 +19,7 @@ EXIT_CODES = (
 
 
 def read_verbs() -> dict[str, dict[str, Any]]:
-    """Return the verbs of `verbs.toml`; an option that is a text stands for the shared option of that name."""
+    """Return name of a verb -> its table in `verbs.toml`, with each word for a shared option replaced by that option."""
     verbs: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("verbs.toml").read_text(encoding="utf-8"))
     shared = verbs.pop("shared")
     for verb in verbs.values():
@@ -33,14 +33,14 @@ Verb = Callable[[argparse.Namespace], int]
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that escapes control characters in its messages, which repeat what the user typed."""
+    """A parser that escapes control characters in its messages, because messages repeat the user's input."""
 
     def _print_message(self, message: str, file: Any = None) -> None:
         super()._print_message(harmless(message), file)
 
 
 def parser(actions: Mapping[str, Verb]) -> argparse.ArgumentParser:
-    """Return the parser of all verbs; `actions` maps the name of a verb to its function."""
+    """Return the parser of all verbs; `actions` is name of a verb -> function that runs it."""
     top = Parser(prog="gauss-bench", description=DESCRIPTION, epilog=EXIT_CODES)
     top.add_argument("--version", action="version", version=f"gauss-bench {__version__}")
     verbs = top.add_subparsers(title="verbs", required=True, metavar="VERB")
@@ -52,9 +52,9 @@ def parser(actions: Mapping[str, Verb]) -> argparse.ArgumentParser:
 
 
 def add_options(parser: argparse.ArgumentParser, verb: Mapping[str, Any]) -> None:
-    """Add the options of a verb of VERBS to a parser."""
+    """Add the options of a verb to a parser; `verb` is a table of VERBS."""
     has_json = verb.get("json", True)
-    alternatives = parser.add_mutually_exclusive_group() if has_json else parser
+    alternatives = parser.add_mutually_exclusive_group() if has_json else parser  # options that exclude --json, and --json
     for names, option in verb.get("options", {}).items():
         given = {key: value for key, value in option.items() if key != "flag"}
         if "type" in given:
@@ -70,33 +70,36 @@ def add_options(parser: argparse.ArgumentParser, verb: Mapping[str, Any]) -> Non
 
 
 def jobs(text: str) -> int:
-    """Parse a number of workers."""
+    """Return a number of workers from 1 to MOST_JOBS."""
     if not text.isdecimal() or not 1 <= int(text) <= MOST_JOBS:
         raise argparse.ArgumentTypeError(f"{text[:40]!r} is no number of workers from 1 to {MOST_JOBS}")
     return int(text)
 
 
 def numbers(text: str) -> list[float]:
-    """Parse numbers separated by commas."""
+    """Return the numbers of a text with commas between them."""
     try:
         return [float(x) for x in text.split(",")]
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a list of numbers with commas between them") from error
 
 
-def numbers_that(hold: Callable[[float], bool], said: str) -> Callable[[str], list[float]]:
-    """Return a parser of finite numbers separated by commas that all satisfy `hold`; else its error is `said`."""
+def times(text: str) -> list[float]:
+    """Return finite numbers that are not negative."""
+    if not all(math.isfinite(x) and x >= 0 for x in numbers(text)):
+        raise argparse.ArgumentTypeError("times must be numbers that are not negative")
+    return numbers(text)
 
-    def read(text: str) -> list[float]:
-        if not all(math.isfinite(x) and hold(x) for x in numbers(text)):
-            raise argparse.ArgumentTypeError(said)
-        return numbers(text)
 
-    return read
+def steps(text: str) -> list[float]:
+    """Return finite positive numbers."""
+    if not all(math.isfinite(x) and x > 0 for x in numbers(text)):
+        raise argparse.ArgumentTypeError("steps must be positive numbers")
+    return numbers(text)
 
 
 def names(text: str) -> list[str]:
-    """Parse names separated by commas."""
+    """Return the names of a text with commas between them."""
     return text.split(",")
 
 
@@ -105,7 +108,7 @@ TYPES: dict[str, Callable[[str], Any]] = {
     "int": int,
     "path": Path,
     "jobs": jobs,
-    "times": numbers_that(lambda x: x >= 0, "times must be numbers that are not negative"),
-    "steps": numbers_that(lambda x: x > 0, "steps must be positive numbers"),
+    "times": times,
+    "steps": steps,
     "names": names,
 }

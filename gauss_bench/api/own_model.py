@@ -1,4 +1,4 @@
-"""A user's own model file (MJCF or URDF) as the subject of a verb: the linkage that it is, and its settings as they stand."""
+"""Read a user's own model file (MJCF or URDF): the linkage that it describes, and its settings."""
 
 import re
 import tomllib
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gauss_bench.api.exchange import READING
-from gauss_bench.api.in_worker import answer_in_worker, tell_plainly
+from gauss_bench.api.in_worker import answer_in_worker
 from gauss_bench.engines.mujoco.own_model import acts_beside_loops, settings_as_they_stand
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.imports import FORMS, import_file
@@ -18,19 +18,19 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.worker import Worker
 
 ENDINGS = (".xml", ".urdf", ".mjcf")
-ACTING = 60.0  # [s] that a run may take in which contacts and limits are looked for
+ACTING = 60.0  # [s] limit of the run that looks for contacts and limits
 
 
 @dataclass(frozen=True, eq=False)
 class OwnFile:
-    """A model file that has been read.
+    """The content of a model file.
 
     Attributes:
-        path: of the file; kind: "MJCF" or "URDF".
-        mechanism: the linkage that it is, at its keyframe and with the keyframe's controls.
-        settings: of an MJCF file, option -> value as compiled; empty for a URDF, which holds none.
-        key: number of the keyframe at which it starts.
-        left_out: sentences on its parts that the linkage lacks or has changed.
+        path: path of the file; kind: "MJCF" or "URDF".
+        mechanism: the linkage that the file describes, at its keyframe and with the keyframe's controls.
+        settings: option -> value in the compiled MJCF file; empty for a URDF file, which holds no settings.
+        key: number of the keyframe.
+        left_out: sentences on parts of the file that the linkage lacks or changes.
     """
 
     path: Path
@@ -42,30 +42,26 @@ class OwnFile:
 
 
 def is_model_file(name: str | Path) -> bool:
-    """Tell whether a name is that of a model file, by its ending."""
+    """Tell whether a file name has the ending of a model file."""
     return Path(name).suffix.lower() in ENDINGS
 
 
 def read_own_file(name: str | Path, close: tuple[str, ...], worker: Worker) -> OwnFile:
-    """Read a model file in a worker, since MuJoCo's compiler may crash or hang.
+    """Read a model file in a worker, because MuJoCo's compiler may crash or hang.
 
     Raises:
-        ExchangeError: it cannot be read, or an element cannot be part of a planar linkage.
+        ExchangeError: the file cannot be read, or an element cannot be part of a planar linkage.
         MissingExtra: MuJoCo is not installed.
     """
     path = Path(name).absolute()
-    read = answer_in_worker(worker, read_own_there, (str(path), list(close)), READING, str(name))
+    read = answer_in_worker(worker, read_plainly, (str(path), list(close)), READING, str(name))
     mechanism = load_document(read["document"], None, str(path), "", read["document"]["name"])
     return OwnFile(path, read["kind"], mechanism, read["settings"], read["key"], tuple(read["left_out"]))
 
 
-def read_own_there(path: str, close: list[str]) -> dict[str, Any]:
-    """Read a file in the worker, and return plain data."""
-    return tell_plainly(lambda: read_plainly(Path(path), close))
-
-
-def read_plainly(path: Path, close: list[str]) -> dict[str, Any]:
-    """Return the document of the linkage that a file is, its kind and its settings."""
+def read_plainly(file: str, close: list[str]) -> dict[str, Any]:
+    """Return as plain data a linkage document made from a model file, and the other fields of `OwnFile`; this runs in a worker."""
+    path = Path(file)
     name, kind = re.sub("[^A-Za-z0-9_]+", "_", path.stem), FORMS.get(str(read_xml(path).tag), "")
     if kind != "MJCF":
         imported = import_file(path, name, close)
@@ -79,10 +75,10 @@ def read_plainly(path: Path, close: list[str]) -> dict[str, Any]:
 
 
 def refuse_what_acts(file: OwnFile, until: float, worker: Worker) -> None:
-    """Refuse a model in which more than its loops and forces acts: a contact, the end of a range, dry friction.
+    """Refuse a model in which a contact, the end of a joint's range, or dry friction acts before the time `until` [s].
 
     Raises:
-        ExchangeError: naming the element, and the time at which it acts first.
+        ExchangeError: something acts; the message names the element and the time at which it first acts.
     """
     found = answer_in_worker(worker, acts_beside_loops, (str(file.path), file.key, until), ACTING, str(file.path))
     if found["what"]:

@@ -1,7 +1,7 @@
-"""The error of an exported program: the engine and setting that it holds are run, judged and compared with a reference.
+"""Measure the error of an exported program: run its engine and setting, judge the run, and compare it with a reference.
 
-The program in C is compiled and run itself, if there is a compiler, because its arithmetic is its own. A program that an engine
-writes itself is run in the engine's environment, without this package.
+A program in C is compiled and run itself if there is a compiler, because its arithmetic differs from that of any engine. A program
+that an engine writes itself is run in the engine's environment, without this package.
 """
 
 import csv
@@ -31,28 +31,28 @@ from gauss_bench.runs.programs import run_there
 from gauss_bench.runs.worker import Interpreter, Worker, WorkerFailure
 from gauss_bench.trajectory import Status, Trajectory, in_a_sentence, spread_evenly
 
-LIMIT = 60.0  # [s] for everything but the C compiler and its program, unless the user gives more
-COMPILING = 20.0  # [s] for the C compiler
-COMPILED_STEP = 2e-6  # [s] of a compiled step of a linkage of usual size
-QUICK, PRECISE = 1e-6, 1e-9  # of the linkage's size, and rad: error bars of the references that are looked for
-ROUGH = 1e-3  # of the linkage's size, and rad: a reference that is known to less says nothing about the error
-COMPARED = 400  # samples that are compared, at most
-NUMPY = "gauss"  # own formulation that steps where there is no compiled one
+LIMIT = 60.0  # [s] default of the time for the run, its repetition and the reference
+COMPILING = 20.0  # [s] limit of the C compiler
+COMPILED_STEP = 2e-6  # [s] time of a compiled step of a linkage of usual size
+QUICK, PRECISE = 1e-6, 1e-9  # error bars of the two references, relative to the linkage's size, and [rad]
+ROUGH = 1e-3  # largest error bar of a reference that is used, relative to the linkage's size, and [rad]
+COMPARED = 400  # largest number of samples that are compared
+NUMPY = "gauss"  # own formulation whose run is judged if the engine of a program in C cannot be used
 
 
 @dataclass(frozen=True, kw_only=True)
 class ProgramError(Result):
-    """The error of a program at its own step, over the scenario's duration.
+    """The error of a program with its own setting, over the scenario's duration.
 
     Attributes:
-        status, message: of the judge: "ok", or why the program must not be trusted.
-        settings, integrator, stabilization, step, tolerance: of the program; a step is then the time between rows [s] where there
-            is a tolerance.
+        status, message: the judge's verdict, "ok" or another status with its reason.
+        settings, integrator, stabilization, step, tolerance: setting of the program; with a tolerance, the step is the time between
+            rows [s].
         until: end of the run [s].
-        position, angle: largest error of any link's centre of mass [m] or angle [rad]; None where there is no reference.
+        position, angle: largest error of any link's centre of mass [m] or angle [rad]; None if there is no reference.
         known: error bar of the reference [m, rad], or None.
         reference: how the reference was made, or why there is none.
-        measured_on: what was run.
+        measured_on: what was run, in words.
     """
 
     status: str
@@ -75,12 +75,12 @@ class ProgramError(Result):
 
     @property
     def warning(self) -> str:
-        """The sentence for the top of a file that the judge refuses, or an empty text."""
+        """The sentence for the top of a program that the judge refuses; empty if the program is valid."""
         return "" if self.is_valid else f"WARNING: do not trust this program with {self.setting}. {self.status}: {self.message}"
 
     @property
     def refusal(self) -> str:
-        """The sentence on a program that the judge refuses."""
+        """The sentence for the user on a program that the judge refuses, with what may help."""
         hints = {
             str(Status.TIMEOUT): "a larger --budget gives it more time, ",
             str(Status.INVALID): "--position finds a setting that holds an accuracy, ",
@@ -102,18 +102,24 @@ class ProgramError(Result):
 
 
 def describe_error(position: float, angle: float) -> str:
-    """Return the sentence on the error in the head of every program."""
+    """Return the sentence for the head of a program on its errors [m] and [rad]."""
     return f"Error: centres of mass are off by {position:.1e} m at most, angles by {angle:.1e} rad at most."
 
 
 def describe_reference(reference: str, known: float | None) -> str:
-    """Return the sentence on the reference in the head of every program."""
+    """Return the sentence for the head of a program on how the reference was made, and on its error bar [m, rad]."""
     return f"Reference: {reference}; known to {known:.1e} (m, rad)."
 
 
 @dataclass(frozen=True)
 class Compared:
-    """How a reference was made, or why there is none; the largest errors against it [m], [rad], and its error bar [m, rad]."""
+    """The comparison of a run with a reference.
+
+    Attributes:
+        reference: how the reference was made, or why there is none.
+        position, angle: largest errors [m], [rad], or None.
+        known: error bar of the reference [m, rad], or None.
+    """
 
     reference: str
     position: float | None = None
@@ -123,7 +129,7 @@ class Compared:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A run by which a program is judged; `what` names what was run."""
+    """A run by which a program is judged; `what` says in words whether the program or an engine of the suite was run."""
 
     status: Status
     message: str
@@ -132,7 +138,7 @@ class Measured:
 
 
 class ProgramFailed(Exception):
-    """A program that stopped or failed; the message is its own."""
+    """The failure of a program; the message is the program's own."""
 
 
 def measure_program(
@@ -145,21 +151,23 @@ def measure_program(
     told: Told,
     interpreter: Interpreter | None = None,
 ) -> ProgramError:
-    """Run the engine and setting of a program as the program steps it, judge the run and compare it with a reference.
+    """Run the engine and setting of a program with the program's steps, judge the run, and compare it with a reference.
 
     Args:
-        engine: whose run is judged.
-        source: of the program, if it is run itself; else an empty text.
-        interpreter: under which it is run; None for a program in C.
-        seconds: for the run, its repetition at half the step, and the reference.
+        linkage, mechanism: name or path of the linkage, and the linkage in its scenario.
+        engine, choice: engine and setting of the program.
+        source: text of the program if it is run itself, else an empty text.
+        seconds: time for the run, its repetition at half the step, and the reference [s].
+        told: called with each sentence of progress.
+        interpreter: interpreter that runs the program; None for a program in C.
 
     Raises:
-        ChoiceError: the steps take longer than a quarter of the seconds.
+        ChoiceError: the steps would take longer than a quarter of the seconds.
     """
     end = mechanism.duration
-    steps, every = plan(end, choice.step)
+    steps, every = plan(end, choice.step)  # number of steps, and steps between the rows that the program prints
     choice = choice if choice.tolerance is not None else replace(choice, step=end / steps)
-    rows = (end / steps * np.arange(0, steps + 1, every)).tolist()  # samples of a short motion that are close enough to be judged
+    rows = (end / steps * np.arange(0, steps + 1, every)).tolist()  # [s]
     if source and interpreter is None:
         engine = engine if offer(engine).usable else NUMPY
         check_affordable(choice.step, end, COMPILED_STEP, seconds / 4)
@@ -194,7 +202,7 @@ def measure_program(
 
 
 def run_program(run: Simulation, source: str, interpreter: Interpreter | None, seconds: float) -> Measured:
-    """Return the suite's run of a program's setting, or the run of the program itself if it can be run here, within the seconds."""
+    """Run a program itself within some seconds if that is possible; otherwise return the suite's run of the same setting."""
     what = f"the suite's run of {run.engine} with the same setting"
     if not source:
         return Measured(run.status, run.message, run.trajectory, what)
@@ -211,40 +219,42 @@ def run_program(run: Simulation, source: str, interpreter: Interpreter | None, s
 
 
 def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Compared:
-    """Return the largest errors of a trajectory, its last sample's included.
+    """Return the largest errors of a trajectory, also at its last sample, within some seconds.
 
-    A reference that is quick to compute comes first. A better one follows if the first is not known to a tenth of the error.
+    A quick reference is computed first. If its error bar is more than a tenth of the error, a more precise one follows.
     """
     part = trajectory[spread_evenly(len(trajectory.t), COMPARED)]
     size, budget = run.mechanism.size, Budget(seconds)
-    best: Compared | None = None
+    best = Compared("no reference could be computed")
     with Worker() as worker:
         for precise in (QUICK, PRECISE):
+            reason = ""
             try:
                 found = truth(run, {"position": precise * size, "angle": precise}, budget.remaining, worker, nobody)
-            except NoTruth as reason:
-                return best or Compared(f"no reference could be had: {reason}")
-            bar, turned = found.bars["position"], found.bars["angle"]
-            if max(bar / size, turned) > ROUGH:
-                known = f"the motion is known to {bar:.1e} m and {turned:.1e} rad only: {found.told}"
-                return best or Compared(f"no reference could be had: {known}")
+            except NoTruth as failure:
+                reason = str(failure)
+            else:
+                bars = found.bars
+                if max(bars["position"] / size, bars["angle"]) > ROUGH:
+                    reason = f"the motion is known to {bars['position']:.1e} m and {bars['angle']:.1e} rad only: {found.told}"
+            if reason:  # the first reference, if there is one, is better than none
+                return best if best.known is not None else Compared(f"{best.reference}: {reason}")
             errors = state_errors(run.mechanism, part, found.at(run, part.t)).largest
             best = Compared(found.told, errors["position"], errors["angle"], found.bar)
-            if bar <= KNOWN * errors["position"] and turned <= KNOWN * errors["angle"]:
+            if all(bars[kind] <= KNOWN * errors[kind] for kind in ("position", "angle")):
                 break
-    assert best is not None
     return best
 
 
 def refuse_far(mechanism: Mechanism, position: float, angle: float) -> str:
-    """Return the judge's objection to an error against the reference, or an empty text."""
+    """Return the objection to errors [m], [rad] that are larger than the judge allows, or an empty text."""
     if not position <= OFF_MOTION * mechanism.size:
         return f"a link ends up {position:.2g} m from where it should be"
     return "" if angle <= OFF_MOTION else f"a link ends up turned by {angle:.2g} rad from where it should be"
 
 
 def refuse_other(mechanism: Mechanism, trajectory: Trajectory, own: Trajectory | None) -> str:
-    """Return the objection to a program that ends elsewhere than the run of the suite that was judged, or an empty text."""
+    """Return the objection to a program that ends far from the end of the suite's own run, or an empty text."""
     if own is None or trajectory is own:
         return ""
     off = np.abs(trajectory.q[-1] - own.q[-1]).max()
@@ -252,10 +262,10 @@ def refuse_other(mechanism: Mechanism, trajectory: Trajectory, own: Trajectory |
 
 
 def run_c(source: str, n: int) -> tuple[Trajectory | None, str]:
-    """Compile a program in C and run it; return its rows, or None and the reason why it was not run.
+    """Compile a program in C and run it; return its rows of n coordinates and n rates, or None and why it was not run.
 
     Raises:
-        ProgramFailed: it stopped before its end.
+        ProgramFailed: the program stopped before its end.
     """
     program = compiler()
     if program is None:
@@ -270,39 +280,41 @@ def run_c(source: str, n: int) -> tuple[Trajectory | None, str]:
                 return None, f"{Path(program).name} does not compile this program here: {in_a_sentence(done.stderr)[:200]}"
             done = subprocess.run([str(built)], capture_output=True, text=True, timeout=TRIED, check=False)
         except subprocess.TimeoutExpired as slow:
-            what = Path(slow.cmd[0]).name
-            return None, f"{'the program' if what == built.name else what} took longer than {slow.timeout:g} s"
+            name = "the program" if slow.cmd[0] == str(built) else Path(program).name
+            return None, f"{name} took longer than {slow.timeout:g} s"
     if done.returncode:
         raise ProgramFailed(in_a_sentence(done.stderr) or f"the program ended with code {done.returncode}")
     return read_rows(done.stdout.splitlines()[1:], n), ""
 
 
 def run_python(source: str, mechanism: Mechanism, interpreter: Interpreter, seconds: float) -> tuple[Trajectory | None, str]:
-    """Run a program in Python alone under an interpreter; return its rows, or None and the reason why they cannot be read.
+    """Run a program in Python under an interpreter; return its rows, or None and why they cannot be read.
 
     Raises:
-        ProgramFailed: it stopped before its end, or took longer than the seconds.
+        ProgramFailed: the program stopped before its end, or took longer than the seconds.
     """
     heading = ",".join(["t", *coordinates(mechanism), *rates(mechanism)])
     try:
-        with Worker() as worker:  # its limit lies beyond that of the program, which counts waits for a processor
+        with Worker() as worker:  # the worker has twice the time, so that the program reaches its own limit first
             answer = worker.under(interpreter).call(run_there, (source, seconds), 2 * seconds)
     except WorkerFailure as failure:
         raise ProgramFailed(str(failure)) from failure
     match answer:
-        case {"printed": str(text)} if heading in (lines := text.splitlines()):
-            rows = [x for x in lines[lines.index(heading) + 1 :] if "," in x]  # libraries print before, between and behind them
-            return read_rows(rows, mechanism.n), ""
+        case {"printed": str(text)}:
+            lines = text.splitlines()
+            if heading in lines:
+                rows = [x for x in lines[lines.index(heading) + 1 :] if "," in x]  # libraries may print lines between the rows
+                return read_rows(rows, mechanism.n), ""
         case {"failed": str(reason)}:
             raise ProgramFailed(reason)
     return None, "the program prints no table of t, positions and velocities of the links"
 
 
 def read_rows(lines: list[str], n: int) -> Trajectory:
-    """Return rows of t, n positions and n velocities as a trajectory without accelerations.
+    """Return lines of t, n positions and n velocities as a trajectory whose accelerations are zero.
 
     Raises:
-        ProgramFailed: a row is none, or a number is not finite.
+        ProgramFailed: a line has another form, or a number is not finite.
     """
     try:
         rows = np.array([*csv.reader(lines)], dtype=float).reshape(-1, 1 + 2 * n)

@@ -1,4 +1,4 @@
-"""Programs for settings: an engine with a setting becomes a program, written in a process that has the engine's library."""
+"""Write a program for an engine with a setting, in a process that has the engine's library."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
-from gauss_bench.api.in_worker import read_answer, tell_plainly
+from gauss_bench.api.in_worker import answer_plainly, read_answer
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.snippets import WRITERS, holds, snippet, with_head
@@ -18,24 +18,29 @@ from gauss_bench.runs.programs import program_there, read_program, writes_progra
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import RunFailure
 
-LIMIT = 60.0  # [s] for a program of a report
-LARGEST = 30_000  # characters: a longer program is left to `gauss-bench export`
-BEATS = 50  # samples of a run whose integrator chooses its own steps, in a report
+LIMIT = 60.0  # [s] longest time to write a program of a report
+LARGEST = 30_000  # characters of a program in a report; `gauss-bench export` writes longer ones
+BEATS = 50  # samples that a program prints if its integrator chooses its own steps
 UNWRITTEN = (ExchangeError, LinkageError, RunFailure, WorkerFailure, ImportError, ValueError, KeyError)
 
 Call = Callable[[Callable[..., Any], tuple[Any, ...]], Any]  # calls a function with arguments in the process of an engine
 
 
 def write_program(call: Call, linkage: str, mechanism: Mechanism, engine: str, choice: Choice, remarks: tuple[str, ...]) -> str:
-    """Return the program that runs a mechanism over its duration in an engine; `linkage` is its name or path in the program.
+    """Return the text of a program that runs a mechanism over its duration in an engine.
+
+    Args:
+        call: calls a function with arguments in the engine's process.
+        linkage: name or path of the linkage, as the program names it.
+        remarks: sentences for the head of the program.
 
     Raises:
-        ExchangeError, RunFailure: the program cannot express this, or the engine refuses it.
+        ExchangeError, RunFailure: a program cannot express the setting, or the engine refuses it.
         MissingExtra: the engine's library is missing; WorkerFailure: its process failed.
     """
     if engine in WRITERS:
         arguments = (linkage, mechanism.scenario, mechanism.duration, engine, choice, remarks)
-        return str(read_answer(call(snippet_there, arguments), linkage)["text"])
+        return str(read_answer(call(answer_plainly, (snippet_there, *arguments)), linkage)["text"])
     if writes_programs(engine):
         return with_head(mechanism, read_program(engine, call(program_there, (engine, mechanism, choice))), remarks)
     return snippet(mechanism, linkage, engine, choice, mechanism.duration, remarks)
@@ -44,23 +49,23 @@ def write_program(call: Call, linkage: str, mechanism: Mechanism, engine: str, c
 def snippet_there(
     linkage: str, scenario: str, until: float, engine: str, choice: Choice, remarks: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Run `snippet` in the worker and return plain data."""
+    """Return {"text": program} for a library that writes it itself; this runs in a worker."""
     mechanism = load_until(linkage, scenario, until)
-    return tell_plainly(lambda: {"text": snippet(mechanism, linkage, engine, choice, until, remarks)})
+    return {"text": snippet(mechanism, linkage, engine, choice, until, remarks)}
 
 
 @lru_cache(maxsize=32)
 def load_until(linkage: str, scenario: str, until: float) -> Mechanism:
-    """Load a built-in linkage for a run of another duration `until` [s]; a report asks for each of them some sixty times.
+    """Return a linkage in a scenario with the duration `until` [s]; a report asks for each of them some sixty times.
 
     Raises:
-        LinkageError: as `load`.
+        LinkageError: the file has faults.
     """
     return replace(load(linkage, scenario), duration=until)
 
 
 class Wanted(NamedTuple):
-    """A setting of a report; a step [s] or tolerance that is not finite is not given, and `until` [s] ends the run."""
+    """A setting of a report, run up to `until` [s]; a step [s] or tolerance that does not apply is NaN."""
 
     linkage: str
     scenario: str
@@ -81,10 +86,10 @@ class Wanted(NamedTuple):
 
 
 def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]:
-    """Return setting (as the fields of Wanted) -> program; a setting whose program cannot be written here is left out."""
+    """Return the fields of a Wanted -> its program, without the settings whose program cannot be written on this machine."""
     written: dict[tuple[Any, ...], str] = {}
     with Worker() as worker:
-        for x in sorted(map(Wanted._make, wanted), key=lambda x: x.engine):  # which starts each engine once
+        for x in sorted(map(Wanted._make, wanted), key=lambda x: x.engine):  # in this order each engine starts only once
             if not holds(x.engine, x.integrator, x.stabilization):
                 continue
             call = partial(worker.under(interpreter_of(x.engine)).call, limit=LIMIT)

@@ -1,4 +1,4 @@
-"""The setting of each engine that holds a user's requirements on a linkage: what `gauss-bench recommend --json` prints."""
+"""Find the cheapest setting of each engine that holds a user's requirements: the object that `recommend --json` prints."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -25,8 +25,8 @@ from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, duration, 
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.trajectory import RunFailure
 
-BUDGET = 60.0  # [s]
-FIRST = ("dop853_fixed", "rk4", "dop853")  # integrators tried first in engines without variants of their own
+BUDGET = 60.0  # [s] default of the time for the whole search
+FIRST = ("dop853_fixed", "rk4", "dop853")  # integrators that are tried first in engines without variants of their own
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,13 +35,13 @@ class Recommendation(Result):
 
     Attributes:
         mechanism, scenario: names of the linkage and scenario; until: end of the run [s].
-        required: kind -> largest allowed error [m], [rad], [N]; settings hold half of it.
+        required: kind -> largest allowed error [m], [rad], [N]; errors of settings are at most half of it.
         truth: how the reference was made; certified: whether it is a certificate.
         known: kind -> error bar of the reference [m], [rad], [N].
-        answers: one per engine: those that were raced, the fastest first, those that hold without a race, and the others.
-        advice: one sentence.
+        answers: one answer per engine: first those that were raced, from the fastest, then those that hold without a race.
+        advice: the advice in one sentence.
         remarks: sentences on limits of the answers.
-        complete: whether the search of every variant of every engine was finished.
+        complete: whether every variant of every engine was tried.
     """
 
     mechanism: str
@@ -82,29 +82,29 @@ def recommend(
 ) -> Recommendation:
     """Find the cheapest setting of each engine whose error over the whole run is at most half of the requirement.
 
-    Candidates and their errors are the same in every call. Only two things depend on the clock: which candidates the budget leaves
-    untried, and which of the settings that hold is faster.
+    Candidates and their errors are the same in every call. Two things depend on the clock: which candidates are not tried within
+    the budget, and which of the accurate settings is the fastest.
 
     Args:
         linkage: name of a built-in linkage, or a path.
         position, angle, force: largest allowed error of any link's centre of mass [m] or angle [rad], or of any joint force [N]. At
-            least one is needed; a setting must hold all that are given.
-        until: end of the run [s]; the scenario's duration where not given.
-        engines: names; all where not given.
-        scenario: of the file; the first with a start where not given.
-        settings: as in `simulate`, only with a single engine; the search then varies integrator, stabilization and step.
-        budget: seconds for everything (60). Time in which other programs had the processor does not count, but the search ends
-            after 1.45 times the budget of wall time; the program of the advised setting is written in any case.
+            least one is needed, and a setting must hold all that are given.
+        until: end of the run [s]; by default the scenario's duration.
+        engines: names of engines; by default all.
+        scenario: name of a scenario; by default the first with a start.
+        settings: settings of a single engine, as in `simulate`; the search then varies integrator, stabilization and step.
+        budget: longest time of the whole call [s]; by default 60. Time in which other programs had the processor does not count,
+            but the search ends after 1.45 times the budget of elapsed time. The program of the advised setting is always written.
         told: called with each sentence of progress.
-        better: called with the first answer of an engine and with every cheaper one, before they are raced.
-        authors: files of settings that engines' authors own; they have an answer of their own beside the suite's.
+        better: called with the first answer of an engine and with every cheaper one, before the race.
+        authors: files of settings by engines' authors, which get an answer of their own beside the suite's.
 
     Raises:
-        LinkageError: the file has faults.
+        LinkageError: the linkage file has faults.
         SettingsFault: a file of settings has faults.
-        ChoiceError: a requirement, time or setting that cannot be used.
-        KeyError: unknown engine.
-        NoTruth: no reference is known well enough.
+        ChoiceError: a requirement, time or setting cannot be used.
+        KeyError: an engine is unknown.
+        NoTruth: no reference is exact enough.
     """
     wanted = list_requirements(position=position, angle=angle, force=force)
     seconds = Budget(check_budget(budget, BUDGET))
@@ -114,7 +114,7 @@ def recommend(
     if settings is not None and len(offered) != 1:
         raise ChoiceError("settings are those of one engine: name it with --engine")
     if settings is not None and authors:
-        raise ChoiceError("--settings asks for these settings alone, and --authors for more: give one of them")
+        raise ChoiceError("--settings tries only these settings, and --authors adds others: give one of them")
     spaces = {x.name: variants(x, settings) for x in offered}
     owned = list_owned([x.name for x in offered], authors) if settings is None else {}
     run = Run(linkage, mechanism, end)
@@ -140,10 +140,9 @@ def recommend(
 
 
 def with_snippet(recommender: Recommender, answer: Answer, least: float) -> Answer:
-    """Add to an answer the program that runs its setting, or the reason why there is none.
+    """Return an answer with the program that runs its setting, or with the reason why there is no program.
 
-    Programs that need the engine's library to be written, or that the engine writes itself, are written in the engine's worker,
-    which has `least` seconds [s] for it in any case.
+    The engine's worker writes the program if that needs the engine's library; it has at least `least` seconds, whatever the budget.
     """
     if answer.status != "ok":
         return answer
@@ -151,9 +150,10 @@ def with_snippet(recommender: Recommender, answer: Answer, least: float) -> Answ
     remarks = [
         f"Holds {format_limits(recommender.wanted)} over {run.until:g} s: {errors} with {answer.engine}, {setting_of(answer)}."
     ]
-    if (found := recommender.truth) is not None:
+    reference = recommender.truth
+    if reference is not None:
         remarks.append(describe_error(answer.errors["position"], answer.errors["angle"]))
-        remarks.append(describe_reference(found.told, found.bar))
+        remarks.append(describe_reference(reference.told, reference.bar))
     call = partial(recommender.call_worker, answer.engine, least=least)
     mechanism = replace(run.mechanism, duration=run.until)
     try:
@@ -165,16 +165,16 @@ def with_snippet(recommender: Recommender, answer: Answer, least: float) -> Answ
 
 
 def name_from_anywhere(linkage: str) -> str:
-    """Return a linkage as a program names it that may be started from any folder: a user's file by its whole path."""
+    """Return the whole path of a user's file, so that a program finds it from any folder; names of built-in linkages stay."""
     source = find(linkage)
     return str(source.resolve()) if source.is_file() and linkage not in built_in() else linkage
 
 
 def list_requirements(**limits: float | None) -> dict[str, float]:
-    """Return the given requirements by kind.
+    """Return kind ("position", "angle", "force") -> largest allowed error, for those that are not None.
 
     Raises:
-        ChoiceError: none is given, or one is not a positive number.
+        ChoiceError: all are None, or one is not a positive number.
     """
     wanted = {kind: x for kind, x in limits.items() if x is not None}
     if not wanted:
@@ -186,27 +186,28 @@ def list_requirements(**limits: float | None) -> dict[str, float]:
 
 
 def list_owned(engines: Sequence[str], files: Sequence[str | Path]) -> dict[str, list[Variant]]:
-    """Return engine -> settings that its authors own, of the engines that are asked.
+    """Return name of an engine -> settings by its authors in some files; engines without such settings are left out.
 
     Raises:
-        ChoiceError: a file is for an engine that is not asked.
+        ChoiceError: a file is for an engine that is not among `engines`.
         SettingsFault: a file has faults.
     """
     for path in files:
-        if (name := read_settings(Path(path)).engine) not in engines:
-            raise ChoiceError(f"{path}: engine: {name} is not among the engines that are asked, {', '.join(engines)}")
+        name = read_settings(Path(path)).engine
+        if name not in engines:
+            raise ChoiceError(f"{path}: engine: {name} is not among the engines of this search, {', '.join(engines)}")
     owned = {name: candidates_of(name, files) for name in engines}
-    return {name: some for name, some in owned.items() if some}
+    return {name: candidates for name, candidates in owned.items() if candidates}
 
 
 def order_kinds() -> list[str]:
-    """Return the names of all engines, the quickest to answer first."""
+    """Return the names of all engines: compiled and foreign ones first, and own ones in Python, which are slow, last."""
     first, last = [*COMPILED, *DERIVED, *FOREIGN], [*OWN]
     return [*first, *(x for x in all_names() if x not in first + last), *last]
 
 
 def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
-    """Return the variants of an engine in the order in which they are tried."""
+    """Return the variants of an engine, or of these settings of it, in the order in which the search tries them."""
     if not engine.usable:
         return []
     if settings is not None:
@@ -217,11 +218,17 @@ def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
     tried = [x for x in tried if holds(engine.name, x.integrator, x.stabilization, str(x.options.get("code", "")))]
 
     def rank(x: Variant) -> tuple[int, bool]:
+        """Return the place in the engine's own order, or else that of the integrator, without stabilization first."""
         if engine.first:
-            return engine.first.index(x.name) if x.name in engine.first else len(engine.first), False
-        return FIRST.index(x.integrator) if x.integrator in FIRST else len(FIRST), x.stabilization != "none"
+            return place_in(engine.first, x.name), False
+        return place_in(FIRST, x.integrator), x.stabilization != "none"
 
     return sorted(tried, key=rank)
+
+
+def place_in(names: Sequence[str], name: str) -> int:
+    """Return the index of a name; all names that are not listed come after the listed ones."""
+    return names.index(name) if name in names else len(names)
 
 
 def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
@@ -233,53 +240,59 @@ def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
         sentences.append(f"the motion of {names} is prescribed, {free}: errors tell how well engines follow it")
     for x in answers:
         if x.loops:
-            ratios = ", ".join(f"{loop} {times:.3g}" for loop, times in x.loops.items())
-            sentences.append(f"{x.engine} by who runs its loop, in times of the fastest engine: {ratios}")
+            ratios = ", ".join(f"{loop} {ratio:.3g}" for loop, ratio in x.loops.items())
+            sentences.append(f"times of {x.engine} over that of the fastest engine, by the program that runs the steps: {ratios}")
         if x.in_python and x.engine not in OWN:
-            own = "of this suite's own in Python" if x.engine in (*SAFE, *ELSEWHERE) else "in Python, besides its library"
-            sentences.append(f"the time of {x.engine} holds {own}: {x.in_python}")
+            part = "Python code of this suite" if x.engine in (*SAFE, *ELSEWHERE) else "Python code besides its library"
+            sentences.append(f"the time of {x.engine} includes {part}: {x.in_python}")
     short = list(dict.fromkeys(x.engine for x in answers if not x.complete))
     if short:
-        sentences.append(f"time ended before every variant was tried of {', '.join(short)}: a larger --budget may find better ones")
+        sentences.append(f"time ended before all variants of {', '.join(short)} were tried: a larger --budget may find better ones")
     return sentences
 
 
 def advised(answers: Sequence[Answer]) -> Answer | None:
-    """Return the answer that is advised: the fastest of the race, else the first that holds; None where none does."""
-    held = [x for x in answers if x.status == "ok"]
-    return next((x for x in held if x.ratio is not None), held[0] if held else None)
+    """Return the advised answer: the fastest in the race, or else the first that holds; None if no setting holds."""
+    holding = [x for x in answers if x.status == "ok"]
+    return next((x for x in holding if x.ratio is not None), holding[0] if holding else None)
 
 
 def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
     """Return the advice: which setting to take, or what to do if none holds the requirement."""
-    limit, more = format_limits(wanted), "raise --budget or the limit"
     best = advised(answers)
     if best is None:
-        near = [x for x in answers if x.errors]
-        if not near:
-            if any(x.status == "not tried" for x in answers):
-                return f"No run ended within the budget that says whether {limit} can be held: see the reasons above, or {more}."
-            return f"No engine runs this linkage: see the reasons above for {limit}."
-        nearest = min(near, key=lambda x: max(x.errors.get(k, math.inf) / y for k, y in wanted.items()))
-        came = format_errors(nearest.errors, wanted)
-        return f"No setting holds half of {limit} within the budget; {nearest.engine} is nearest with {came}: {more}."
+        return advise_without(answers, wanted)
     takes = " (no setting was raced)" if best.seconds is None else f" in {duration_of(best.seconds)} a run"
     others = [x for x in answers if x is not best and x.engine in (*FOREIGN, *ELSEWHERE) and x.ratio is not None]
-    than = f"; of other libraries {others[0].engine} comes next, {others[0].ratio:.3g} times as long" if others else ""
+    next_best = f"; of other libraries {others[0].engine} comes next, {others[0].ratio:.3g} times as long" if others else ""
     unraced = [x for x in answers if x is not best and x.status == "ok" and x.ratio is None]
     hold = f"{len(unraced)} other engine{' holds' if len(unraced) == 1 else 's hold'}"
-    beside = f" {hold} it too and had no race." if unraced and best.ratio is not None else ""
-    with_errors = format_errors(best.errors, wanted)
-    return f"Take {best.engine} with {setting_of(best)}: it holds {limit} with {with_errors}{takes}{than}.{beside}"
+    more = f" {hold} it too and had no race." if unraced and best.ratio is not None else ""
+    errors = format_errors(best.errors, wanted)
+    return f"Take {best.engine} with {setting_of(best)}: it holds {format_limits(wanted)} with {errors}{takes}{next_best}.{more}"
+
+
+def advise_without(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
+    """Return the advice if no setting holds the requirement."""
+    limit, remedy = format_limits(wanted), "raise --budget or the limit"
+    with_errors = [x for x in answers if x.errors]
+    if with_errors:
+        nearest = min(with_errors, key=lambda x: max(x.errors.get(k, math.inf) / y for k, y in wanted.items()))
+        errors = format_errors(nearest.errors, wanted)
+        return f"No setting holds half of {limit} within the budget; {nearest.engine} is nearest with {errors}: {remedy}."
+    if any(x.status == "not tried" for x in answers):
+        return f"No run that could show whether {limit} can be held ended within the budget: see the reasons above, or {remedy}."
+    return f"No engine runs this linkage: see the reasons above for {limit}."
 
 
 def setting_of(answer: Answer) -> str:
-    """Return a setting in words."""
+    """Return the setting of an answer in words."""
     words = format_setting(answer.settings, answer.integrator, answer.stabilization, answer.step, answer.tolerance)
     return f"{words}, {BY_AUTHORS}" if answer.owner else words
 
 
 def duration_of(seconds: float) -> str:
-    """Return a duration in s, ms or us."""
-    scale, unit = next(((x, u) for x, u in ((1.0, "s"), (1e-3, "ms")) if seconds >= x), (1e-6, "us"))
-    return f"{seconds / scale:.3g} {unit}"
+    """Return a duration in words, in s, ms or us."""
+    if seconds >= 1.0:
+        return f"{seconds:.3g} s"
+    return f"{seconds * 1e3:.3g} ms" if seconds >= 1e-3 else f"{seconds * 1e6:.3g} us"

@@ -1,4 +1,4 @@
-"""One linkage, one engine, one run: the object that `gauss-bench simulate --json` prints."""
+"""Run one linkage in one engine, and judge the run: the object that `gauss-bench simulate --json` prints."""
 
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -35,8 +35,8 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Caption, Reference, Status, Trajectory
 
 RAN = (Status.OK, Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED)  # statuses of runs that are repeated at half the step
-QUICKEST_COMPILED, QUICKEST_INTERPRETED = 2e-8, 1e-4  # [s] least time of a step: smallest linkage, fast machine
-LIMIT = 600.0  # [s] that a worker may take by default
+QUICKEST_COMPILED, QUICKEST_INTERPRETED = 2e-8, 1e-4  # [s] least time of a step, of the smallest linkage on a fast machine
+LIMIT = 600.0  # [s] default of the time of a worker
 
 
 class PointState(TypedDict):
@@ -102,23 +102,23 @@ class Observed(TypedDict):
 
 
 class Metrics(TypedDict, total=False):
-    """The figures of a run that need no reference, and its costs; none of a run that reached nothing.
+    """The figures of a run that need no reference, and its costs; empty if the run has no samples.
 
     Attributes:
         until: time that the run reached [s].
-        position_drift: largest residual of the constraints [m, rad]; velocity_drift: largest rate of it [m/s, rad/s].
+        position_drift: largest residual of the constraints [m, rad]; velocity_drift: largest rate of the residual [m/s, rad/s].
         acceleration_residual: largest second rate of the residual [m/s^2, rad/s^2].
         acceleration_error: median relative error of the accelerations at the run's own states.
         energy_error: largest error of the balance of energy, work and losses [J]; energy_error_bar: error of its quadrature [J].
-        energy_scale: energy that moves in the run [J].
+        energy_scale: the larger of the largest kinetic energy and the range of the potential energy [J].
         steps: number of steps; null if the engine does not count them.
-        shortened_steps: number of steps that were shortened to reach a time that was asked for.
+        shortened_steps: number of steps that were shortened to reach a requested time.
         evaluations: number of evaluations of the equations of motion; null if the engine does not count them.
         build_time: time to build the model [s]; step_time: time of one step [s]; null if steps are not counted.
-        halving_length: largest change of a link's place by half the step [m]; null without a repetition.
-        halving_angle: largest change of a link's angle by half the step [rad]; null without a repetition.
-        steps_a_period: steps in a period of the fastest oscillation; null where it is not needed.
-        acceleration_disagreement: median relative difference of two own formulations; null where it is not needed.
+        halving_length: largest change of a link's position in the repetition at half the step [m]; null without a repetition.
+        halving_angle: largest change of a link's angle in that repetition [rad]; null without a repetition.
+        steps_a_period: number of steps in a period of the fastest oscillation; null if the judge did not need it.
+        acceleration_disagreement: median relative difference of two own formulations; null if the judge did not need it.
     """
 
     until: float
@@ -145,7 +145,7 @@ class OneRun(Result):
     """The result of one run of one linkage in one engine.
 
     Attributes:
-        engine, mechanism, scenario, settings, integrator, stabilization: what was run.
+        engine, mechanism, scenario, settings, integrator, stabilization: names of what was run.
         step: of the integration [s].
     """
 
@@ -159,37 +159,36 @@ class OneRun(Result):
 
 
 def name_run(mechanism: Mechanism, engine: str, choice: Choice) -> dict[str, Any]:
-    """Return the fields of OneRun."""
-    what = {"engine": engine, "mechanism": mechanism.name, "scenario": mechanism.scenario}
-    return what | {name: getattr(choice, name) for name in ("settings", "integrator", "stabilization", "step")}
+    """Return the fields of OneRun by name."""
+    names = {"engine": engine, "mechanism": mechanism.name, "scenario": mechanism.scenario}
+    return names | {name: getattr(choice, name) for name in ("settings", "integrator", "stabilization", "step")}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Simulation(OneRun):
-    """A run, sampled at the k times asked for, with the fields of OneRun.
+    """A run sampled at k times, with the fields of OneRun.
 
     Attributes:
-        status: "ok", "skip", "invalid" for a run that ended but that the judge rejects, else the kind of failure.
+        status: "ok", "skip", "invalid" if the run ended but the judge rejects it, or the kind of failure.
         message: reason of the status, or a remark on the run.
-        t: (k,) times [s]; of a failed run those that it reached, and its last time. If it reached none, this and all fields of
-            samples are empty.
-        links: per link x, y [m] of its centre of mass, theta [rad], vx, vy, omega, ax, ay, alpha, each (k,).
-        points: per observed point x, y [m], vx, vy, ax, ay.
-        joints: per joint the constraint force fx, fy [N] on its second link and the moment [N m].
-        metrics: figures that need no reference, over the run until `until` [s], and its costs.
+        t: (k,) times [s]. A failed run has the requested times that it reached, and its last time. If it reached none, all fields
+            of samples are empty.
+        links: name -> motion of the link.
+        points: name -> motion of the observed point.
+        joints: name -> constraint force on the joint's second link, and moment.
+        metrics: figures of the run that need no reference, and its costs.
         valid: whether the run ended and the judge has no objection.
-        objections: of the judge, each with subject, value, limit and sentence; of a failed run, to the part that it reached.
-        trusted_until: [s] the end of the part without objections; None if there is nothing to judge.
+        objections: the judge's objections to the run, or to the part that a failed run reached.
+        trusted_until: end of the part without objections [s]; None if there is nothing to judge.
         advice: what may make an invalid run valid, or an empty text.
-        observed: {"points": names, "links": names} that the file observes.
-        drivers: per driver the torque [N m] or force [N] it exerts; left out of dictionaries where nothing is driven.
-        welds: per weld the force fx, fy [N] on the link that is welded and the moment [N m] about the point where it is held; left
-            out of dictionaries where there are none.
-        warnings: of the loader on the file; left out of dictionaries if there are none.
-        loads: the largest and mean loads of joints, welds and drivers over the samples until `trusted_until`, if asked for; none of
-            a run with wrong accelerations.
-        asked_until: the end that was asked for [s]; model: the linkage; trajectory: all samples that were reached, or None. They
-            are not in dictionaries; `gauss_bench.history` makes curves of them.
+        observed: names of the points and links that the file observes.
+        drivers: name -> torque [N m] or force [N] that the driver exerts (k,); dictionaries leave it out if it is empty.
+        welds: name -> force on the welded link, and moment about the point of the weld; dictionaries leave it out if it is empty.
+        warnings: warnings of the loader on the file; dictionaries leave it out if it is empty.
+        loads: the largest and mean loads of joints, welds and drivers until `trusted_until`, if they were asked for. A run with
+            wrong accelerations has none.
+        asked_until: requested end of the run [s]; model: the linkage; trajectory: all samples, or None. Dictionaries leave these
+            three out; `gauss_bench.history` makes curves of them.
     """
 
     status: Status
@@ -221,7 +220,7 @@ class Simulation(OneRun):
         return tuple(f"warning: {x}" for x in self.warnings)
 
     def told(self) -> Caption:
-        """Return the sentences on the run that plots and animations show."""
+        """Return the sentences on the run that plots and animations show, and the times [s] of its end and of its trusted part."""
         how = f"{self.engine} ({self.settings}), {self.integrator}, stabilization {self.stabilization}, step {self.step:g} s"
         verdict = "" if self.valid else _join(f"{self.status}: {self.message}", self.advice)
         end = max(self.asked_until, float(self.t[-1]) if len(self.t) else 0.0)
@@ -244,39 +243,38 @@ def simulate(
     whole: bool = False,
     forces: bool = False,
 ) -> Simulation:
-    """Simulate a linkage (a built-in name or a file) in one engine, and judge the run.
+    """Simulate a linkage in one engine, and judge the run.
 
-    Own formulations run in this process, every other engine in a worker: an engine that crashes, hangs or cannot be imported
-    gives a result with a status and a sentence. Every run is judged in this process. A failed run is returned up to its failure.
+    Own formulations run in this process, and every other engine runs in a worker. If an engine crashes, hangs or cannot be
+    imported, the result has a status and a sentence. A failed run is returned up to its failure.
 
     Args:
         linkage: name of a built-in linkage, or a path.
         engine: one of `gauss_bench.engines.names()`.
-        scenario: of the file; the first with a start where not given.
-        settings: of the engine: a name, KEY=VALUE,... of its own options, or both; its defaults where not given.
-        integrator, stabilization: of the engine; its defaults where not given.
-        step: integration step [s]. A time of `at` that is no multiple of it is reached by a shorter step, and the message says so.
-        at: times [s] to report; 0 and the scenario's duration where not given. The run ends at the last of them, unless `whole` or
-            `forces` says otherwise.
-        limit: seconds after which a worker is stopped.
+        scenario: name of a scenario; by default the first with a start.
+        settings: settings of the engine, as a name, as KEY=VALUE,... or as both; by default the engine's own.
+        integrator, stabilization: names; by default the engine's first.
+        step: integration step [s]. A time of `at` that is no multiple of the step is reached by a shorter step, and the message
+            says so.
+        at: times [s] to report; by default 0 and the scenario's duration. The run ends at the last of them.
+        limit: longest time of a worker [s].
         told: called with a sentence when the run begins, after all arguments were checked.
-        tolerance: relative tolerance of an integrator that chooses its own steps; the absolute one is a hundredth of it. Where it
-            is not given, the settings give both.
-        whole: run through the whole duration of the scenario, for plots and tables of all samples; `at` still chooses the times
-            that are reported.
-        forces: run through the whole duration, and give the largest and mean loads of joints, welds and drivers.
+        tolerance: relative tolerance of an integrator that chooses its own steps; the absolute tolerance is a hundredth of it. By
+            default the settings give both.
+        whole: run through the whole duration of the scenario, for plots and tables of all samples.
+        forces: run through the whole duration, and find the largest and mean loads of joints, welds and drivers.
 
     Raises:
         LinkageError: the file has faults.
-        ChoiceError: the engine does not offer what was asked for.
-        KeyError: unknown engine.
+        ChoiceError: the engine does not offer the setting, or a time or step cannot be used.
+        KeyError: the engine is unknown.
     """
     offered = offer(engine)
     choice = offered.choose_tolerance(offered.choose(settings, integrator, stabilization, step), tolerance)
     mechanism = load(linkage, scenario)
     at = sorted(set(at)) if at else [0.0, mechanism.duration]
     _check_times(at, limit)
-    # A report at single times needs no run beyond the last of them. What shows the whole motion must not end there.
+    # a report at single times needs no run beyond the last of them, but plots, tables and loads need the whole motion
     end = max(at[-1], mechanism.duration) if whole or forces else at[-1]
     asked: dict[str, Any] = name_run(mechanism, engine, choice) | {"warnings": mechanism.warnings, "asked_until": end}
     asked |= {"model": mechanism, "observed": observe_names(mechanism)}
@@ -296,14 +294,14 @@ def simulate(
             return Simulation(**asked, **_judge(mechanism, choice, runs, runs.samples, at, forces))
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             status = Status.ERROR if runs.run.trajectory else runs.run.status
-            return _without_samples(asked, status, _join(runs.run.message, f"what was computed cannot be judged: {error}"))
+            return _without_samples(asked, status, _join(runs.run.message, f"the motion cannot be judged: {error}"))
 
 
 def _check_times(at: list[float], limit: float) -> None:
-    """Check the times to report and the limit of the worker [s].
+    """Check the times to report [s] and the limit of the worker [s].
 
     Raises:
-        ChoiceError: a time is negative, or the limit not positive.
+        ChoiceError: a time is negative or not finite, or the limit is not positive.
     """
     if not all(np.isfinite(x) and x >= 0 for x in at):
         raise ChoiceError("times must be numbers that are not negative")
@@ -312,7 +310,7 @@ def _check_times(at: list[float], limit: float) -> None:
 
 
 def _without_samples(asked: dict[str, Any], status: Status, message: str) -> Simulation:
-    """Return the result of a run that has no samples, or none that can be judged."""
+    """Return the result of a run without samples that can be judged; `asked` has the fields of Simulation that name the run."""
     mechanism: Mechanism = asked["model"]
     none = np.zeros((0, mechanism.n))
     return Simulation(**asked, **states_at(mechanism, Trajectory(np.zeros(0), none, none, none, 0)), status=status, message=message)
@@ -320,12 +318,12 @@ def _without_samples(asked: dict[str, Any], status: Status, message: str) -> Sim
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """A run with all that it is judged by.
+    """A run, and the reference and repetition by which it is judged.
 
     Attributes:
-        run: carried out as it was asked for.
+        run: the run with the requested setting.
         truth: the certified motion, or None.
-        finer: the repetition at half the step or a tighter tolerance, or None where it is not needed or not possible.
+        finer: the repetition at half the step or a tighter tolerance; None if it is not needed or not possible.
         adaptive: whether the integrator chooses its own steps.
     """
 
@@ -341,14 +339,14 @@ class Runs:
 
 
 def run_twice(request: Request, mechanism: Mechanism, offered: Offer, limit: float) -> Runs:
-    """Carry out a request within `limit` seconds, and repeat it more finely where no certified motion can decide on it."""
+    """Carry out a request within `limit` seconds, and repeat it with a finer setting if no certified motion can decide on it."""
     truth, finer = None, None
-    worker = keep(request.engine)  # the worker that already answered what the engine offers
+    worker = keep(request.engine)  # the worker that already described the engine
     try:
         run = run_of(request, mechanism, limit, worker)
         samples = run.trajectory or run.reached
         if samples is not None and run.status in RAN:
-            with suppress(OSError, ValueError):  # a damaged certificate is none: the run is then judged by its repetition
+            with suppress(OSError, ValueError):  # with a damaged certificate the run is judged by its repetition
                 truth = find_certified(mechanism, float(request.wanted.times[-1]))
             if len(samples.t) > 1 and (truth is None or not has_sound_rates(mechanism, samples)):
                 again = run_of(repeat_finer(request, offered, run.seconds, samples.t), mechanism, limit, worker)
@@ -359,12 +357,15 @@ def run_twice(request: Request, mechanism: Mechanism, offered: Offer, limit: flo
 
 
 def _judge(mechanism: Mechanism, choice: Choice, runs: Runs, samples: Trajectory, at: list[float], forces: bool) -> dict[str, Any]:
-    """Return the fields of a run: at the times asked for, or for a failed run at those that it reached and at its last time."""
+    """Return the fields of Simulation that the samples of a run decide.
+
+    States are those at the times `at` [s]; a failed run has the times that it reached, and its last time.
+    """
     run, ended = runs.run, runs.run.trajectory is not None
     evidence, undecided = evidence_of(mechanism, choice, samples, runs.truth, runs.finer, adaptive=runs.adaptive)
     verdict, last = judge(evidence), float(samples.t[-1])
     status = (Status.OK if verdict.valid else Status.INVALID) if ended else run.status
-    # the reason of the status comes first: an invalid run is one by the verdict, a failed one by its own message
+    # the reason of the status comes first: the verdict's sentence for an invalid run, its own message for a failed one
     reasons = (run.message, verdict.sentence) if status is run.status else (verdict.sentence, run.message)
     until = last
     if not verdict.valid:
@@ -384,23 +385,23 @@ def _judge(mechanism: Mechanism, choice: Choice, runs: Runs, samples: Trajectory
 
 
 def _join(*sentences: str) -> str:
-    """Return the sentences that are not empty, as one."""
+    """Return the sentences that are not empty, joined by semicolons."""
     return "; ".join(filter(None, sentences))
 
 
 def loads_until(mechanism: Mechanism, trajectory: Trajectory, until: float, verdict: Judgement) -> Loads:
-    """Return the largest and mean loads over the samples up to a time [s], after which the verdict on the run is bad.
+    """Return the largest and mean loads over the samples up to a time [s]; the judge objects to later samples.
 
-    Forces follow from accelerations: there are none to trust if these are another linkage's, or if only the start is valid.
+    Forces follow from accelerations. If the judge objects to the accelerations, or if only the start is valid, there are no loads.
     """
-    foreign = any(x.subject is Subject.MODEL for x in verdict.objections)
-    trusted = verdict.valid or (until > 0.0 and not foreign)
+    accelerations_are_wrong = any(x.subject is Subject.MODEL for x in verdict.objections)
+    trusted = verdict.valid or (until > 0.0 and not accelerations_are_wrong)
     part = trajectory[: int(np.searchsorted(trajectory.t, until, "right")) if trusted else 0]
     return metrics.summarise_loads(mechanism, part, metrics.load_curves(Evaluator(mechanism), part))
 
 
 def states_at(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
-    """Return the fields with states and forces at the samples of a trajectory."""
+    """Return the fields of Simulation with times, states and forces at the samples of a trajectory."""
     evaluator, links = Evaluator(mechanism), spread(mechanism, x)
     exerted = metrics.driving_forces(evaluator, x).T if mechanism.drivers else ()
     return {
@@ -445,8 +446,7 @@ def measure(evidence: Evidence, trajectory: Trajectory, run: Run) -> Metrics:
 
 def at_times(trajectory: Trajectory, at: list[float]) -> Trajectory:
     """Return the samples nearest to the times `at` [s]."""
-    k = [int(np.abs(trajectory.t - x).argmin()) for x in at]
-    return trajectory[np.array(k)]
+    return trajectory[np.abs(trajectory.t - np.array(at)[:, None]).argmin(axis=1)]
 
 
 def point_levels(point: Point, x: Trajectory) -> tuple[Array, Array, Array]:
@@ -455,7 +455,7 @@ def point_levels(point: Point, x: Trajectory) -> tuple[Array, Array, Array]:
 
 
 def link_states(mechanism: Mechanism, x: Trajectory) -> dict[str, LinkState]:
-    """Return the motion of each link."""
+    """Return name -> motion of the link."""
     states: dict[str, LinkState] = {}
     for i, link in enumerate(mechanism.links):
         (px, py, theta), (vx, vy, omega), (ax, ay, alpha) = (bodies(level)[:, i].T for level in (x.q, x.v, x.a))
@@ -464,7 +464,7 @@ def link_states(mechanism: Mechanism, x: Trajectory) -> dict[str, LinkState]:
 
 
 def point_states(points: tuple[Point, ...], x: Trajectory) -> dict[str, PointState]:
-    """Return the motion of each point."""
+    """Return name -> motion of the point."""
     states: dict[str, PointState] = {}
     for point in points:
         (px, py), (vx, vy), (ax, ay) = (level.T for level in point_levels(point, x))

@@ -1,6 +1,6 @@
-"""Output of verbs: an object as JSON or as text on stdout; progress on stderr, at once or only when a step takes long.
+"""Output of verbs: an object as JSON or as text on stdout, and progress on stderr.
 
-The text comes from a template `text/VERB.txt`, which is given the same object that `--json` prints.
+The text comes from a template `text/VERB.txt`, in which x is the object that `--json` prints.
 """
 
 import contextlib
@@ -17,19 +17,21 @@ from gauss_bench.untrusted import harmless
 
 LONG = 2.0  # [s] after which `tell_if_long` prints its sentence
 HIDDEN = {"told": "never"}  # metadata of a field that dictionaries leave out
-UNLESS_EMPTY = {"told": "unless empty"}
+UNLESS_EMPTY = {"told": "unless empty"}  # metadata of a field that dictionaries leave out if it is empty
 Told = Callable[[str], None]
 Data = TypeVar("Data")
 _later: list[threading.Timer] = []
 
 
 class Result:
-    """The answer of a public function, a dataclass: read by attribute, by key, as a dictionary and as JSON.
+    """The base of dataclasses that public functions return: fields are read by attribute, by key, as a dictionary or as JSON.
 
     Attributes:
         computed: names of properties that are part of the dictionary.
+        text: text that the command line prints; None takes the verb's template.
         succeeded: whether the command ends with exit code 0.
         notices: sentences for stderr.
+        data: the object that `--json` prints.
     """
 
     computed: ClassVar[tuple[str, ...]] = ()
@@ -48,7 +50,7 @@ class Result:
         return self.as_dict()
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the fields by name, in order, as plain data and arrays."""
+        """Return name -> field, in order, as plain data and arrays."""
         by_name = {}
         for x in fields(self):  # type: ignore[arg-type]
             value, shown = getattr(self, x.name), x.metadata.get("told")
@@ -69,8 +71,10 @@ class Answer(Generic[Data]):
     """The answer of a verb that is not a public function.
 
     Attributes:
-        data: printed by --json; None prints nothing. Its type is the verb's published schema.
-        text: printed without --json instead of the verb's template.
+        data: object that --json prints; None prints nothing. Its type is the verb's published schema.
+        succeeded: whether the command ends with exit code 0.
+        text: text that is printed without --json; None takes the verb's template.
+        notices: sentences for stderr.
     """
 
     data: Data
@@ -80,6 +84,7 @@ class Answer(Generic[Data]):
 
 
 def _as_data(item: Any) -> Any:
+    """Return an item with dataclasses and mappings as dictionaries, tuples as lists, and paths as texts; arrays stay."""
     if isinstance(item, Result):
         return item.as_dict()
     if is_dataclass(item) and not isinstance(item, type):
@@ -92,7 +97,7 @@ def _as_data(item: Any) -> Any:
 
 
 def plain(item: Any) -> Any:
-    """Return JSON data: arrays and tuples become lists, dataclasses dictionaries, numbers that are not finite None."""
+    """Return JSON data: arrays and tuples become lists, dataclasses become dictionaries, and numbers that are not finite None."""
     item = _as_data(item)
     if hasattr(item, "tolist"):
         item = item.tolist()
@@ -104,7 +109,7 @@ def plain(item: Any) -> Any:
 
 
 def render(name: str, data: Any, **more: Any) -> str:
-    """Fill the template `text/NAME.txt`, in which the data is called x."""
+    """Return the text of the template `text/NAME.txt` with the data as x, and with `more` values by name."""
     from jinja2 import Environment, PackageLoader, StrictUndefined  # imported late: JSON output does not need it
 
     loader = PackageLoader("gauss_bench.api", "text")
@@ -114,7 +119,7 @@ def render(name: str, data: Any, **more: Any) -> str:
 
 
 def tell(sentence: str) -> None:
-    """Print a sentence on stderr; control characters in names from files are escaped."""
+    """Print a sentence on stderr; control characters, which names from files may contain, are escaped."""
     print(harmless(sentence), file=sys.stderr, flush=True)
 
 
@@ -126,7 +131,7 @@ def tell_if_long(sentence: str) -> None:
     """Print a sentence on stderr after LONG seconds, unless `no_longer` is called before."""
     timer = threading.Timer(LONG, tell, (sentence,))
     timer.daemon = True
-    with contextlib.suppress(RuntimeError):  # a machine that has no thread left can still do what was asked for
+    with contextlib.suppress(RuntimeError):  # no thread is left for the timer: the verb can still run
         timer.start()
         _later.append(timer)
 

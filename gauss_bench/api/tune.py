@@ -1,8 +1,7 @@
-"""A user's MJCF file, given back with settings that hold an accuracy: what `gauss-bench tune --json` prints.
+"""Write a user's MJCF file with settings that hold an accuracy: the object that `gauss-bench tune --json` prints.
 
-Only attributes that MJCF has are changed, in the text of the file. Every setting is tried at the file's own timestep first; with
-`allow_step` the timestep is halved until one holds. What is written is compiled again from its place and run again: the file itself
-is judged, not the setting that it was made from.
+Only attributes of MJCF are changed, in the text of the file. Every setting is first tried at the file's own timestep; with
+`allow_step` the timestep is then halved until a setting holds. The written file is compiled and run again, and this run is judged.
 """
 
 import math
@@ -43,31 +42,31 @@ from gauss_bench.runs.one_run import Sampling
 from gauss_bench.runs.worker import Worker
 from gauss_bench.untrusted import read_bytes
 
-BUDGET = 60.0  # [s]
-REFERENCE = 0.5  # of the budget, for the reference
-HOLDS = HALF.limit  # of a requirement: the largest error of a setting that holds it
-SAMPLES = 200  # of a run
-HALVINGS = 10  # of the timestep at most
-STIFF = VARIANTS.settings["tuned"]  # as stiff as documented options make closures
+BUDGET = 60.0  # [s] default of the time for the whole call
+REFERENCE = 0.5  # share of the budget for the reference
+HOLDS = HALF.limit  # largest error of a setting that holds a requirement, relative to the requirement
+SAMPLES = 200  # largest number of samples of a run
+HALVINGS = 10  # number of timesteps that are tried, each half of the one before
+STIFF = VARIANTS.settings["tuned"]  # settings that make closures as stiff as documented options can
 UNWRITABLE = {"body_invweight0": VARIANTS.settings["rigid"]["body_invweight0_factor"]}
 IN_OPTION = ("timestep", "integrator", "tolerance", "iterations")  # attributes of <option>; the others are those of closures
-RACING, ROUNDS = 60.0, 7  # [s] for the race of both models, and its rounds
+RACING, ROUNDS = 60.0, 7  # [s] limit of the race of both models, and its number of rounds
 
 
 @dataclass(frozen=True, eq=False)
 class Tuned(Result):
-    """A model file with settings that hold a requirement, or why none was written.
+    """A model file with settings that hold a requirement, or why no file was written.
 
     Attributes:
-        model: the file that was read; file: the one that was written, or empty.
+        model: path of the file that was read; file: path of the file that was written, or empty.
         changed: attribute -> value in the written file.
-        required: kind -> largest allowed error [m], [rad], [N]; the file holds half of it.
-        until: end of the runs [s]; step: the file's timestep [s].
-        before: kind -> largest error of the file as it was; errors: the same of the written one, or of the nearest setting.
-        reference: how the reference was made; known: kind -> its error bar.
-        cost: processor time of the written model's run over that of the model as it was, both over the same time; None without one.
+        required: kind -> largest allowed error [m], [rad], [N]; errors of the written file are at most half of it.
+        until: end of the runs [s]; step: timestep of the written file [s].
+        before: kind -> largest error of the original file; errors: kind -> largest error of the written file or the best setting.
+        reference: how the reference was made; known: kind -> error bar of the reference [m], [rad], [N].
+        cost: processor time of the written model over that of the original, for the same motion; None if no file was written.
         left_out: parts of the file that its linkage lacks.
-        remarks: sentences, on better settings that no MJCF attribute expresses among others.
+        remarks: sentences on settings that were not tried, and on better settings that MJCF cannot express.
     """
 
     computed = ("succeeded",)
@@ -93,11 +92,12 @@ class Tuned(Result):
 
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """A setting that was run.
+    """A setting that was tried.
 
     Attributes:
-        changes: attribute -> value, among them the timestep where it differs from the file's.
-        trial: its largest errors; share: the largest of them over what is required, or infinite.
+        changes: attribute -> value that differs from the file's.
+        trial: status and largest errors of the run.
+        share: largest of the errors over the required ones, or infinite.
     """
 
     changes: dict[str, Any]
@@ -106,7 +106,13 @@ class Tried:
 
 
 class Judge:
-    """Runs of one model file, judged by one reference."""
+    """Runs a model file with changed settings, and compares each run with the reference.
+
+    Attributes:
+        file: the model file; run: its linkage and the end of the runs.
+        required: kind -> largest allowed error [m], [rad], [N]; known: the reference.
+        evaluator, worker, budget: of the linkage, and for all runs.
+    """
 
     def __init__(self, file: OwnFile, until: float, required: Mapping[str, float], known: Truth, worker: Worker, budget: Budget):
         self.file, self.required, self.known = file, required, known
@@ -114,17 +120,17 @@ class Judge:
         self.evaluator, self.worker, self.budget = Evaluator(file.mechanism), worker, budget
 
     def try_setting(self, changes: Mapping[str, Any], path: Path | None = None) -> Tried:
-        """Run the model of the file, or of another `path`, with these changes, and judge the run."""
+        """Run the model file, or the file at `path`, with changed attributes, and return its errors."""
         step = float(changes.get("timestep", self.file.settings["timestep"]))
         steps = max(1, int(self.run.until / step * (1 + 1e-12)))
-        times = step * np.unique(np.linspace(0, steps, min(steps, SAMPLES) + 1).round())  # where whole steps arrive
+        times = step * np.unique(np.linspace(0, steps, min(steps, SAMPLES) + 1).round())  # (k,) [s], multiples of the step
         choice = Choice(setting_text(path or self.file.path, changes), "", "none", step)
         wanted = Sampling(times, step, steps, 0)
         request = Request(self.run.linkage, self.run.mechanism.scenario, ENGINE, choice, wanted)
         ran = run_apart(request, self.run.mechanism, max(1.0, self.budget.remaining()), self.worker)
         way = Way(ENGINE, "", "", "none", step)
         trial = judge_trial(self.run, self.evaluator, self.known.at(self.run, times), way, ran)
-        # the run may be off by the error bars of the reference beyond what is measured
+        # the true error may be larger than the measured one by the error bar of the reference
         largest = {kind: x + self.known.bars.get(kind, 0.0) for kind, x in trial.errors.items()}
         worst = share(replace(trial, errors=largest), [Requirement(*x) for x in self.required.items()])
         return Tried(dict(changes), trial, math.inf if math.isnan(worst) else worst)
@@ -145,18 +151,18 @@ def tune(
     """Write a copy of an MJCF file whose settings hold an accuracy; every byte but the values of a few attributes stays.
 
     Args:
-        model: the file; it is judged at its keyframe and with the keyframe's controls.
-        out: the file to write, in a folder from which what the model includes is found.
+        model: path of the file, which is judged at its keyframe and with the keyframe's controls.
+        out: path of the file to write; files that the model includes must be found from its folder.
         position, angle, force: largest allowed error of any link's centre of mass [m] or angle [rad], or of any joint force [N].
-        until: [s] over which it must hold; five seconds, or less where no reference is known over so long a time.
+        until: end of the time over which the errors are compared [s]; by default five seconds, or less for a chaotic motion.
         allow_step: whether the timestep may be shortened.
-        budget: seconds for everything (60).
-        replace: whether a file that is there already may be replaced.
+        budget: longest time of the whole call [s]; by default 60.
+        replace: whether an existing file may be replaced.
         told: called with each sentence of progress.
 
     Raises:
-        ExchangeError: the file is no planar linkage, more than its loops and forces acts in it, or it is a URDF.
-        ChoiceError: no requirement, or one that is no positive number.
+        ExchangeError: the file is no planar linkage, something acts in it that no linkage has, or it is a URDF file.
+        ChoiceError: there is no requirement, or a requirement is no positive number.
         MissingExtra: MuJoCo is not installed.
         OSError: the file cannot be written.
     """
@@ -203,17 +209,19 @@ def tune(
 def find_reference(
     file: OwnFile, until: float | None, required: Mapping[str, float], budget: Budget, worker: Worker, told: Told
 ) -> tuple[float, Truth]:
-    """Return a duration and the reference over it; where no duration is asked for, a shorter one if the motion is chaotic.
+    """Return the end of the runs [s] and the reference up to there.
 
-    The last reference that was found is returned even where its error bar is too large; no setting holds anything by it then.
+    If `until` is None and the motion is chaotic, shorter times are tried. The last reference is returned even if its error bar is
+    too large; no setting then holds the requirement.
 
     Raises:
-        ExchangeError: no reference is known at all.
+        ExchangeError: there is no reference at all.
     """
     whole = duration(file.mechanism.duration, until=until)
-    wanted, last, reason = {kind: KNOWN * x for kind, x in required.items()}, None, ""
+    wanted = {kind: KNOWN * x for kind, x in required.items()}  # kind -> largest error bar
+    last, reason = None, ""
     for end in shorten(whole) if until is None else [whole]:
-        attempt = Budget(budget.remaining(REFERENCE) / 2)  # half of what is left, so that a shorter time has its turn
+        attempt = Budget(budget.remaining(REFERENCE) / 2)  # half of the time that is left; the rest is for shorter motions
         try:
             found = truth(Run(str(file.path), file.mechanism, end), wanted, attempt.remaining, worker, told)
         except NoTruth as failure:
@@ -228,11 +236,11 @@ def find_reference(
 
 
 def list_settings(file: OwnFile, step: float) -> Iterator[dict[str, Any]]:
-    """Yield the settings that are tried at a step [s], those that change least first."""
+    """Yield the changes (attribute -> value) that are tried at a step [s], beginning with the smallest ones."""
     own = file.settings["integrator"]
     integrators = [own, *(x for x in ("RK4", "implicitfast", "Euler") if x != own)]
     at = {} if step == file.settings["timestep"] else {"timestep": step}
-    steps, damping = STIFF["solref"]  # in time steps: two are the least that the guard refsafe allows
+    steps, damping = STIFF["solref"]  # a time constant in steps; MuJoCo's option refsafe allows no less than two
     stiff = {"solref": [steps * step, damping]} | {key: STIFF[key] for key in ("solimp", "tolerance", "iterations")}
     for closures in ({}, stiff):
         for integrator in integrators:
@@ -241,12 +249,12 @@ def list_settings(file: OwnFile, step: float) -> Iterator[dict[str, Any]]:
 
 
 def is_set(value: Any, wanted: Any) -> bool:
-    """Tell whether an option has a value already; one of closures, whether every closure has it."""
+    """Tell whether an option already has the wanted value; `value` is a dictionary for options of single closures."""
     return all(x == wanted for x in value.values()) if isinstance(value, dict) else bool(value == wanted)
 
 
 def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> Tried:
-    """Return the first setting that holds, at the longest step at which one does, else the nearest one."""
+    """Return the first setting that holds at the longest possible step; if there is none, the one with the least errors."""
     best, step = before, float(judge.file.settings["timestep"])
     for _ in range(HALVINGS if allow_step else 1):
         for changes in list_settings(judge.file, step):
@@ -263,11 +271,11 @@ def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> T
 
 
 def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[Tried, float]:
-    """Write the edited file, judge it anew from its place, and return its errors and its cost in times of the file as it was.
+    """Write the edited file, run it from its place, and return its errors and its cost relative to the original file.
 
     Raises:
-        ExchangeError: an attribute does not take effect, something else changed, includes are not found from there, or the
-            written file does not hold what the setting held.
+        ExchangeError: an attribute does not take effect, something else changed, included files are not found from there, or the
+            written file does not hold the requirement.
         OSError: the file cannot be written.
     """
     source = judge.file.path
@@ -277,10 +285,10 @@ def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[
     written, cost = best, math.nan
 
     def write(part: Path) -> None:
-        """Fill a file in the folder of the result, from where MuJoCo looks for what it includes, and judge it."""
+        """Fill a temporary file in the folder of the result, where MuJoCo looks for included files, and judge it."""
         nonlocal written, cost
         reason = ""
-        for by_default in (False, True):  # a default only where closures stand in included files
+        for by_default in (False, True):  # an attribute in a default is needed only if closures stand in included files
             part.write_bytes(write_settings(content, str(source), option, closures, by_default))
             arguments: tuple[Any, ...] = (str(source), str(part), best.changes)
             reason = answer_in_worker(worker, compare_models, arguments, READING, str(path))["reason"]
@@ -299,7 +307,10 @@ def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[
 
 
 def race_there(mechanism: Mechanism, before: str, step_before: float, after: str, step_after: float) -> dict[str, float]:
-    """Return the processor time of a second of motion of one model file over that of another, by interleaved blocks of steps."""
+    """Return {"ratio": processor time of a second of motion of the file `after` over that of the file `before`}.
+
+    Blocks of steps of both models take turns. This runs in a worker.
+    """
     engine, steps = get(ENGINE), (step_before, step_after)
     blocks = []
     for k, path in enumerate((before, after)):
@@ -309,15 +320,15 @@ def race_there(mechanism: Mechanism, before: str, step_before: float, after: str
     for block, _, seconds in interleave(blocks, ROUNDS):
         k = blocks.index(block)
         times[k].append(seconds / steps[k])
-    one, other = (time_of(np.array(x)) for x in times)
-    return {"ratio": other / one}
+    time_before, time_after = (time_of(np.array(x)) for x in times)
+    return {"ratio": time_after / time_before}
 
 
 def list_remarks(judge: Judge, best: Tried) -> list[str]:
-    """Return sentences on what was not tried, and on a better setting that cannot be written."""
+    """Return sentences on settings that were not tried, and on a better setting that cannot be written."""
     if judge.budget.remaining() <= 0:
-        held = best.share <= HOLDS
-        return [] if held else ["the budget ended before all settings were tried: a larger --budget may find one"]
+        holds = best.share <= HOLDS
+        return [] if holds else ["the budget ended before all settings were tried: a larger --budget may find one"]
     stiffer = judge.try_setting(best.changes | UNWRITABLE)
     if not stiffer.share < best.share / 2:
         return []
@@ -326,19 +337,19 @@ def list_remarks(judge: Judge, best: Tried) -> list[str]:
 
 
 def describe_errors(tried: Tried) -> str:
-    """Return the errors of a run in words, or why it has none."""
+    """Return the errors of a run in words, or why the run has no errors."""
     if not tried.trial.errors:
         return tried.trial.message or str(tried.trial.status)
     return ", ".join(f"{kind} {tried.trial.errors[kind]:.2e} {UNITS[kind]}" for kind in UNITS if kind in tried.trial.errors)
 
 
 def describe_changes(changes: Mapping[str, Any]) -> str:
-    """Return a setting as MJCF writes it."""
+    """Return changes of attributes as MJCF writes them."""
     return " ".join(f'{key}="{attribute_text(x)}"' for key, x in changes.items()) or "as it stands"
 
 
 def attribute_text(value: Any) -> str:
-    """Return the value of an attribute: numbers so that they are read again without a change."""
+    """Return the text of an attribute's value; numbers are read from it again without a change."""
     if isinstance(value, str):
         return value
     return " ".join(map(repr, value)) if isinstance(value, list) else repr(value)

@@ -1,6 +1,6 @@
-"""The atlas as a picture and as a page: one panel for each axis, with one bar for each way of running an engine.
+"""Draw the atlas as a picture and as a page: one panel for each axis, with one bar for each way of running an engine.
 
-All panels have the width of a phone. A page places as many side by side as fit; a single picture has four in a row.
+All panels have the width of a phone. A page places as many panels side by side as fit; a single picture has four in a row.
 """
 
 import math
@@ -15,10 +15,10 @@ from gauss_bench.atlas.survey import Reach, sentence
 from gauss_bench.atlas.verdict import RULE, Verdict
 from gauss_bench.report.palette import ENGINES, GRID, INK, MUTED, PAPER, inline
 
-TITLE = "How far each engine goes"  # of the picture and of the page
+TITLE = "How far each engine goes"  # title of the picture and of the page
 PASS, DEGRADED, FAILED = ENGINES["lagrange"], ENGINES["gauss_pinv"], "#e9c3bd"
-WIDTH, NAMES, BAR, ROW, HEAD, FOOT, TOP = 372, 182, 126, 19, 58, 24, 78  # [px]
-ABREAST = 4  # panels of a single picture
+WIDTH, NAMES, BAR, ROW, HEAD, FOOT, TOP = 372, 182, 126, 19, 58, 24, 78  # [px] sizes of a panel and of the picture's head
+ABREAST = 4  # panels in a row of a single picture
 LEGEND = (("passes", PASS), ("degraded", DEGRADED), ("fails", FAILED), ("not known, or cannot", GRID))
 SIZES = {"names": NAMES, "bar": BAR, "each": ROW, "head": HEAD, "top": TOP, "width": WIDTH}
 COLOURS = {"ink": INK, "muted": MUTED, "paper": PAPER}
@@ -26,7 +26,7 @@ TEMPLATES = Environment(loader=PackageLoader("gauss_bench.atlas", "."), autoesca
 
 
 def part(axis: Axis, value: float | None) -> float:
-    """Return the position of a value on its axis, from 0 to 1; the values of the axis are equally spaced."""
+    """Return the position of a value on its axis, from 0 (None) to 1 (the last value); all values are equally spaced."""
     return 0.0 if value is None else (axis.values.index(value) + 1) / len(axis.values)
 
 
@@ -39,31 +39,32 @@ def number(value: float) -> str:
 
 
 def bar(axis: Axis, x: Reach) -> dict[str, Any]:
-    """Return the bar of one way: where it passes, is degraded and fails, as shares of the axis."""
+    """Return the bar of one way for the template: its name, spans (from, to, colour) as shares of the axis, and text."""
     passes, ends = part(axis, x.passes_to), part(axis, x.ends_at)
     beyond = GRID if x.last in (Verdict.CANNOT, Verdict.OPEN) else FAILED
     spans = ((0.0, 1.0, beyond), (0.0, max(passes, ends), DEGRADED), (0.0, passes, PASS))
     if x.passes_to is None:
         said = {Verdict.OPEN: "?", Verdict.CANNOT: "cannot"}.get(x.last, "nothing")
+    elif x.passes_to == axis.values[-1]:
+        said = "all"
     else:
-        to = ("≥ " if x.last is Verdict.OPEN else "") + number(x.passes_to)
-        said = "all" if x.passes_to == axis.values[-1] else to
+        said = ("≥ " if x.last is Verdict.OPEN else "") + number(x.passes_to)
     return {"name": x.way.name, "spans": spans, "said": said, "known": x.passes_to is not None}
 
 
 def panels(reaches: Sequence[Reach]) -> list[tuple[Axis, list[Reach]]]:
-    """Return the axes and the reaches along each of them, in the order of the survey."""
+    """Return every axis with the reaches along it, in the order of the survey."""
     return [(FAMILIES[axis], [x for x in reaches if x.axis == axis]) for axis in dict.fromkeys(x.axis for x in reaches)]
 
 
 def chart(reaches: Sequence[Reach], alone: bool = False) -> str:
-    """Draw all panels in one picture, or a single panel."""
+    """Return an SVG with all panels in one picture, or with a single panel if `alone`."""
     drawn = [(axis, [bar(axis, x) for x in some]) for axis, some in panels(reaches)]
     height = HEAD + FOOT + ROW * max((len(rows) for _, rows in drawn), default=0)
     abreast = min(ABREAST, max(1, len(drawn)))
-    wide, tall = abreast * (WIDTH + 24) + 24, TOP + height * math.ceil(len(drawn) / abreast)
+    wide, tall = abreast * (WIDTH + 24) + 24, TOP + height * math.ceil(len(drawn) / abreast)  # 24 px between panels
     if alone:
-        wide, tall = WIDTH, height - FOOT + 6
+        wide, tall = WIDTH, height - FOOT + 6  # a margin of 6 px in place of the space below a panel
     given = {"wide": wide, "tall": tall, "height": height, "abreast": abreast, "panels": drawn, "alone": alone}
     return (
         TEMPLATES.get_template("chart.svg.j2").render(**COLOURS, **SIZES, **given, number=number, legend=LEGEND, title=TITLE) + "\n"

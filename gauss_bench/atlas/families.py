@@ -1,7 +1,7 @@
-"""The axes of the atlas: each is a family of linkages that becomes harder with one number.
+"""The axes of the atlas: each is a family of linkages that become harder with one number.
 
-`axes.toml` has the names and values of the axes; this module makes the linkage of a value. Most are variants of the four-bar in
-`mechanisms/`, under gravity, without motor or brake, with a given crank speed at the start.
+`axes.toml` has the names and values of the axes, and this module makes the linkage of a value. Most linkages are variants of the
+four-bar in `mechanisms/`, under gravity, without motor and brake, with a given crank speed at the start.
 
     singular     crank-rocker whose smallest transmission angle [deg] shrinks: it comes closer and closer to its dead centres
     redundancy   hanging parallelogram with more cranks than it needs: redundant constraint rows
@@ -28,9 +28,9 @@ from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.terms import Array
 
 SCENARIO = "run"
-STEP = 1e-3  # [s] step of axes that name none
-TURN = 2 * np.pi  # [rad/s] crank speed at the start, unless speed is the axis
-DENSITY = 0.8  # [kg/m] of bars
+STEP = 1e-3  # [s] default of an axis's step
+TURN = 2 * np.pi  # [rad/s] crank speed at the start, except on the axis "speed"
+DENSITY = 0.8  # [kg/m] mass of bars
 SQUEEZED = 1.05  # rest length of the spring over its length at the start
 RELEASE = -60.0  # [deg] angle at which hanging linkages are released
 G = 9.81  # [m/s^2]
@@ -44,12 +44,12 @@ class Axis:
     """One axis.
 
     Attributes:
-        title, meaning, unit: texts for users.
-        values: from the easiest to the hardest.
-        document: value -> linkage file, with a scenario SCENARIO.
+        name: key of the axis; title, meaning, unit: texts for users.
+        values: values from the easiest to the hardest.
+        document: value -> linkage document with the scenario SCENARIO.
         step: value -> integration step [s].
-        truth: (value, times (k,), relative tolerance) -> q, v, a (3, k, n), if a simpler equation has the same motion; else None,
-            and the reference is computed by DOP853.
+        truth: (value, times (k,), relative tolerance) -> q, v, a (3, k, n), if a simpler equation has the same motion; otherwise
+            None, and DOP853 computes the reference.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Axis:
 
 
 def ladder(first: float, last: float, digits: Sequence[float] = (1.0, 3.0)) -> tuple[float, ...]:
-    """Return the numbers from first to last, up or down, that have these leading digits in their decade."""
+    """Return the numbers from first to last, up or down, whose leading digits in their decade are among `digits`."""
     low, high = sorted((first, last))
     powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
     rungs = [float(f"{digit:g}e{power}") for power in powers for digit in digits]
@@ -76,7 +76,7 @@ def scenario(duration: float, crank_deg: float, speed: float) -> Document:
 
 
 def four_bar(speed: float = TURN, duration: float = 0.5) -> Document:
-    """Return the four-bar of `mechanisms/`, started with a crank speed [rad/s]."""
+    """Return the four-bar of `mechanisms/` with a crank speed [rad/s] at the start and a duration [s]."""
     document = {key: x for key, x in copy.deepcopy(document_of("four_bar")[0]).items() if key not in ("forces", "measure")}
     return document | {"scenarios": scenario(duration, 60.0, speed)}
 
@@ -96,7 +96,7 @@ def singular(angle: float) -> Document:
 
 
 def redundancy(count: float) -> Document:
-    """Return a coupler on 2 + count equal cranks."""
+    """Return a coupler on 2 + count equal parallel cranks."""
     cranks = [f"crank{i}" for i in range(2 + round(count))]
     bar = {"points": {"A": [0.0, 0.0], "B": [LENGTH, 0.0]}, "bars": [["A", "B"]], "mass": MASS}
     points = {f"B{i}": [0.5 * i, 0.0] for i in range(len(cranks))}
@@ -116,7 +116,7 @@ def redundancy(count: float) -> Document:
 
 
 def mass(ratio: float) -> Document:
-    """Return the four-bar with crank and rocker lighter by this factor."""
+    """Return the four-bar with crank and rocker `ratio` times lighter."""
     document = four_bar()
     for name in ("crank", "rocker"):
         document["links"][name]["kg_per_m"] = DENSITY / ratio
@@ -135,16 +135,17 @@ def stiffness(k: float) -> Document:
 
 
 def size(count: float) -> Document:
-    """Return the N-four-bar, released at an angle."""
+    """Return the N-four-bar with N = count, released at rest at the angle RELEASE."""
     document = n_four_bar(round(count))
     document["assembly"] = {"angles_deg": {x: RELEASE if x.startswith("v") else 0.0 for x in document["links"]}}
     return document | {"scenarios": scenario(0.1, RELEASE, 0.0)}
 
 
 def pendulum(count: float, t: Array, tolerance: float) -> Array:
-    """Return the motion (3, k, n) of `size`, which is that of one pendulum: N + 1 bars turn, N move without turning.
+    """Return the motion q, v, a (3, k, n) of `size` at times t (k,) [s]; it is that of a single pendulum.
 
-    Its inertia is ((N + 1) / 3 + N) m l^2, and gravity's moment is -((N + 1) / 2 + N) m g l cos(angle).
+    N + 1 bars turn, and N bars move without turning. The pendulum's inertia is ((N + 1) / 3 + N) m l^2, and gravity's moment on it
+    is -((N + 1) / 2 + N) m g l cos(angle).
     """
     from scipy.integrate import solve_ivp
 
@@ -152,10 +153,10 @@ def pendulum(count: float, t: Array, tolerance: float) -> Array:
     k = G / LENGTH * ((n + 1) / 2 + n) / ((n + 1) / 3 + n)
     start, tolerances = [np.radians(RELEASE), 0.0], {"rtol": tolerance, "atol": tolerance / 100}
     angle, rate = solve_ivp(lambda _, y: [y[1], -k * np.cos(y[0])], (0.0, t[-1]), start, "DOP853", t, **tolerances).y
-    second, along = -k * np.cos(angle), LENGTH * np.exp(1j * angle)
-    upright = np.arange(2 * n + 1) <= n
+    second, along = -k * np.cos(angle), LENGTH * np.exp(1j * angle)  # second rate; bar from pin to top as complex numbers
+    upright = np.arange(2 * n + 1) <= n  # the first N + 1 bars turn
     share = np.where(upright, 0.5, 1.0)  # displacement of a bar's middle over that of the tops
-    rest = LENGTH * np.where(upright, np.arange(2 * n + 1), np.arange(2 * n + 1) - n - 0.5)
+    rest = LENGTH * np.where(upright, np.arange(2 * n + 1), np.arange(2 * n + 1) - n - 0.5)  # x of the pins and tops' middles
     states = np.zeros((3, len(t), load_document(size(count), SCENARIO).n))
     ways = (along, 1j * rate * along, (1j * second - rate**2) * along)
     for x, way, turn, offset in zip(states, ways, (angle, rate, second), (rest, 0.0, 0.0), strict=True):
@@ -166,7 +167,7 @@ def pendulum(count: float, t: Array, tolerance: float) -> Array:
 
 
 def read_axis(name: str, values: Sequence[float] = (), step: float = STEP, unit: str = "", **table: Any) -> Axis:
-    """Return the axis of one table of `axes.toml`."""
+    """Return the axis of one table of `axes.toml`; the function with the axis's name makes its documents."""
     if values:
         rungs = tuple(values)
     else:

@@ -1,8 +1,8 @@
 """Run every way (engine, settings, stabilization) along every axis, and find by bisection where it stops passing.
 
-Bisection assumes that a harder value never has a better verdict. If one does, bisection finds one of the values at which the
-verdict changes. The first and the last value are always run. Every run takes place in a worker process with a time limit, so an
-engine that crashes or hangs has failed. Verdicts depend on time only if a run reaches its limit or the survey its budget.
+Bisection assumes that no harder value has a better verdict. Otherwise it finds one of the values at which the verdict changes. The
+first and the last value are always run. Every run takes place in a worker process with a time limit, so that an engine that crashes
+or hangs has failed. Verdicts depend on time only if a run reaches its limit or the survey reaches its budget.
 """
 
 import tempfile
@@ -31,9 +31,9 @@ from gauss_bench.runs.worker import Worker
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 
-BUDGET = 600.0  # [s] of a whole survey
-LIMIT = 60.0  # [s] that one run may take, building included
-SAMPLES = 100  # most samples that are compared with the reference
+BUDGET = 600.0  # [s] default of the time for a survey
+LIMIT = 60.0  # [s] longest time of one run, including building the model
+SAMPLES = 100  # largest number of samples that are compared with the reference
 EXACT, NEARLY = 1e-12, 1e-10  # relative tolerances of the reference, and of the motion that gives its error bar
 STABILIZED = ("none", "projection")
 LABELS = ("default", "tuned")
@@ -43,7 +43,7 @@ Told = Callable[[str], object]
 
 @dataclass(frozen=True)
 class Way:
-    """One way of running: engine, settings and stabilization, with the engine's first integrator."""
+    """One way of running a linkage: an engine with settings and stabilization, and the engine's first integrator."""
 
     engine: str
     settings: str
@@ -61,12 +61,12 @@ class Reach:
     """The reach of one way along one axis.
 
     Attributes:
-        way, axis: the way of running and the name of the axis.
-        passes_to: the hardest value that passes; None if not even the easiest does.
-        ends_at: the hardest value that passes or is degraded; None if not even the easiest is.
-        last: verdict on the hardest value that was run; OPEN if a deciding value has no verdict.
+        way, axis: the way of running, and the name of the axis.
+        passes_to: the hardest value that passes; None if the easiest does not pass.
+        ends_at: the hardest value that passes or is degraded; None if the easiest fails.
+        last: verdict on the hardest value that was run; OPEN if a value on which the result depends has no verdict.
         reason: why the first value beyond `passes_to` does not pass or has no verdict.
-        error: error at the hardest value that passes, relative to the size or [rad].
+        error: error at the hardest value that passes, relative to the linkage's size, or [rad].
         runs: number of runs.
     """
 
@@ -81,10 +81,10 @@ class Reach:
 
 
 def ways(wanted: Sequence[str] | None) -> list[Way]:
-    """Return the ways of the named engines, or of all engines of suites.
+    """Return the ways of the engines with these names, by default of all engines of suites.
 
     Raises:
-        KeyError: unknown engine.
+        KeyError: an engine is unknown.
         ChoiceError: a named engine cannot be used.
     """
     usable = []
@@ -99,7 +99,7 @@ def ways(wanted: Sequence[str] | None) -> list[Way]:
 
 
 def axes(wanted: Sequence[str] | None) -> list[Axis]:
-    """Return the axes of these names, or all.
+    """Return the axes with these names, by default all.
 
     Raises:
         ChoiceError: there is no such axis.
@@ -127,13 +127,14 @@ class Course:
             return self.known[key]
 
     def _make(self, axis: Axis, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
+        """Write the linkage of a value as a file, and compute its reference twice for the error bar."""
         document = axis.document(value)
         document["name"] = f"{axis.name}_{axis.values.index(value)}"
         path = self.folder / f"{document['name']}.toml"
         path.write_text(toml(document, ()), encoding="utf-8")
         mechanism, step = load(path, SCENARIO), axis.step(value)
         times = compare(step, mechanism.duration)
-        motions = []
+        motions = []  # each q, v, a (3, k, n)
         for tolerance in (EXACT, NEARLY):
             if axis.truth is not None:
                 motions.append(axis.truth(value, times, tolerance))
@@ -151,23 +152,27 @@ class Course:
 
 
 def compare(step: float, until: float) -> Array:
-    """Return times [s] after whole steps, at most about SAMPLES of them and at least a millisecond apart."""
+    """Return the times (k,) [s] at which a run up to `until` [s] is compared with the reference.
+
+    They are multiples of the step [s], at least about a millisecond apart, and about SAMPLES at most.
+    """
     whole = int(np.floor(until / step * (1 + 1e-9)))
     each = max(1, round(1e-3 / step), -(-whole // SAMPLES))
     return np.arange(whole // each + 1) * (each * step)
 
 
 def reach(way: Way, axis: Axis, course: Course, worker: Worker, remaining: Callable[[], float]) -> Reach:
-    """Find the reach of one way along one axis, as far as the remaining seconds allow."""
-    runs: dict[int, RunVerdict] = {}
+    """Find the reach of one way along one axis; `remaining` returns the seconds that are left for it."""
+    runs: dict[int, RunVerdict] = {}  # index of a value -> its verdict
 
     def at(i: int) -> RunVerdict:
+        """Return the verdict on the value with this index, which is run only once."""
         if i not in runs:
             runs[i] = look_at(way, axis, axis.values[i], course, worker, remaining())
         return runs[i]
 
     def count(*no_worse: Verdict) -> int:
-        """Count the values, from the easiest on, whose verdict is one of `no_worse`."""
+        """Return by bisection the number of values, from the easiest on, whose verdict is one of `no_worse`."""
         last = len(axis.values) - 1
         if at(0).verdict not in no_worse:
             return 0
@@ -182,7 +187,7 @@ def reach(way: Way, axis: Axis, course: Course, worker: Worker, remaining: Calla
     passing = count(Verdict.PASS)
     ending = max(passing, count(Verdict.PASS, Verdict.DEGRADED))
     unknown = next((x for _, x in sorted(runs.items()) if x.verdict is Verdict.OPEN), None)
-    if unknown is not None:  # nothing but what was run is told
+    if unknown is not None:  # bisection may be wrong, so that only values that were run count
         passing = max((i + 1 for i, x in runs.items() if x.verdict is Verdict.PASS), default=0)
         ending = max((i + 1 for i, x in runs.items() if x.verdict in (Verdict.PASS, Verdict.DEGRADED)), default=0)
     beyond = unknown or runs.get(passing)
@@ -199,7 +204,7 @@ def reach(way: Way, axis: Axis, course: Course, worker: Worker, remaining: Calla
 
 
 def look_at(way: Way, axis: Axis, value: float, course: Course, worker: Worker, left: float) -> RunVerdict:
-    """Run one way at one value, if seconds are left, and return the verdict."""
+    """Run one way at one value of an axis, and return the verdict; without seconds `left` it is open."""
     if left <= 0:
         return RunVerdict(Verdict.OPEN, reason="not reached within the budget")
     mechanism, reference = course.at(axis, value, worker)
@@ -211,31 +216,40 @@ def look_at(way: Way, axis: Axis, value: float, course: Course, worker: Worker, 
 
 
 def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: int, told: Told) -> list[Reach]:
-    """Survey every way along every axis, in the order of both; `told` is called with the progress."""
+    """Return the reach of every way along every axis, axis by axis.
+
+    Args:
+        chosen, along: ways and axes.
+        budget: time for all runs [s].
+        jobs: number of threads, each with a worker process of its own.
+        told: called with each sentence of progress.
+    """
     until, done, broken_off = time.monotonic() + budget, 0, threading.Event()
-    workers = threading.local()
+    workers = threading.local()  # of each thread its worker
     opened: list[Worker] = []
-    saying = threading.Lock()
+    saying = threading.Lock()  # one thread at a time reports its progress
     with tempfile.TemporaryDirectory() as folder:
         course = Course(Path(folder))
 
         def remaining() -> float:
+            """Return the seconds that are left, and none after an interrupt."""
             return 0.0 if broken_off.is_set() else until - time.monotonic()
 
         def stop() -> None:
             for worker in opened:
                 worker.stop()
 
-        def one(pair: tuple[Axis, Way]) -> Reach:
+        def find_reach(pair: tuple[Axis, Way]) -> Reach:
             nonlocal done
+            axis, way = pair
             if not hasattr(workers, "own"):
                 workers.own = Worker()
                 opened.append(workers.own)
-            reached = reach(pair[1], pair[0], course, workers.own, remaining)
+            reached = reach(way, axis, course, workers.own, remaining)
             with saying:
                 done += 1
                 if not broken_off.is_set():
-                    told(f"{done}/{len(pairs)} {pair[1].name}, {pair[0].title}: {sentence(reached)}")
+                    told(f"{done}/{len(pairs)} {way.name}, {axis.title}: {sentence(reached)}")
             return reached
 
         pairs = [(axis, way) for axis in along for way in chosen]
@@ -243,8 +257,8 @@ def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: in
         try:
             with ThreadPoolExecutor(jobs) as pool:
                 try:
-                    return list(pool.map(one, pairs))
-                except BaseException:  # stop the workers, and begin no other run
+                    return list(pool.map(find_reach, pairs))
+                except BaseException:  # an interrupt: begin no other run, and stop the workers
                     broken_off.set()
                     stop()
                     raise
@@ -253,7 +267,7 @@ def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: in
 
 
 def sentence(reached: Reach) -> str:
-    """Describe the reach of one way, in words."""
+    """Return the reach of one way in words."""
     axis = FAMILIES[reached.axis]
     unit = f" {axis.unit}" if axis.unit else ""
     if reached.passes_to is None:

@@ -1,4 +1,4 @@
-"""The atlas as rows and as text."""
+"""Write the atlas as rows of a table and as text."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,7 +8,7 @@ from gauss_bench.atlas.families import FAMILIES
 from gauss_bench.atlas.survey import Reach, sentence
 from gauss_bench.atlas.verdict import RULE, Verdict
 
-HEAD = "axis,engine,"  # of the table's file
+HEAD = "axis,engine,"  # begin of the table's file, by which it is recognised
 
 
 def row(x: Reach) -> dict[str, Any]:
@@ -27,7 +27,7 @@ def rows_of(reaches: Sequence[Reach], commit: str) -> list[dict[str, Any]]:
 
 
 def text(reaches: Sequence[Reach]) -> str:
-    """Return the atlas as text for users."""
+    """Return the atlas in words."""
     lines = [RULE]
     for axis, some in panels(reaches):
         lines += ["", f"{axis.title}: {axis.meaning}"]

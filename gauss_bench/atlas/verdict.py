@@ -1,10 +1,10 @@
-"""The verdict on a run of the atlas.
+"""Decide on a run of the atlas.
 
 pass       the run ends, the suite's judge has no objection, and the error of every link stays below PASSES times the linkage's
            size [m] and PASSES [rad] over the whole run
-degraded   the run ends and the judge has no objection, but an error is larger; the limits of the judge are in `judge.py`:
-           gaps of 1 % of the size, energy errors of 1 % of the moving energy, accelerations wrong by 1 %, links wrong by 5 %
-failed     the judge objects, or the run does not end: not finite, refused by its solver, out of time, or crashed
+degraded   the run ends and the judge has no objection, but an error is larger. The limits of the judge are in `judge.py`: gaps of
+           1 % of the size, energy errors of 1 % of the energy scale, accelerations wrong by 1 %, links off by 5 %
+failed     the judge objects, or the run does not end: it is not finite, its solver refuses it, it takes too long, or it crashes
 open       the error bar of the reference is above a tenth of PASSES, or the budget ended before the run
 cannot     the engine has no model of this linkage
 """
@@ -44,7 +44,8 @@ class RunVerdict:
     """The verdict on one run.
 
     Attributes:
-        error: largest error over the run, relative to the size or [rad]; NaN without a run.
+        verdict: the verdict.
+        error: largest error over the run, relative to the linkage's size, or [rad]; NaN without a run.
         reason: why the run does not pass, or an empty text.
     """
 
@@ -62,7 +63,7 @@ def decide(mechanism: Mechanism, run: Run, reference: Reference) -> RunVerdict:
     size = mechanism.size
     bar = float(np.max(reference.error_q, initial=0.0))
     if not bar <= KNOWN * PASSES * min(1.0, size):
-        return RunVerdict(Verdict.OPEN, reason=f"the reference is known to {bar:.1e} alone")
+        return RunVerdict(Verdict.OPEN, reason=f"the error bar of the reference is {bar:.1e}")
     with np.errstate(all="ignore"):
         evidence = examine(Evaluator(mechanism), run.trajectory, reference, acceleration_error(mechanism, run.trajectory))
     errors = evidence.errors

@@ -1,7 +1,7 @@
-"""Checks of the suite itself, each with a known answer: a check returns None if all is well, else a sentence on the fault.
+"""Checks of the suite itself with known answers: a check returns None, or a sentence on the fault that it detects.
 
-The checks call the same functions that judge engines, certify references, compare with the baseline and measure times. They use
-small linkages and short motions, so that all of them together take seconds.
+The checks call the functions that judge engines, certify references, compare figures with the baseline and measure times. They use
+small linkages and short motions, so that all checks together take seconds.
 """
 
 import gc
@@ -42,8 +42,8 @@ from gauss_bench.trajectory import Reference, Trajectory
 FOUR_BAR, CRANK_SLIDER, DRIVEN = ("four_bar", "torque"), ("crank_slider", "paper"), ("four_bar", "cycloid")
 SHAPER = ("shaper", "torque")  # slides that carry moments
 AGREES = 1e-10  # relative tolerance; formulations agree to about 1e-13
-OPENING = 5  # number of samples of a certificate that are verified: a few are enough to detect a fault
-MOVED = 1e-3  # [m] displacement of a link, as a known error
+OPENING = 5  # number of samples of a certificate that are verified, which are enough to detect a fault
+MOVED = 1e-3  # [m] known displacement of a link
 ORDERS = {"rk4": 4, "semi_implicit_euler": 1, "dop853_fixed": 8, "gauss_legendre": 6}
 Figures = dict[str, float | str]
 
@@ -51,12 +51,20 @@ Figures = dict[str, float | str]
 def alter(
     mechanism: Mechanism, of: str = "", gravity: float = 1.0, joint: str = "", by: float = 0.0, **factors: float
 ) -> Mechanism:
-    """Return an altered linkage: factors on a link, a force or gravity, or a pin displaced `by` [m] on its second link."""
+    """Return an altered linkage.
+
+    Args:
+        of, factors: name of a link or force, and attribute -> factor on it.
+        gravity: factor on gravity.
+        joint, by: name of a pin, and its displacement [m] in x in the frame of its second link.
+    """
 
     def scale(x: Any) -> Any:
+        """Return a link or force, with the factors if it is the named one."""
         return replace(x, **{key: getattr(x, key) * factor for key, factor in factors.items()}) if x.name == of else x
 
     def move_pin(x: Any) -> Any:
+        """Return a joint, displaced if it is the named pin."""
         return replace(x, b=replace(x.b, local=x.b.local + np.array([by, 0.0]))) if x.name == joint else x
 
     return replace(
@@ -70,34 +78,30 @@ def alter(
 
 @cache
 def states(which: tuple[str, str]) -> TrueStates:
-    """Return random states with their exact accelerations, from equations in the crank's angle."""
+    """Return random states of a linkage in a scenario with exact accelerations, which follow from the crank's angle alone."""
     return random_states(load(*which), count=16)
 
 
 @cache
 def truth(which: tuple[str, str], until: float = 0.5) -> Reference:
+    """Return the certified motion of a linkage in a scenario up to `until` [s]."""
     path = certificate_path(load(*which))
     assert path is not None
     return as_reference(read_certificate(path), until)
 
 
-def exact(reference: Reference) -> Trajectory:
-    """Return the reference as the trajectory of an engine without errors."""
-    return reference.samples
-
-
 def shift(x: Trajectory, level: str, column: int, by: float) -> Trajectory:
-    """Return the trajectory with a number added to one coordinate, velocity or acceleration."""
+    """Return a trajectory with a number added to one column of its level "q", "v" or "a"."""
     return replace(x, **{level: getattr(x, level) + by * np.eye(x.q.shape[1])[column]})
 
 
 def off(figure: Any, expected: float, tolerance: float) -> bool:
-    """Tell whether the largest of some figures differs from its known value; NaN differs."""
+    """Tell whether a figure, or the largest of several, differs from its known value; NaN differs."""
     return not abs(float(np.max(figure)) - expected) <= tolerance * max(1.0, abs(expected))
 
 
 def ask_gate(figures: Figures, baseline: Figures) -> str | None:
-    """Compare the figures of one case with a baseline by the gate; return its first failure, or None."""
+    """Return the first failure of a case's figures (name -> value) against those of a baseline, as the gate says it, or None."""
     key = dict(zip(KEY, ("linkage", "scenario", "engine", "default", "rk4", "none", 1e-3, 1.0), strict=True))
 
     def frame(some: Figures) -> pd.DataFrame:
@@ -112,9 +116,10 @@ def ask_gate(figures: Figures, baseline: Figures) -> str | None:
 
 
 def model(which: tuple[str, str] = FOUR_BAR, alter: Mapping[str, Any] | None = None) -> str | None:
-    """Check an engine's accelerations at known states by the gate, against sound ones."""
+    """Check by the gate the accelerations of an engine that models a linkage, or an altered one, at known states."""
 
     def error(altered: Mechanism) -> Figures:
+        """Return the relative error of the accelerations of an altered linkage, as a figure of the gate."""
         x, engine = states(which), Interpreted("gauss").build(altered, Choice(integrator="rk4"))
         accelerations = np.array([engine.acceleration(float(t), q, v) for t, q, v in zip(x.t, x.q, x.v, strict=True)])
         return {"acceleration_error_median": float(np.median(metrics.relative_acceleration_error(accelerations, x.a)))}
@@ -124,13 +129,14 @@ def model(which: tuple[str, str] = FOUR_BAR, alter: Mapping[str, Any] | None = N
 
 
 def change(mechanism: Mechanism, how: Mapping[str, Any] | None) -> Mechanism:
+    """Return a linkage altered by these arguments of `alter`, or unchanged."""
     return alter(mechanism, **how) if how else mechanism
 
 
 def in_time(late: float) -> str | None:
-    """Check by the gate the errors of a sound motion that is sampled `late` [s] too late."""
+    """Check by the gate the errors of a correct motion that is sampled `late` [s] too late."""
     reference = truth(FOUR_BAR)
-    sound = exact(reference)
+    sound = reference.samples
     moved = replace(sound, q=sound.q + late * sound.v + late**2 / 2 * sound.a, v=sound.v + late * sound.a)
 
     def figures(x: Trajectory) -> Figures:
@@ -148,7 +154,7 @@ def formulations() -> str | None:
     for which in (FOUR_BAR, CRANK_SLIDER):
         x, evaluator = states(which), Evaluator(load(*which))
         for name, solve in FORMULATIONS.items():
-            if name == "yuan_ge_eq16":  # the formula as printed, which is known to be another one
+            if name == "yuan_ge_eq16":  # the formula as printed is known to be wrong
                 continue
             for k in range(4):
                 terms = evaluator.terms(0.0, x.q[k], x.v[k])
@@ -166,17 +172,19 @@ def formulations() -> str | None:
 
 
 def integrators() -> str | None:
-    """Check the order of convergence of every integrator with q'' = -q."""
+    """Check the order of convergence of every integrator with q'' = -q, whose solution is q = cos t."""
 
-    def run(step: Callable[..., tuple[Array, Array]], count: int) -> float:
+    def error_of(step: Callable[..., tuple[Array, Array]], count: int) -> float:
+        """Return the error at t = 1 after a number of steps."""
         q, v, h = np.array([1.0]), np.array([0.0]), 1.0 / count
         for k in range(count):
             q, v = step(lambda t, q, v: -q, k * h, q, v, h)
         return float(np.hypot(q[0] - math.cos(1.0), v[0] + math.sin(1.0)))
 
     for name, order in ORDERS.items():
-        few = 3 if order > 4 else 20
-        observed = math.log2(max(run(fixed_step.STEPS[name], few), 1e-300) / max(run(fixed_step.STEPS[name], 2 * few), 1e-300))
+        few = 3 if order > 4 else 20  # more steps of a high order would only show rounding
+        coarse, fine = (max(error_of(fixed_step.STEPS[name], count), 1e-300) for count in (few, 2 * few))
+        observed = math.log2(coarse / fine)
         if off(observed, order, 0.1):
             return f"{name} converges by order {observed:.2f}, not {order}"
     return None
@@ -190,13 +198,13 @@ def stabilizations() -> str | None:
     v = x.v[0] + MOVED
     terms = evaluator.terms(0.0, q, v)
     rate = BAUMGARTE_RATE
-    expected = -2 * rate * terms.phi_dot - rate**2 * terms.phi
+    expected = -2 * rate * terms.phi_dot - rate**2 * terms.phi  # of gamma, by Baumgarte
     if np.abs(algebra.baumgarte(terms, rate, rate).gamma - terms.gamma - expected).max() > AGREES * np.abs(expected).max():
         return "Baumgarte's terms do not lead back to the constraints"
     at, speed = evaluator.project(0.0, q, x.v[0])
     rows = evaluator.constraints(0.0, at, speed)
     if np.abs(rows.phi).max() > 1e-12 or np.abs(rows.J @ speed).max() > 1e-10:
-        return "projection leaves a state off the constraints"
+        return "projection does not lead back to the constraints"
     return None
 
 
@@ -206,8 +214,8 @@ def stabilizations() -> str | None:
 def measures() -> str | None:
     """Check the metrics of motions with known, planted errors."""
     mechanism, reference = load(*FOUR_BAR), truth(FOUR_BAR)
-    evaluator, sound = Evaluator(mechanism), exact(reference)
-    x, y = SIZE, SIZE + 1  # places of the second link
+    evaluator, sound = Evaluator(mechanism), reference.samples
+    x, y = SIZE, SIZE + 1  # columns of the second link's centre of mass
 
     def errors(told: Trajectory) -> metrics.Errors:
         return metrics.state_errors(mechanism, told, reference)
@@ -216,22 +224,22 @@ def measures() -> str | None:
         moved = shift(sound, "q", column, MOVED)
         gaps = metrics.drift(evaluator, moved).position, errors(moved).length, errors(moved).position
         if any(off(gap, MOVED, 1e-6) for gap in gaps):
-            return f"a link moved by {MOVED:g} m is no gap or error of as much"
+            return f"a link that is moved by {MOVED:g} m has another gap or error"
     faster = shift(sound, "v", y, MOVED)
     if off(metrics.drift(evaluator, faster).velocity, MOVED, 1e-6) or off(errors(faster).velocity, MOVED, 1e-6):
-        return "a link that leaves its joint is no drift of velocity, or none that is too fast"
+        return "a wrong velocity of a link has another drift or error"
     if off(metrics.drift(evaluator, shift(sound, "a", y, 1.0)).acceleration, 1.0, 1e-6):
         return "accelerations off the constraints leave no residual"
     (gained, bar), moves = metrics.energy_error(evaluator, sound), metrics.energy_scale(evaluator, sound)
     if not np.abs(gained).max() <= bar + 1e-6 * moves:
         return "a true motion gains energy"
     if not metrics.energy_error(evaluator, replace(sound, v=1.1 * sound.v))[0].max() > 0.1 * moves:
-        return "a motion a tenth too fast gains no energy"
+        return "a motion with velocities 10 % too large gains no energy"
     if off(metrics.relative_acceleration_error(1.01 * sound.a, sound.a), 0.01, 1e-9):
-        return "accelerations 1 % off are not off by 1 %"
+        return "accelerations that are 1 % too large have another error"
     steps, rounding = np.array([4e-3, 2e-3, 1e-3]), np.full(3, 1e-12)
     if off(metrics.observed_order(steps, steps**3, np.zeros(3))[1], 3.0, 1e-9):
-        return "an order of three is not seen as one"
+        return "an error of order three has another order"
     return "rounding has an order" if np.isfinite(metrics.observed_order(steps, rounding, rounding)[1]) else None
 
 
@@ -239,10 +247,10 @@ def forces() -> str | None:
     """Check that the joint forces and the applied forces on each link balance its inertia (Newton's laws)."""
     for which in (FOUR_BAR, CRANK_SLIDER, SHAPER):
         mechanism, reference = load(*which), truth(which)
-        evaluator, sound = Evaluator(mechanism), exact(reference)
+        evaluator, sound = Evaluator(mechanism), reference.samples
         by_joint = metrics.joint_forces(evaluator, sound)
-        own = reference.a * evaluator.mass - evaluator.applied.generalised(reference.q, reference.v)
-        lacking = bodies(own).copy()
+        own = reference.a * evaluator.mass - evaluator.applied.generalised(reference.q, reference.v)  # M a - Q (k, n)
+        lacking = bodies(own).copy()  # (k, links, 3): what the joints must exert, less what they do exert
         for joint in mechanism.joints:
             (first, second), given = joint.ends, by_joint[joint.name]
             force, at = np.stack([given["fx"], given["fy"]], axis=1), position(reference.q, second)
@@ -252,14 +260,14 @@ def forces() -> str | None:
                     moment = given["moment"] + arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]
                     lacking[:, body] -= sign * np.column_stack([force, moment])
         if not np.abs(lacking).max() <= 1e-8 * max(1.0, float(np.abs(own).max())):
-            return f"forces in the joints of {which[0]} do not accelerate its links as they move"
+            return f"forces in the joints of {which[0]} do not balance the inertia of its links"
     return None
 
 
 def judge_case() -> str | None:
     """Check the judge on a sound motion, and on invalid ones."""
     mechanism, reference = load(*FOUR_BAR), truth(FOUR_BAR)
-    evaluator, sound = Evaluator(mechanism), exact(reference)
+    evaluator, sound = Evaluator(mechanism), reference.samples
     turned = sound.q.copy()
     angles(turned)[...] += 0.2
 
@@ -267,7 +275,7 @@ def judge_case() -> str | None:
         return judging.judge(judging.examine(evaluator, x, reference, acceleration_error))
 
     if not verdict(sound).valid:
-        return f"the judge objects to the truth: {verdict(sound).sentence}"
+        return f"the judge objects to the certified motion: {verdict(sound).sentence}"
     spoilt = {
         judging.Subject.LOOPS: verdict(shift(sound, "q", SIZE, 0.05 * mechanism.size)),
         judging.Subject.MOTION: verdict(replace(sound, q=turned)),
@@ -280,7 +288,7 @@ def judge_case() -> str | None:
         if subject not in [x.subject for x in judgement.objections]:
             return f"the judge does not object to {subject}"
     short = judging.completeness(replace(sound, q=sound.q[:, :-1]), sound.t, mechanism.n)
-    return "the judge takes a state without its last coordinate" if short.valid else None
+    return "the judge accepts a state without its last coordinate" if short.valid else None
 
 
 def recipe() -> str | None:
@@ -297,13 +305,13 @@ def recipe() -> str | None:
         return "a run of 0.1 s by steps of 0.01 s is not ten steps"
     error = one_run.acceleration_error(mechanism, run.trajectory)
     if error is None or error > AGREES:
-        return "a sound engine's accelerations are not its linkage's"
+        return "a sound engine has wrong accelerations"
     wrong = one_run.acceleration_error(mechanism, replace(run.trajectory, a=1.05 * run.trajectory.a))
     if wrong is None or off(wrong, 0.05, 1e-6):
-        return "accelerations 5 % off are not told as that"
+        return "accelerations that are 5 % too large have another error"
     late = one_run.sampling(3e-3, 0.1)
     if not late.shortened or off(late.times[-1], 0.1, 1e-12):
-        return "a run that whole steps miss does not end where it should"
+        return "a run whose end is no multiple of the step ends elsewhere"
     return None if describe("gauss").usable else "an engine of the suite cannot be used"
 
 
@@ -316,7 +324,10 @@ def read_certified(
     """Verify the first samples of a certificate against a linkage.
 
     Args:
-        nudge: level -> number that is added to the largest entry of its middle sample; or "late" -> delay [s] of all samples.
+        which: linkage and scenario of the certificate.
+        nudge: level "q", "v", "a" or "multipliers" -> number that is added to the largest entry of the level's middle sample, or
+            "late" -> delay of all samples [s].
+        alter: arguments of `alter` for the linkage against which the certificate is verified.
     """
     mechanism = load(*which)
     path = certificate_path(mechanism)
@@ -354,34 +365,34 @@ def ticking() -> Iterator[Callable[[float], None]]:
 
 
 def clocks() -> str | None:
-    """Check the measurement of times with an artificial clock."""
+    """Check the measurement of times with an artificial clock, and the ratios of known times."""
     with ticking() as spend:
         if off(one_run.measure_seconds(lambda: spend(1.0)), 1.0, 1e-9):
-            return "a second is not a second"
+            return "a second is measured as another time"
         block = blocks.Block("steps", lambda: spend(5.0), lambda: spend(0.5), 500, 2)
         if off(block.seconds(), 1e-3, 1e-9):
-            return "a thousand steps in a second do not take a millisecond each, or getting ready is timed"
+            return "a thousand steps in a second take another time than a millisecond each"
         for seconds, work in ((1e-7, 1), (3e-5, 40)):
             repeated = blocks.lasting("call", lambda seconds=seconds: spend(seconds), work)  # type: ignore[misc]
             whole = one_run.measure_seconds(repeated.go)
             if off(whole / repeated.count / seconds * work, 1.0, 1e-6) or not 1e-3 <= whole <= 5e-3:
-                return "a call does not cost what it costs, or its block is too short"
+                return "the time of a call is wrong, or its block is too short"
         turns = [blocks.Block(name, lambda: None, lambda: spend(0.2 if gc.isenabled() else 0.01), 1) for name in "abcd"]
-        told = [(x.entry, n, s) for x, n, s in clock.interleave(turns, 8)]
-        orders = {tuple(x for x, n, _ in told if n == k) for k in range(8)}
+        timed = [(block.entry, number, seconds) for block, number, seconds in clock.interleave(turns, 8)]
+        orders = {tuple(entry for entry, number, _ in timed if number == k) for k in range(8)}
         if len(orders) < 3 or any(sorted(map(str, x)) != list("abcd") for x in orders):
             return "blocks do not take turns in changing order"
-        if any(off(s, 0.01, 1e-9) for _, _, s in told):
+        if any(off(seconds, 0.01, 1e-9) for _, _, seconds in timed):
             return "the garbage collector works while it is timed"
     samples = np.array([4.0, 1.0, 3.0, 2.0, 5.0])
     if off(clock.ratio(samples, np.full(5, 0.5))[0], 4.0, 1e-12):
-        return "a ratio is not that of lower quartiles"
+        return "a ratio is not that of the lower quartiles"
     wandering = np.random.default_rng(3).uniform(1.0, 2.0, 40)
     if max(abs(x - 3.0) for x in clock.ratio(3.0 * wandering, wandering)) > 1e-12:
-        return "what both meet in a round counts as spread"
+        return "a delay of both entries in one round counts as spread"
     n = 4000
     _, low, high = clock.ratio(np.random.default_rng(5).uniform(0.0, 1.0, n) + 1.0, np.ones(n))
-    expected = 2 * 1.645 * math.sqrt(3 / 16 / n)
+    expected = 2 * 1.645 * math.sqrt(3 / 16 / n)  # nine tenths of a normal quartile with variance p (1 - p) / n, p = 1/4
     return "a spread does not hold nine tenths" if off((high - low) / expected, 1.0, 0.3) else None
 
 
@@ -393,21 +404,21 @@ def check_guard() -> str | None:
     base: Figures = {"status": "ok", "valid": "True", "position_error": 1e-6, "position_drift": 1e-9}
     base |= {"observed_order": 4.0, "measured_t1": 12.0, "acceleration_error_median": 1e-10}
     if said := ask_gate(base, base):
-        return f"the gate fails what has not changed: {said}"
+        return f"the gate rejects unchanged figures: {said}"
     near: Figures = base | {"position_error": 1.5e-6, "observed_order": 3.9, "measured_t1": 12.0 + 1e-10}
     if said := ask_gate(near, base):
-        return f"the gate fails what machines differ by: {said}"
+        return f"the gate rejects differences between machines: {said}"
     wrong: Figures = {"position_error": 2.1e-6, "position_drift": 1e-11, "observed_order": 3.7}
     wrong |= {"measured_t1": 12.0 + 1e-7, "status": "nan", "valid": "False", "acceleration_error_median": math.nan}
     for key, value in wrong.items():
         if not ask_gate(base | {key: value}, base):
-            return f"the gate lets {key} pass that went from {base[key]} to {value}"
+            return f"the gate accepts {key} = {value}, which was {base[key]}"
         missing = {k: x for k, x in base.items() if k != key}
         if key not in ("observed_order", "status") and not ask_gate(missing, base):
-            return f"the gate does not miss {key}"
+            return f"the gate accepts that {key} is missing"
     floor = gate.RULES["acceleration_error_median"].floor
     if ask_gate({"acceleration_error_median": 0.9 * floor}, {"acceleration_error_median": floor / 100}):
-        return "the gate fails rounding"
+        return "the gate rejects rounding"
     if not ask_gate({"acceleration_error_median": 1.5 * floor}, {"acceleration_error_median": floor / 100}):
-        return "the gate takes for rounding what stands above it"
-    return None if abs(floor - 1e-12) <= 1e-15 else "the gate's floor of accelerations has moved"
+        return "the gate accepts an error above rounding"
+    return None if abs(floor - 1e-12) <= 1e-15 else "the gate's floor for accelerations has changed"

@@ -1,12 +1,12 @@
-"""Diagnosis of an engine on a linkage: the parts of its error against the reference, and a verdict in words.
+"""Diagnose an engine on a linkage: split its error against the reference into parts, and give a verdict in words.
 
-The questions are asked in an order in which no earlier fault can spoil a later answer: Are the samples in order, and do they move?
-Did the state jump? Do the samples belong to other times? How much of the error remains with smaller steps, how much of it violates
-the constraints, and which explanation predicts the wrong accelerations? A cause is named only if it accounts for most of the error.
+The questions have an order in which no fault spoils the answer to a later question: Are the samples in order, and do they move? Did
+the state jump? Do the samples belong to other times? How much of the error remains with smaller steps, how much of it violates the
+constraints, and which explanation predicts the wrong accelerations? A cause is named only if it accounts for most of the error.
 
-The verdict is "no dominant cause" if the largest error of a position is below SMALL or below three times the error bar of the
-reference, and if the accelerations that the engine reports are wrong by at most OFF_TOLD at its own states. The small remaining
-error is split into its parts all the same.
+The verdict is "no dominant cause" if the largest error of a position is below SMALL or below BARS times the error bar of the
+reference, and if the reported accelerations are wrong by at most OFF_TOLD at the engine's own states. The small error is split into
+its parts nevertheless.
 """
 
 from collections.abc import Callable, Sequence
@@ -51,17 +51,19 @@ WHOLE = (Cause.RESET, Cause.ORDER, Cause.START, Cause.STALE, Cause.LENGTH)  # ca
 
 @dataclass(frozen=True)
 class Numbers(split.Closure):
-    """The measured figures other than those of the closure, in m and rad unless noted; NaN where a figure could not be determined.
+    """The measured figures of a diagnosis, with those of the closure; NaN stands for a figure that could not be determined.
 
     Attributes:
-        error: largest position error of the run with the requested step; at: its time [s]; errors: the same of every run.
-        bar: error bar of the reference.
-        steps: steps of the runs [s]; tolerances: relative tolerances of the runs, by which those after the first differ if the
-            integrator chooses its steps.
+        error: largest position error of the run with the requested step [m, rad]; at: time of this error [s]; errors: largest
+            position error of every run [m, rad].
+        bar: error bar of the reference [m, rad].
+        steps: step of every run [s]; tolerances: relative tolerance of every run, if the integrator chooses its steps.
         order: order of convergence of the motion with the step.
         horizon: time until which errors are small enough to be split [s].
-        limit_error, step_error: root mean squares of the error extrapolated to step zero, and of the error that the step causes.
-        told: relative error (median) of the reported accelerations, of every run; moved: of those from the change of velocities.
+        limit_error: root mean square of the error extrapolated to step zero [m, rad]; step_error: root mean square of the error
+            that the step causes [m, rad].
+        told: median relative error of the reported accelerations, of every run; moved: median relative error of the accelerations
+            from the change of velocities, of every run.
         step_exponent: k if the error of one step is proportional to h^k: 0 for round-off, 1 for wrong accelerations, p + 1 for
             an integrator of order p.
         shift, rate: shift [s] and rate of the time map; jump_time: time of the jump [s].
@@ -90,7 +92,7 @@ class Ended:
     """The end of a run.
 
     Attributes:
-        status: how it ended; message: why, or a remark on the run.
+        status: how the run ended; message: reason of the status, or a remark on the run.
     """
 
     status: Status
@@ -104,10 +106,10 @@ class Verdict:
     Attributes:
         cause: the dominant cause; sentence: the verdict in words.
         parts: part -> size of that part of the error [m, rad].
-        numbers: the measured figures; None without a run.
+        numbers: the measured figures; None if no run reached a checkpoint.
         explanations: explanations of wrong accelerations, the best first.
-        runs: how each run ended: status and message.
-        candidates: the explanations that reproduce the accelerations within their noise; they cannot be distinguished.
+        runs: how each run ended.
+        candidates: the explanations that reproduce the accelerations within the noise and cannot be distinguished.
     """
 
     cause: Cause
@@ -120,14 +122,14 @@ class Verdict:
 
 
 def without_run(*ended: Ended) -> Verdict:
-    """Return the verdict if no run has reached a checkpoint."""
+    """Return the verdict if no run has reached a checkpoint; `ended` has the ends of the runs."""
     first = ended[0]
     why = first.message if first.status is Status.SKIP else f"{first.status}: {first.message}"
     return Verdict(Cause.UNKNOWN, f"there is no run to look at: {why}", {}, None, (), ended)
 
 
 class Answer(NamedTuple):
-    """The answer to one question of the diagnosis."""
+    """The answer to one question of the diagnosis: a cause, a sentence, and the explanations that were tried."""
 
     cause: Cause
     sentence: str
@@ -147,21 +149,22 @@ def diagnose_runs(
     """Diagnose an engine from its runs with several steps or tolerances.
 
     Args:
-        run: runs the engine: (choice, sampling) -> Run.
+        run: function that runs the engine: (choice, sampling) -> Run.
         mechanism: the linkage of the file.
-        reference: its motion from 0 to `until`.
-        choices: the requested choice, and finer ones.
+        reference: motion of the linkage from 0 to `until`.
+        choices: the requested choice, and choices with finer steps or tolerances.
         until: end of the runs [s].
         adaptive: whether the integrator chooses its own steps, so that the choices differ by tolerance.
         projected: the first choice with projected steps, or None if the engine does not offer projection.
         told: called with each sentence of progress.
 
     Raises:
-        ChoiceError: too few steps.
+        ChoiceError: the run has too few steps.
     """
     own = OwnMotion(mechanism)
     bursts, runs = observe(run, choices, until, told)
     ended = tuple(Ended(r.status, r.message) for r in runs)
+    # a motion that diverges before its first checkpoint is diagnosed by a shorter run
     while not bursts and ended[0].status is Status.NAN and until / SHORTER >= 2 * FEWEST * choices[0].step:
         until /= SHORTER
         bursts, _ = observe(run, choices, until, told)
@@ -177,7 +180,21 @@ def diagnose_runs(
 
 
 class Case:
-    """The measurements of one engine on one linkage, and the questions that lead to the verdict."""
+    """The measurements of one engine on one linkage, and the questions that lead to the verdict.
+
+    Attributes:
+        first: bursts of the run with the requested choice.
+        true, off: reference states and position errors (k, n) at the checkpoints of this run.
+        bursts: bursts of every run at the checkpoints that all runs reached; errors: largest position error of every run.
+        error, bar: largest position error of the first run, and largest error bar of the reference.
+        steps: errors split by the step; limit, by_step: sizes of the error at step zero and of the error that the step adds.
+        whole: size of the first run's error; closure: gaps of the loops.
+        sound: bursts without checkpoints whose loops are wide open; local: errors of accelerations and steps there, None if there
+            are no such checkpoints.
+        start: the start, as often as `sound[-1]` has checkpoints.
+        noise: relative error that correct accelerations may have.
+        map, jump_time: the time map and the time of a jump [s], once they are found.
+    """
 
     def __init__(
         self,
@@ -206,11 +223,11 @@ class Case:
         count = len(self.sound[-1].at)
         self.start = States(np.zeros(count), *(np.tile(x, (count, 1)) for x in (own.mechanism.q0, own.mechanism.v0)))
         self.noise = self._acceleration_noise()
-        self.map = samples.TimeMap(np.nan, np.nan, left=0.0)  # until one is found
-        self.jump_time = np.nan  # [s]
+        self.map = samples.TimeMap(np.nan, np.nan, left=0.0)
+        self.jump_time = np.nan
 
     def verdict(self) -> Answer:
-        """Return the first answer that accounts for the error: its cause, its sentence and the explanations that were tried."""
+        """Return the first answer that accounts for the error."""
         if self.error <= max(SMALL, BARS * self.bar):
             return self._explain_small_error()
         for question in (self._find_turns, self._find_order, self._find_standstill, self._find_jump, self._find_velocities):
@@ -223,7 +240,7 @@ class Case:
         return answer if answer.explanations or not exact else answer._replace(explanations=exact.explanations)
 
     def _acceleration_noise(self) -> float:
-        """Return the relative error that correct accelerations may have: ten times the difference of two of the suite's solvers."""
+        """Return the relative error that correct accelerations may have: ten times the difference of two solvers of the suite."""
         states = self.sound[-1].at
         if not len(states) or self.own.evaluator.friction:
             return NOISE
@@ -234,8 +251,8 @@ class Case:
     def _explain(self, y: Array) -> list[Explained]:
         """Return the explanations of acceleration errors y (k, n) of the finest run, the best first."""
         b = self.sound[-1]
-        some = every_explanation(self.own, b.at, b.before, self.start)
-        found = explain(y, self.own.evaluator.mass, some, self.own.accelerations(b.at), self.noise)
+        tried = every_explanation(self.own, b.at, b.before, self.start)
+        found = explain(y, self.own.evaluator.mass, tried, self.own.accelerations(b.at), self.noise)
         return found[: max(NAMED, len(candidates(found, self.noise)))]
 
     def _reproduce(self) -> Answer | None:
@@ -254,19 +271,22 @@ class Case:
         return Answer(alike[0].cause, f"{named}{more}: {size}, and {each} reproduces them to {self.noise:.0e}", explanations)
 
     def _explain_small_error(self) -> Answer:
+        """Explain a run whose positions are correct: a cause of wrong velocities or accelerations, or no dominant cause."""
         if answer := self._find_velocities() or self._reproduce():
             return answer
         last = self.local[-1]
         if last is None or not last.relative_told > OFF_TOLD:
-            said = f"no dominant cause: the largest error, {self.error:.1e} (m, rad), is below {max(SMALL, BARS * self.bar):.0e}"
+            sentence = (
+                f"no dominant cause: the largest error, {self.error:.1e} (m, rad), is below {max(SMALL, BARS * self.bar):.0e}"
+            )
             falls = f"; it falls with the step by order {self.steps.order:.1f}" if self.steps.converges else ""
-            return Answer(Cause.NONE, said + falls)
+            return Answer(Cause.NONE, sentence + falls)
         explanations = self._explain(last.told)
-        wrong = f"the motion is right to {self.error:.1e} (m, rad), but the accelerations told are off by {last.relative_told:.1e}"
+        wrong = f"positions are right to {self.error:.1e} (m, rad), but reported accelerations are off by {last.relative_told:.1e}"
         if explanations and explanations[0].share >= EXPLAINS:
             return Answer(explanations[0].cause, f"{wrong}: {explanations[0].sentence}", explanations)
         if self.closure.held > FOLLOWS:
-            return Answer(Cause.SOFTNESS, f"{wrong}, as forces are that yield in soft constraints", explanations)
+            return Answer(Cause.SOFTNESS, f"{wrong}, as they are with soft constraints", explanations)
         return Answer(Cause.ACCELERATIONS, f"{wrong}, which no parameter explains", explanations)
 
     def _find_turns(self) -> Answer | None:
@@ -277,12 +297,13 @@ class Case:
         k = int(turns.any(axis=1).argmax())
         link = int(np.abs(turns[k]).argmax())
         by, name = turns[k, link], self.own.mechanism.links[link].name
-        said = f"angles are told in other turns than the motion's: {name} by {by:+.0f} from t = {self.first.at.t[k]:.3g} s on"
-        return Answer(Cause.WRAPPED, f"{said}; but for whole turns they are right")
+        sentence = f"reported angles are off by whole turns: {name} by {by:+.0f} from t = {self.first.at.t[k]:.3g} s on"
+        return Answer(Cause.WRAPPED, f"{sentence}; apart from whole turns they are right")
 
     def _find_order(self) -> Answer | None:
-        told = _join_states(self.first.start, self.first.at[slice(0, max(3, len(self.first.at) // split.PERIODS))])
-        found = samples.order(self.own.mechanism, self.truth.at(told.t), told)
+        """Detect links or joint coordinates in another order, from the first part of the run."""
+        reported = _join_states(self.first.start, self.first.at[slice(0, max(3, len(self.first.at) // split.PERIODS))])
+        found = samples.order(self.own.mechanism, self.truth.at(reported.t), reported)
         return Answer(Cause.ORDER, f"{found.sentence}; in order, {found.left:.1%} of the error is left") if found else None
 
     def _find_velocities(self) -> Answer | None:
@@ -292,11 +313,12 @@ class Case:
         off, factor, left = samples.other_velocities(moved, b.at.v)
         if not (off > OFF_VELOCITIES and _largest(b.at.v - moved) * b.at.t[-1] > SMALL):
             return None
-        what = f"they are {factor:.4g} times those" if left <= samples.LEFT else "no factor explains it"
-        said = f"the velocities told are off by {off:.1e} of those by which the positions told move: {what}"
-        return Answer(Cause.VELOCITIES, said)
+        what = f"they are {factor:.4g} times as large" if left <= samples.LEFT else "no factor explains the difference"
+        sentence = f"reported velocities differ by {off:.1e} from the rate at which reported positions change: {what}"
+        return Answer(Cause.VELOCITIES, sentence)
 
     def _find_standstill(self) -> Answer | None:
+        """Detect samples that do not move, and distinguish a driver without its second derivative from frozen output."""
         if not samples.stands_still(self.true, self.first.at):
             return None
         last = self.local[-1]
@@ -309,20 +331,20 @@ class Case:
 
     def _find_jump(self) -> Answer | None:
         """Detect a jump of the state, with a second run that is sampled at every step of the interval that may contain it."""
-        told = _join_states(self.first.start, self.first.at)
-        k = samples.suspicious_window(told, np.vstack([self.own.accelerations(self.first.start), self.first.a]))
+        reported = _join_states(self.first.start, self.first.at)
+        k = samples.suspicious_window(reported, np.vstack([self.own.accelerations(self.first.start), self.first.a]))
         if k is None or self.adaptive:
             return None
         h = self.first.step
-        whole = np.unique([0, *range(round(told.t[k] / h), round(told.t[k + 1] / h) + 1)])
+        whole = np.unique([0, *range(round(reported.t[k] / h), round(reported.t[k + 1] / h) + 1)])
         x = self.run(self.choices[0], sampling_at(h, whole * h)).trajectory
         jumped = samples.jump(self.own, States(x.t, x.q, x.v)) if x else None
         if jumped is None:
             return None
         self.jump_time = jumped.t
         where = "back to its start" if jumped.to_start else "elsewhere"
-        said = f"the state jumps {where} at t = {jumped.t:.6g} s, by {jumped.size:.2g} (m, rad) in one step"
-        return Answer(Cause.RESET, f"{said}, as an engine does that resets itself after an error")
+        sentence = f"the state jumps {where} at t = {jumped.t:.6g} s, by {jumped.size:.2g} (m, rad) in one step"
+        return Answer(Cause.RESET, f"{sentence}, as an engine does that resets itself after an error")
 
     def _find_length(self) -> Answer | None:
         """Detect a pin at another place than in the file: its gap turns with its link and does not depend on the step."""
@@ -333,8 +355,8 @@ class Case:
         by_softness = self.closure.held**2  # share of the gaps that follows the closing forces: a correlation, squared
         if pin is None or by_softness >= pin.share:
             return None
-        gap = f"loops stay open by {opened:.1e} (m, rad) by the file's dimensions, whatever the step"
-        return Answer(Cause.LENGTH, f"{pin.sentence}: {gap}; that explains {format_share(pin.share)} of it")
+        gap = f"with the file's dimensions loops stay open by {opened:.1e} (m, rad), whatever the step"
+        return Answer(Cause.LENGTH, f"{pin.sentence}: {gap}; this explains {format_share(pin.share)} of the gaps")
 
     def _find_other_times(self) -> Answer | None:
         """Detect samples of other times, or a wrong start; in both cases the steps themselves are correct."""
@@ -343,27 +365,27 @@ class Case:
             found = samples.time_map(self.truth, self.first.at, stretch)
             if found is None or not (self._scales_with_step(found, stretch) and self._steps_are_sound(found)):
                 continue
-            left = f"so read, {found.left:.1%} of the error is left"
+            left = f"at those times {found.left:.1%} of the error is left"
             if not stretch and abs(found.shift) > 1e-3 * h:
                 self.map, when = found, "later" if found.shift > 0 else "earlier"
-                said = f"the samples are those of {abs(found.shift):.3g} s {when} ({abs(found.shift) / h:.3g} steps)"
-                return Answer(Cause.SHIFT, f"{said}; {left}")
+                sentence = f"the samples are those of {abs(found.shift):.3g} s {when} ({abs(found.shift) / h:.3g} steps)"
+                return Answer(Cause.SHIFT, f"{sentence}; {left}")
             if stretch and abs(found.rate - 1) > 1e-6:
                 self.map = found
                 return Answer(Cause.STRETCH, f"the samples are those of {found.rate:.6g} times their time; {left}")
         if by := self._shift_of_first_step():
             far, when = ("far", "later") if by > 0 else ("short", "earlier")
-            said = f"the first step leads {abs(by):.3g} s too {far} and no other does"
-            return Answer(Cause.SHIFT, f"{said}: later samples are those of {abs(by) / h:.3g} steps {when}")
+            sentence = f"only the first step leads {abs(by):.3g} s too {far}"
+            return Answer(Cause.SHIFT, f"{sentence}: all other samples are those of {abs(by) / h:.3g} steps {when}")
         start, known = self.first.start, self.own.mechanism
+        # an error of velocities counts by the displacement that it causes until the last checkpoint
         off = max(_largest(start.q - known.q0), _largest((start.v - known.v0) * self.first.at.t[-1]))
         if off > MOST * self.error / 10 and off > SMALL:
-            said = f"the run begins at another state, {off:.1e} (m, rad, or as much a second times the run) off"
-            return Answer(Cause.START, said)
+            return Answer(Cause.START, f"the run begins at another state, which displaces links by {off:.1e} (m, rad)")
         return None
 
     def _scales_with_step(self, time_map: samples.TimeMap, stretch: bool) -> bool:
-        """Tell whether a finer run is shifted by the same time or number of steps; an integrator's error would fall faster."""
+        """Tell whether a finer run is shifted by the same time or number of steps; an error of the integrator falls faster."""
         finest = self.bursts[-1]
         if self.adaptive or finest.step == self.first.step:
             return True
@@ -372,6 +394,7 @@ class Case:
             return False
         if stretch:
             return abs(again.rate - 1) > abs(time_map.rate - 1) / 2
+        # the same number of steps is a shift proportional to the step; 0.8 allows for errors of the fit
         return abs(again.shift) > 0.8 * abs(time_map.shift) * finest.step / self.first.step
 
     def _shift_of_first_step(self) -> float:
@@ -397,7 +420,8 @@ class Case:
     def _steps_are_sound(self, time_map: samples.TimeMap) -> bool:
         """Tell whether accelerations are correct, and steps differ from the linkage's flow only by the rate of the time map.
 
-        If the forces or drivers depend on time, other times mean other accelerations; then the map must explain nearly all.
+        If forces or drivers depend on time, samples of other times have other accelerations. A map that explains nearly the whole
+        error is therefore accepted without this test.
         """
         last, by_rate = self.local[-1], abs(time_map.rate - 1)
         if time_map.left < NOTHING or last is None:
@@ -407,9 +431,9 @@ class Case:
     def _explain_by_steps(self) -> Answer:
         """Attribute the error to round-off, to the step, or to a fault that remains with smaller steps."""
         if self._is_round_off():
-            said = "the error does not fall with the step, and a step is off by as much however short it is: round-off"
-            by = ", ".join(f"{e:.1e} by {b.step:.3g} s" for e, b in zip(self.errors, self.bursts, strict=False))
-            return Answer(Cause.ROUND_OFF, f"{said} ({by})")
+            sentence = "the error does not fall with the step, and the error of one step does not depend on its length: round-off"
+            errors = ", ".join(f"{e:.1e} with {b.step:.3g} s" for e, b in zip(self.errors, self.bursts, strict=True))
+            return Answer(Cause.ROUND_OFF, f"{sentence} ({errors})")
         return self._explain_step_error() if self._step_dominates() else self._explain_remaining_error()
 
     def _step_dominates(self) -> bool:
@@ -426,26 +450,27 @@ class Case:
         return float(np.log(one / other) / np.log(h / half))
 
     def _is_round_off(self) -> bool:
+        """Tell whether the error falls more slowly than by order 1, and the error of one step does not depend on the step."""
         return bool(self.errors[-1] > self.error / 2 ** (len(self.errors) - 1) and self.step_exponent() < 0.5)
 
     def _explain_remaining_error(self) -> Answer:
         """Explain an error that remains with smaller steps: wrong accelerations, or loops that are not kept closed."""
         last, c = self.local[-1], self.closure
         if last is None:
-            return Answer(Cause.UNKNOWN, "the loops are wide open everywhere: there are no states to look at")
+            return Answer(Cause.UNKNOWN, "the loops are wide open at all checkpoints: no state can be compared")
         explanations = self._explain(last.told if last.relative_told > 0.3 * last.relative_moved else last.moved)
         if explanations and explanations[0].share >= EXPLAINS:
             best = explanations[0]
-            said = f"{best.sentence}; that explains {format_share(best.share)} of its wrong accelerations"
+            sentence = f"{best.sentence}; this explains {format_share(best.share)} of the wrong accelerations"
             left = AS_GOOD * max(1 - best.share, 1e-12)
             others = [x.sentence for x in explanations[1:] if 1 - x.share <= left][:3]
-            alike = f" (this motion does not tell it from: {'; '.join(others)})" if others else ""
-            return Answer(best.cause, said + alike, explanations)
+            alike = f" (in this motion it cannot be distinguished from: {'; '.join(others)})" if others else ""
+            return Answer(best.cause, sentence + alike, explanations)
         if c.closure_stays and c.closure[-1] > SMALL / 10:
             gap = f"the loops stay open by {c.closure[-1]:.1e} (m, rad) at {c.closure_joint} however short the step is"
-            yields = f", yielding {c.compliance:.1e} m/N" if c.held > FOLLOWS else ""
+            yields = f", with a compliance of {c.compliance:.1e} m/N" if c.held > FOLLOWS else ""
             return Answer(Cause.SOFTNESS, f"soft constraints: {gap}{yields}", explanations)
-        stays = f"an error of {self.limit:.1e} (m, rad) stays at any step"
+        stays = f"an error of {self.limit:.1e} (m, rad) remains at any step"
         off = f"accelerations are off by {max(last.relative_told, last.relative_moved):.1e} at the same states"
         return Answer(Cause.ACCELERATIONS, f"{stays}: {off}, which no parameter of the linkage explains", explanations)
 
@@ -455,24 +480,24 @@ class Case:
             return Answer(Cause.STALE, old.sentence, [old])
         c = self.closure
         falls = "falls with the tolerance" if self.adaptive else f"falls with the step by order {self.steps.order:.1f}"
-        # soft: gaps that follow the closing forces as a spring does, or accelerations that say so. Solvers on velocities leave gaps
-        # that follow the forces too, of the square of a step, while the error of their steps is of first order.
+        # constraints are soft if the gaps follow the closing forces, or if the accelerations show it. Solvers on velocities also
+        # leave gaps that follow the forces, but these fall with the square of the step, and the error of the steps by order 1.
         gap_is_elastic = c.held > FOLLOWS and c.closure_share > NOTHING and not c.grows and not c.falls_faster(self.steps.order)
         if gap_is_elastic or self._constraints_yield():
             gap = f"the loops open by {c.closure[0]:.1e} (m, rad) at {c.closure_joint}"
-            said = f"soft constraints, which these settings tie to the step: {gap}, following the force there"
-            return Answer(Cause.SOFTNESS, f"{said} ({c.compliance:.1e} m/N); it {falls}")
+            sentence = f"soft constraints, whose stiffness depends on the step: {gap}, in proportion to the force there"
+            return Answer(Cause.SOFTNESS, f"{sentence} ({c.compliance:.1e} m/N); the error {falls}")
         may_drift = c.closure_share > MEANT and c.grows
-        mended = self._share_after_projection() if may_drift else 1.0  # a further run, with projection
-        if mended < MENDS:
-            gap = f"the loops open, by {c.closure_early:.1e} early and {c.closure_late:.1e} (m, rad) late"
-            left = f"with steps projected {mended:.0%} of the error is left"
-            return Answer(Cause.DRIFT, f"drift off the constraints: {gap}; {left}; it {falls}")
+        left_share = self._share_after_projection() if may_drift else 1.0  # needs a further run, with projection
+        if left_share < MENDS:
+            gap = f"the loops open by {c.closure_early:.1e} early and by {c.closure_late:.1e} (m, rad) late"
+            left = f"with projected steps {left_share:.0%} of the error is left"
+            return Answer(Cause.DRIFT, f"drift off the constraints: {gap}; {left}; the error {falls}")
         share = self.by_step / max(self.by_step, self.whole)  # by_step is extrapolated and may exceed the whole error
         return Answer(Cause.INTEGRATOR, f"the integrator: {share:.0%} of the error {falls}{self._name_hidden_fault()}")
 
     def _loses_order(self) -> bool:
-        """Tell whether the motion converges at a lower order than the integrator's name says."""
+        """Tell whether the motion converges by a lower order than the integrator has."""
         return bool(self.steps.order < ORDERS.get(self.choices[0].integrator, np.nan) - 1)
 
     def _constraints_yield(self) -> bool:
@@ -488,17 +513,20 @@ class Case:
         if last is not None and last.relative_told > SOUND:
             best = next(iter(self._explain(last.told)), None)
             if best and best.share >= EXPLAINS:
-                return f"; beside it, {best.sentence}"
+                return f"; besides, {best.sentence}"
         stays = self.limit > max(SMALL, self.by_step / 10)
-        return f"; an error of {self.limit:.1e} (m, rad) would stay at any step" if stays else ""
+        return f"; an error of {self.limit:.1e} (m, rad) remains at any step" if stays else ""
 
     def _share_after_projection(self) -> float:
-        """Return the share of the error that is left if the engine projects its steps; 1 if it offers no projection."""
-        at = self.first.at.t[: self.steps.horizon]
-        if self.projected is None or (trajectory := self.run(self.projected, sample(self.first.step, at)).trajectory) is None:
+        """Return the share of the error that is left if the engine projects its steps; 1 if it has no such run."""
+        if self.projected is None:
             return 1.0
-        told = burst(self.projected, at, trajectory).at
-        return split.size(told.q - self.truth.at(told.t).q) / self.whole
+        at = self.first.at.t[: self.steps.horizon]
+        trajectory = self.run(self.projected, sample(self.first.step, at)).trajectory
+        if trajectory is None:
+            return 1.0
+        projected = burst(self.projected, at, trajectory).at
+        return split.size(projected.q - self.truth.at(projected.t).q) / self.whole
 
     def _find_stale_data(self) -> Explained | None:
         """Detect constraint data older than the integrator's state."""
@@ -511,17 +539,18 @@ class Case:
                 continue
             _, alone = _fit(y, known, root)
             whole = float(np.sum((y * root) ** 2))
-            for one in constraint_explanations(self.own, b.at, b.before, self.start):
-                if one.cause is not Cause.STALE or one.once:
+            for x in constraint_explanations(self.own, b.at, b.before, self.start):
+                if x.cause is not Cause.STALE or x.once:
                     continue
-                amount, left = _fit(y, [*known, one.effect_of(1.0)], root)
+                amount, left = _fit(y, [*known, x.effect_of(1.0)], root)
                 if left * BETTER < alone and OLD < amount < 5 and left < (1 - EXPLAINS) * whole:
                     share = 1 - left / whole
-                    said = f"{tell(one.said, amount)}, which explains {format_share(share)} of what accelerations are off by"
-                    return Explained(Cause.STALE, one.what, amount, share, said)
+                    sentence = f"{tell(x.said, amount)}, which explains {format_share(share)} of the error of accelerations"
+                    return Explained(Cause.STALE, x.what, amount, share, sentence)
         return None
 
     def numbers(self) -> Numbers:
+        """Return the measured figures."""
         worst = int(np.abs(self.off).max(axis=1).argmax())
         return Numbers(
             **vars(self.closure),
@@ -544,10 +573,11 @@ class Case:
         )
 
     def parts(self, cause: Cause) -> dict[Part, float]:
-        """Return the error within the horizon [m, rad], by parts.
+        """Return part -> size of the part of the error within the horizon [m, rad], for a cause that was found.
 
         Of the error that falls with the step, the share that violates the constraints is drift, and the rest is the integrator's.
-        The error that remains belongs to the cause found, else to the model. Sampling and round-off are the whole error or none.
+        The error that remains belongs to softness if that is the cause, and else to the model. A cause in the sampling, round-off
+        or one of WHOLE accounts for the whole error.
         """
         by_part = dict.fromkeys(Part, 0.0)
         if cause.part in (Part.SAMPLING, Part.ROUND_OFF) or cause in WHOLE:
@@ -560,22 +590,27 @@ class Case:
             rest = Part.SOFTNESS
             if self.by_step > self.limit:
                 by_part |= {Part.SOFTNESS: self.by_step, Part.INTEGRATOR: 0.0, Part.DRIFT: 0.0}
-        told = max(BARS * self.bar, self.by_step / 4)  # Richardson's extrapolation is not more accurate than this
-        if cause not in (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT) or self.limit > told:
+        resolved = max(BARS * self.bar, self.by_step / 4)  # error of the reference and of Richardson's extrapolation
+        if cause not in (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT) or self.limit > resolved:
             by_part[rest] += self.limit
         return by_part
 
 
-def _join_states(one: States, other: States) -> States:
-    return States(*(np.concatenate([getattr(one, x), getattr(other, x)]) for x in "tqv"))
+def _join_states(early: States, late: States) -> States:
+    """Return states one after the other."""
+    return States(*(np.concatenate([getattr(early, x), getattr(late, x)]) for x in "tqv"))
 
 
 def _largest(x: Array) -> float:
+    """Return the largest absolute value; 0 for an empty array."""
     return float(np.abs(x).max(initial=0.0))
 
 
 def _fit(y: Array, columns: list[Array], root: Array) -> tuple[float, float]:
-    """Fit columns (k, n) to y (k, n) by least squares; return the coefficient of the last, and the squared residual."""
+    """Fit columns, each (k, n), to y (k, n) by least squares with weights `root` (n,).
+
+    Return the coefficient of the last column and the squared residual.
+    """
     b = (y * root).ravel()
     if not columns:
         return 0.0, float(b @ b)
@@ -586,5 +621,7 @@ def _fit(y: Array, columns: list[Array], root: Array) -> tuple[float, float]:
 
 
 def format_share(share: float) -> str:
-    """Return a share in words, with more digits where it would round to 100 %."""
-    return f"{share:.0%}" if share < 0.995 else f"{100 * share:.4g} %" if share < 0.99995 else "all"
+    """Return a share in words, with more digits if it would round to 100 %."""
+    if share < 0.995:
+        return f"{share:.0%}"
+    return f"{100 * share:.4g} %" if share < 0.99995 else "all"

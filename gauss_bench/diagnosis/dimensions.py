@@ -1,4 +1,4 @@
-"""Detection of a pin at another place in its link than in the linkage file: its gap turns with the link.
+"""Detect a pin that an engine has at another place in its link than the linkage file: its gap turns with the link.
 
 If an engine has a pin of link a displaced by d (2,) in the frame of that link, and closes its own loops, its states leave a gap
 with the dimensions of the file:
@@ -29,7 +29,9 @@ class Misplaced:
     """A displaced pin of a link.
 
     Attributes:
-        joint, link: names; off: displacement (2,) [m] in the frame of the link; share: share of the squared gaps that it explains.
+        joint, link: names of the pin and of the link.
+        off: displacement (2,) [m] in the frame of the link.
+        share: share of the squared gaps that the displacement explains.
     """
 
     joint: str
@@ -45,33 +47,40 @@ class Misplaced:
 
 def misplace(own: OwnMotion, coarse: States, fine: States) -> Misplaced | None:
     """Return the displaced pin that explains all gaps of two runs with different steps; None if there is none."""
-    one, other = (_explain(own, x) for x in (coarse, fine))
-    if one is None or other is None or (one.joint, one.link) != (other.joint, other.link):
+    first, second = (_explain(own, x) for x in (coarse, fine))
+    if first is None or second is None or (first.joint, first.link) != (second.joint, second.link):
         return None
-    return other if np.hypot(*(one.off - other.off)) <= SAME * np.hypot(*other.off) else None
+    return second if np.hypot(*(first.off - second.off)) <= SAME * np.hypot(*second.off) else None
 
 
 def _explain(own: OwnMotion, x: States) -> Misplaced | None:
-    """Return the pin that explains the gaps best, if it explains at least FITS of their squares."""
-    mechanism, gaps = own.mechanism, own.gaps(x)
-    squares, at = float((gaps**2).sum()), 0
+    """Return the pin that explains the gaps at states x best, if it explains at least FITS of their squares."""
+    mechanism, gaps = own.mechanism, own.gaps(x)  # (k, rows)
+    squares = float((gaps**2).sum())
     found: list[Misplaced] = []
+    row = 0
     for joint in mechanism.joints:
-        gap, at = gaps[:, at : at + len(joint.held)], at + len(joint.held)
+        gap = gaps[:, row : row + len(joint.held)]
+        row += len(joint.held)
         if joint.slides or not squares:
             continue
+        others = squares - float((gap**2).sum())  # squared gaps of other joints, which this pin does not explain
         for point, sign in zip(joint.ends, (1.0, -1.0), strict=True):
             if point.link != GROUND:
-                d, left = _turning(gap, angle_at(x.q, point.link))
-                share = 1.0 - (left + squares - float((gap**2).sum())) / squares
+                d, left = _fit_turning(gap, angle_at(x.q, point.link))
+                share = 1.0 - (left + others) / squares
                 found.append(Misplaced(joint.name, mechanism.link_name(point.link), sign * d, share))
     best = max(found, key=lambda x: x.share, default=None)
     return best if best is not None and best.share >= FITS else None
 
 
-def _turning(gap: Array, theta: Array) -> tuple[Array, float]:
-    """Fit gap (k, 2) = R(theta) d + c; return d (2,) and the squared residual. If the link hardly turns, d is zero."""
+def _fit_turning(gap: Array, theta: Array) -> tuple[Array, float]:
+    """Fit gap (k, 2) = R(theta) d + c at angles (k,) [rad]; return d (2,) [m] and the squared residual [m^2].
+
+    If the link hardly turns, d cannot be distinguished from c and is zero.
+    """
     cosine, sine, one, none = np.cos(theta), np.sin(theta), np.ones_like(theta), np.zeros_like(theta)
+    # (2 k, 4): first the rows of x, then those of y, with the unknowns d_x, d_y, c_x, c_y
     A = np.concatenate([np.stack([cosine, -sine, one, none], axis=1), np.stack([sine, cosine, none, one], axis=1)])
     b = gap.T.ravel()
     if np.ptp(theta) < TURNS:

@@ -1,19 +1,20 @@
 """Explanations of wrong accelerations: each predicts the error of the accelerations that a fault would cause.
 
-y (k, n) is the error of the engine's accelerations at k of its own states, and x (k, n) the error that an explanation predicts for
-a fault of unit amount. The faults are: a wrong mass or inertia, gravity or number of a force, a torque on another link, exchanged
-masses of two links, missing velocity terms, a missing second derivative of a driver, a missing joint, constraint data of an earlier
-state, and a factor on all accelerations. The amount c of a fault is fitted by least squares in the metric of the mass matrix, as in
-Gauss's principle:
+y (k, n) is the error of the engine's accelerations at k of its own states, and x (k, n) is the error that a fault of unit amount
+would cause. The faults are a wrong mass, inertia, gravity or number of a force, a torque on another link, exchanged masses of two
+links, missing velocity terms, a missing second derivative of a driver, a missing joint, constraint data of an earlier state, and a
+factor on all accelerations. The amount c of a fault is fitted by least squares in the metric of the mass matrix, as in Gauss's
+principle:
 
     share = 1 - |y - c x|^2 / |y|^2
 
-A fault without an amount, such as a missing joint, is accepted only if c is near 1. The effect of masses and inertias is nonlinear;
+A fault without an amount, such as a missing joint, is accepted only if c is near 1. Masses and inertias have a nonlinear effect;
 their amount is refined by Gauss-Newton steps.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from typing import Any
 
@@ -23,7 +24,7 @@ from gauss_bench.diagnosis.causes import Cause
 from gauss_bench.diagnosis.motion import OwnMotion
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Angle, Force, PointForce, Torque
+from gauss_bench.mechanism.model import Angle, Force, Link, PointForce, Torque
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
@@ -48,12 +49,12 @@ class Explanation:
     """One possible fault.
 
     Attributes:
-        cause: of the error.
+        cause: cause of the error.
         what: the fault in words, such as "inertia of crank".
-        effect: (k, n) change of the accelerations by an amount of 1; or a function amount -> (k, n), if it is not proportional.
+        effect: (k, n) change of the accelerations by an amount of 1, or a function amount -> (k, n) if it is not proportional.
         said: sentence on the fault, with {is}, {are} or {amount} in the place of the amount.
-        once: whether the fault is there or not, without an amount.
-        exact: whether only a fit within the noise counts: with so many numbers, one of them always fits a little.
+        once: whether the fault has no amount, such as a missing joint.
+        exact: whether only a fit within the noise counts; with very many candidates, one always fits a part of the error.
     """
 
     cause: Cause
@@ -73,9 +74,10 @@ class Explained:
     """The fit of one explanation.
 
     Attributes:
-        cause, what: as in the explanation; amount: the best fit; share: share of the squared error that it explains, at most 1.
+        cause, what: cause and fault of the explanation.
+        amount: amount that fits best; share: share of the squared error that it explains, at most 1.
         sentence: the fault with its amount in words.
-        residual: relative error of the accelerations that is left with that amount.
+        residual: relative error of the accelerations that this amount leaves.
     """
 
     cause: Cause
@@ -87,7 +89,7 @@ class Explained:
 
 
 def tell(said: str, amount: float) -> str:
-    """Fill the amount into a sentence, as a number or as a relative change."""
+    """Return a sentence with the amount filled in, as a number for {amount}, and as a relative change for {is} or {are}."""
     off = f"{abs(100 * amount):.3g} % too {'large' if amount > 0 else 'small'}"
     words = {"amount": f"{amount:.2g}"}
     for be, have in (("is", "has"), ("are", "have")):
@@ -99,55 +101,64 @@ def tell(said: str, amount: float) -> str:
     return said.format(**words)
 
 
-def explain(y: Array, mass: Array, some: Iterator[Explanation], a: Array | None = None, noise: float = 0.0) -> list[Explained]:
-    """Return the explanations of differences y (k, n) from accelerations a, the best first.
+def explain(y: Array, mass: Array, tried: Iterator[Explanation], a: Array | None = None, noise: float = 0.0) -> list[Explained]:
+    """Return the fits of explanations to errors y (k, n) of accelerations, the best first.
 
-    Explanations without effect are left out, and so are exact ones (which must explain y wholly) that leave more than `noise`.
-    Those that leave no more than `noise` (relative to a) cannot be told apart and stand in the order in which they were tried.
+    Explanations without effect are left out, and so are exact ones that leave more than the noise. Those that leave no more than
+    the noise cannot be distinguished, and keep the order in which they were tried.
 
     Args:
-        mass: (n,) diagonal of the mass matrix, by which residuals are weighted.
+        mass: (n,) diagonal of the mass matrix, by which errors are weighted.
+        tried: explanations that are fitted.
+        a: (k, n) correct accelerations, to which residuals are relative; by default residuals are relative to y.
+        noise: relative error of correct accelerations.
     """
     root = np.sqrt(mass)
     target = (y * root).ravel()
     whole = float(np.linalg.norm(y * root if a is None else a * root)) or 1.0
     found: dict[str, Explained] = {}
-    for one in some:
-        fit = _fit(one, target, root, whole)
-        if fit is not None and (fit.residual <= noise or not one.exact):
+    for explanation in tried:
+        fit = _fit(explanation, target, root, whole)
+        if fit is not None and (fit.residual <= noise or not explanation.exact):
             found.setdefault(fit.sentence, fit)
     return sorted(found.values(), key=lambda x: -np.inf if x.residual <= noise else -x.share)
 
 
 def candidates(explanations: list[Explained], noise: float) -> list[Explained]:
-    """Return the explanations that reproduce the accelerations within their noise."""
+    """Return the explanations that reproduce the accelerations within the noise."""
     return [x for x in explanations if x.residual <= noise]
 
 
-def _fit(one: Explanation, target: Array, root: Array, size_of_all: float) -> Explained | None:
-    def effect(amount: float) -> Array:
-        return np.asarray((one.effect_of(amount) * root).ravel())
+def _fit(x: Explanation, target: Array, root: Array, size_of_all: float) -> Explained | None:
+    """Fit an explanation to weighted errors (k n,); return None if it has no effect or does not fit.
 
-    unit = SMALL if callable(one.effect) else 1.0
+    Args:
+        root: (n,) roots of the masses; size_of_all: norm to which the residual is relative.
+    """
+
+    def effect(amount: float) -> Array:
+        return np.asarray((x.effect_of(amount) * root).ravel())
+
+    unit = SMALL if callable(x.effect) else 1.0
     column = effect(unit) / unit
     size, whole = float(column @ column), float(target @ target)
     if not (np.isfinite(size) and size > 0 and whole > 0):
         return None
     amount = float(column @ target) / size
     left = target - column * amount
-    if one.exact and float(left @ left) > SCREENED * whole:
+    if x.exact and float(left @ left) > SCREENED * whole:  # saves the refinement of most of the many exact explanations
         return None
-    if callable(one.effect):
+    if callable(x.effect):
         amount, left = _refine(effect, target, float(np.clip(amount, -0.9, 9.0)))
     share = 1.0 - float(left @ left) / whole
-    if not np.isfinite(share) or (one.once and abs(amount - 1.0) > ONCE):
+    if not np.isfinite(share) or (x.once and abs(amount - 1.0) > ONCE):
         return None
-    residual = float(np.linalg.norm(target - effect(1.0 if one.once else amount))) / size_of_all
-    return Explained(one.cause, one.what, amount, share, tell(one.said, amount), residual)
+    residual = float(np.linalg.norm(target - effect(1.0 if x.once else amount))) / size_of_all
+    return Explained(x.cause, x.what, amount, share, tell(x.said, amount), residual)
 
 
 def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> tuple[float, Array]:
-    """Refine an amount by Gauss-Newton steps that keep a parameter positive; return it and the squared residual."""
+    """Refine an amount by Gauss-Newton steps that keep the parameter positive; return the amount and the residual (k n,)."""
     left = target - effect(amount)
     for _ in range(REFINEMENTS):
         slope = (effect(amount + SMALL) - effect(amount - SMALL)) / (2 * SMALL)
@@ -160,23 +171,24 @@ def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> t
 
 
 def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield explanations by wrong parameters of a linkage, at states x."""
+    """Yield explanations by wrong parameters of links, gravity and forces, at states x."""
     mechanism, parts = own.mechanism, own.parts(x)
 
     def change_by(**changes: Any) -> Array:
-        there = Evaluator(replace(mechanism, **changes))
-        return parts.effect(mass=there.mass, Q=there.applied.generalised(x.q, x.v, x.t))
+        """Return the change (k, n) of the accelerations if fields of the mechanism have other values."""
+        changed = Evaluator(replace(mechanism, **changes))
+        return parts.effect(mass=changed.mass, Q=changed.applied.generalised(x.q, x.v, x.t))
 
     def scale_links(names: Sequence[str], keys: Sequence[str]) -> Callable[[float], Array]:
-        def effect(c: float) -> Array:
-            links = [
-                replace(x, **{key: getattr(x, key) * (1 + c) for key in keys}) if x.name in names else x for x in mechanism.links
-            ]
-            return change_by(links=tuple(links))
+        """Return amount c -> effect of a factor 1 + c on attributes of links."""
 
-        return effect
+        def scale(link: Link, c: float) -> Link:
+            return replace(link, **{key: getattr(link, key) * (1 + c) for key in keys}) if link.name in names else link
+
+        return lambda c: change_by(links=tuple(scale(link, c) for link in mechanism.links))
 
     def with_force(at: int, **changes: Any) -> Array:
+        """Return the effect of other values in fields of the force with this index."""
         return change_by(forces=tuple(replace(f, **changes) if k == at else f for k, f in enumerate(mechanism.forces)))
 
     names = [link.name for link in mechanism.links]
@@ -188,18 +200,18 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     yield from force_explanations(own, x)
     for i, j in combinations(range(len(names)), 2):
         links, both = list(mechanism.links), f"{names[i]} and {names[j]}"
-        one, other = links[i], links[j]
-        links[i] = replace(one, mass=other.mass, inertia=other.inertia)
-        links[j] = replace(other, mass=one.mass, inertia=one.inertia)
+        for k, other in ((i, mechanism.links[j]), (j, mechanism.links[i])):
+            links[k] = replace(links[k], mass=other.mass, inertia=other.inertia)
         swapped = change_by(links=tuple(links))
         yield Explanation(Cause.ORDER, f"masses of {both}", swapped, f"{both} have each other's mass and inertia", once=True)
     g = np.asarray(mechanism.gravity, dtype=float)
     if g.any():
         yield Explanation(Cause.GRAVITY, "gravity", change_by(gravity=2 * g), "gravity {is}")
-    across = (
-        [(np.array([-g[1], g[0]]), "across itself")] if g.any() else [(GIVEN * np.eye(2)[k], f"along {'xy'[k]}") for k in (0, 1)]
-    )
-    for vector, name in across:
+    if g.any():
+        directions = {"across itself": np.array([-g[1], g[0]])}
+    else:
+        directions = {"along x": np.array([GIVEN, 0.0]), "along y": np.array([0.0, GIVEN])}
+    for name, vector in directions.items():
         said = f"gravity has a part {name} that it should not have, {{amount}} times {float(np.hypot(*vector)):.3g} m/s^2"
         yield Explanation(Cause.GRAVITY, f"gravity {name}", change_by(gravity=g + vector), said)
     for at, force in enumerate(mechanism.forces):
@@ -219,13 +231,14 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
 
 def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield explanations by a wrong factor or sign of a group of forces: of one kind, of one name, or all of them.
+    """Yield explanations by a wrong factor or sign of one force, of all forces of a kind, or of all forces, at states x.
 
-    Each has the effect of counting its group once more; the factor is fitted later.
+    The effect of an amount of 1 is that the force counts twice.
     """
     mechanism, parts = own.mechanism, own.parts(x)
 
     def force_of(*forces: Force) -> Array:
+        """Return the generalised force (k, n) of some forces without gravity."""
         alone = Evaluator(replace(mechanism, forces=forces, gravity=0 * np.asarray(mechanism.gravity)))
         return alone.applied.generalised(x.q, x.v, x.t)
 
@@ -240,55 +253,61 @@ def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
 
 def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield explanations by a wrong factor of entries, rows or velocity terms of the constraints."""
+    """Yield explanations by a wrong factor of entries, rows or velocity terms of the constraints, at states x."""
     mechanism, parts = own.mechanism, own.parts(x)
+    # names of the rows of J, in the order of the evaluator
     names = [f"{joint.name}, {part}" for joint in mechanism.joints for part in ("first row", "second row")]
     names += [x.name for x in mechanism.couplings for _ in x.held]
     names += [driver.name for driver in mechanism.drivers] + [edge.name for edge in mechanism.knife_edges]
     columns = [f"{coordinate} of {link.name}" for link in mechanism.links for coordinate in COORDINATES]
-    bias = parts.gamma - own.second_rates(x)
-    several = [("the velocity terms of the constraints (J' v)", slice(None))]
-    several += [(f"the velocity terms (J' v) of {name}", slice(k, k + 1)) for k, name in enumerate(names)]
-    for what, some in several:
+    bias = parts.gamma - own.second_rates(x)  # (k, m) velocity terms -J' v
+    rows = {"the velocity terms of the constraints (J' v)": slice(None)}
+    rows |= {f"the velocity terms (J' v) of {name}": slice(k, k + 1) for k, name in enumerate(names)}
+    for what, some in rows.items():
         more = parts.gamma.copy()
         more[:, some] += bias[:, some]
         yield Explanation(Cause.VELOCITY_TERMS, what, parts.effect(gamma=more), f"{what} {{are}}", exact=True)
 
-    def scale_entries(row: int, column: Any) -> Callable[[float], Array]:
-        def effect(c: float) -> Array:
-            J = parts.J.copy()
-            J[:, row, column] *= 1 + c
-            return parts.effect(J=J)
-
-        return effect
+    def scale_entries(row: int, column: Any, c: float) -> Array:
+        """Return the effect of a factor 1 + c on entries of J."""
+        J = parts.J.copy()
+        J[:, row, column] *= 1 + c
+        return parts.effect(J=J)
 
     for row, name in enumerate(names):
         places: list[tuple[Any, str]] = [(slice(None), f"row of {name}")]
         places += [(k, f"entry ({name}; {columns[k]})") for k in np.flatnonzero(parts.J[:, row].any(axis=0))]
         for column, what in places:
             said = f"the Jacobian's {what} {{is}}"
-            yield Explanation(Cause.JACOBIAN, f"Jacobian's {what}", scale_entries(row, column), said, exact=True)
+            yield Explanation(Cause.JACOBIAN, f"Jacobian's {what}", partial(scale_entries, row, column), said, exact=True)
 
 
 def constraint_explanations(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
-    """Yield explanations by constraints that are left out, lack their velocity terms, or belong to an earlier state."""
+    """Yield explanations by constraints that are left out, lack their velocity terms, or belong to an earlier state.
+
+    Args:
+        x: states at which the accelerations are compared; before: states one step earlier; start: the start, as often.
+    """
     mechanism, parts = own.mechanism, own.parts(x)
     rows = own.evaluator.constraints
 
     def with_gamma(some: Any, value: Array | float) -> Array:
+        """Return the effect of another value of some columns of gamma."""
         gamma = parts.gamma.copy()
         gamma[:, some] = value
         return parts.effect(gamma=gamma)
 
-    held: dict[str, list[int]] = {}
+    rows_of: dict[str, list[int]] = {}  # name of a joint -> its rows; a pin through several links is several joints of one name
     at = 0
     for joint in mechanism.joints:
-        held.setdefault(joint.joint, []).extend(range(at, at := at + len(joint.held)))
-    closing = sorted(row for joint in spanning_tree(mechanism).closures for row in held[joint.joint])
-    dropped = {f"the joint {name} is": some for name, some in held.items()} | {"the loops' closing joints are": closing}
-    for name, some in (dropped | {"all constraints are": list(range(rows.m))}).items():
-        what, free = name.removesuffix(" is").removesuffix(" are"), parts.without(some).accelerations() - parts.unaltered
-        yield Explanation(Cause.IGNORED, what, free, f"{name} left out: nothing holds what it should", once=True)
+        rows_of.setdefault(joint.joint, []).extend(range(at, at + len(joint.held)))
+        at += len(joint.held)
+    closing = sorted(row for joint in spanning_tree(mechanism).closures for row in rows_of[joint.joint])
+    dropped = [(f"the joint {name}", "is", some) for name, some in rows_of.items()]
+    dropped += [("the loops' closing joints", "are", closing), ("all constraints", "are", list(range(rows.m)))]
+    for what, be, some in dropped:
+        free = parts.without(some).accelerations() - parts.unaltered
+        yield Explanation(Cause.IGNORED, what, free, f"{what} {be} left out", once=True)
     second = own.second_rates(x)
     for row, driver in enumerate(mechanism.drivers, rows.joint_rows):
         effect = with_gamma(row, parts.gamma[:, row] - second[:, row])
@@ -296,7 +315,7 @@ def constraint_explanations(own: OwnMotion, x: States, before: States, start: St
         yield Explanation(Cause.SECOND_RATE, f"second derivative of {driver.name}", effect, said, once=True)
     position = slice(0, rows.holonomic)
     terms = {"all constraints": ("the constraints (J' v)", with_gamma(position, second[:, position]))}
-    terms |= {f"joint {name}": (f"the joint {name} (J' v)", with_gamma(some, 0.0)) for name, some in held.items()}
+    terms |= {f"joint {name}": (f"the joint {name} (J' v)", with_gamma(some, 0.0)) for name, some in rows_of.items()}
     for what, (whose, effect) in terms.items():
         said = f"the velocity terms of {whose} are left out"
         yield Explanation(Cause.VELOCITY_TERMS, f"velocity terms of {what}", effect, said, once=True)
@@ -308,7 +327,7 @@ def constraint_explanations(own: OwnMotion, x: States, before: States, start: St
 
 
 def every_explanation(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
-    """Yield every explanation at states x, each one step after states `before`."""
+    """Yield every explanation; arguments as in `constraint_explanations`."""
     yield from parameter_explanations(own, x)
     yield from constraint_explanations(own, x, before, start)
     yield Explanation(Cause.ACCELERATIONS, "all accelerations", own.accelerations(x), "every acceleration {is}")

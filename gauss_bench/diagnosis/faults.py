@@ -1,10 +1,10 @@
-"""Engines with a known fault, which the diagnosis must name; the self-test runs them.
+"""Engines with one known fault each, which the self-test runs and the diagnosis must name.
 
-Each engine is one of the suite's formulations with its integrators, and has one fault: in the modelled linkage, in the terms at a
-state, in the accelerations, in the state after a step, or in the samples that are read. `planted.toml` lists the faults.
+Each engine is one of the suite's formulations with its integrators. Its fault lies in the modelled linkage, in the terms at a
+state, in the accelerations, in the state after a step, or in the samples. `planted.toml` lists the faults.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -24,26 +24,26 @@ from gauss_bench.trajectory import Trajectory
 
 State = tuple[Array, Array]
 FORMULATION = "lagrange"  # the fastest formulation that is not compiled
-RESET_AT = 0.23  # [s]
+RESET_AT = 0.23  # [s] time at which `reset` acts
 
 
 def same(item: Any, *_: Any) -> Any:
-    """Return the item as it is."""
+    """Return the item unchanged."""
     return item
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One planted fault.
+    """One planted fault; each function replaces a correct value of the engine by a wrong one.
 
     Attributes:
-        name: of the fault; sentence: its description.
+        name, sentence: name of the fault, and its description.
         cause: the cause that the diagnosis must name.
         linkage: mechanism -> the mechanism that is modelled.
         terms: (terms, model, t, q, v) -> terms that are solved.
         solved: (solution, terms, model) -> solution.
         stepped: (state, model, t) -> state after the step that ended at t.
-        times: (times, step) -> times of the same number that are sampled instead of the requested ones.
+        times: (requested times, step) -> times that are sampled, as many.
         read: (trajectory, mechanism) -> the trajectory that the engine returns.
         where: linkage and scenario in which the fault shows.
     """
@@ -64,6 +64,8 @@ class FaultyModel(InterpretedModel):
     """The model of an engine with a fault.
 
     Attributes:
+        fault: the fault; true: the linkage without the fault.
+        asked: requested times [s].
         recent: constraint rows (J, gamma) at the beginnings of the last two steps.
         first: constraint rows at the start.
         running: whether the run is under way.
@@ -76,6 +78,7 @@ class FaultyModel(InterpretedModel):
         self.first = self.rows(0.0, self.mechanism.q0, self.mechanism.v0)
 
     def rows(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return J (m, n) and gamma (m,) at a state."""
         found = self.evaluator.constraints(t, q, v)
         return found.J, found.gamma
 
@@ -126,14 +129,14 @@ class Faulty(Interpreted):
 
 
 def last_pin(mechanism: Mechanism) -> list[int]:
-    """Return the rows of the last joint in the file that is no slide."""
+    """Return the indices of the constraint rows of the last pin in the file."""
     ends = np.cumsum([len(joint.held) for joint in mechanism.joints])
-    at = max(k for k, joint in enumerate(mechanism.joints) if not joint.slides)
-    return list(range(ends[at] - len(mechanism.joints[at].held), ends[at]))
+    last = max(k for k, joint in enumerate(mechanism.joints) if not joint.slides)
+    return list(range(ends[last] - len(mechanism.joints[last].held), ends[last]))
 
 
 def without(terms: Terms, rows: list[int]) -> Terms:
-    """Return the terms without the given constraint rows."""
+    """Return the terms without the constraint rows of these indices."""
     kept = np.delete(np.arange(len(terms.J)), rows)
     return replace(terms, J=terms.J[kept], gamma=terms.gamma[kept], phi=terms.phi[kept], phi_dot=terms.phi_dot[kept])
 
@@ -210,7 +213,7 @@ def single_precision(state: State, *_: object) -> State:
 
 
 def resample(times: Array, step: float, late: float = 0.0, rate: float = 1.0) -> Array:
-    """Sample `late` steps later and at `rate` times the times; the start stays."""
+    """Return times that are `rate` times the requested ones and `late` steps later; the start stays."""
     return np.where(times > 0, rate * times + late * step, times)
 
 
@@ -236,7 +239,7 @@ def links_in_another_order(trajectory: Trajectory, mechanism: Mechanism) -> Traj
 
 
 def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
-    """Read joint coordinates that are listed level by level as if they were listed branch by branch."""
+    """Read joint coordinates that are listed by their depth in the tree as if they were listed branch by branch."""
     tree = spanning_tree(mechanism)
     depth = {-1: 0}
     for branch in tree.branches:
@@ -250,14 +253,17 @@ def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajec
 
 
 def read_engine(name: str, sentence: str, cause: str, where: Any = FOUR_BAR, **spoils: Any) -> Fault:
-    """Return the fault of one [[engine]] table of `planted.toml`."""
-    # entries with numbers -> hook and function
-    numbers: dict[str, tuple[str, Callable[..., Any]]] = {"alter": ("linkage", alter), "resample": ("times", resample)}
-    hooks: Any = {key: globals()[x] for key, x in spoils.items() if key not in numbers}
-    hooks |= {hook: partial(function, **spoils[key]) for key, (hook, function) in numbers.items() if key in spoils}
-    return Fault(name, sentence, Cause(cause), **hooks, where=(where[0], where[1]))
+    """Return the fault of one [[engine]] table of `planted.toml`.
+
+    An entry of `spoils` names a function of this file, or has arguments of `alter` or `resample`.
+    """
+    functions: Any = {key: globals()[x] for key, x in spoils.items() if key not in ("alter", "resample")}
+    if "alter" in spoils:
+        functions["linkage"] = partial(alter, **spoils["alter"])
+    if "resample" in spoils:
+        functions["times"] = partial(resample, **spoils["resample"])
+    return Fault(name, sentence, Cause(cause), **functions, where=(where[0], where[1]))
 
 
 ENGINES = tuple(read_engine(**x) for x in TABLES["engine"])
 CLEAN = Fault("clean", "nothing is wrong", Cause.NONE)
-BY_NAME: Mapping[str, Fault] = {x.name: x for x in (CLEAN, *ENGINES)}

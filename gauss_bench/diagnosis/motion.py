@@ -1,11 +1,11 @@
-"""The suite's own motion of a linkage, for many states at once: accelerations with possibly altered terms, flow, and reference.
+"""The suite's own motion of a linkage for many states at once: accelerations, flow, and the reference at any time.
 
 In weighted coordinates b = M^(1/2) a, with the singular values of K = J M^(-1/2) = U S V^T above the tolerance (index 1),
 
     b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q
 
-Any of the terms can be replaced, to predict the effect of a fault. If an engine leaves loops open by some micrometres, redundant
-rows contradict each other slightly; the tolerance is large enough that they still count as redundant.
+Each term can be replaced, to predict the effect of a fault. If an engine leaves loops open by some micrometres, redundant rows
+contradict each other slightly, and the tolerance is large enough that they still count as redundant.
 """
 
 from dataclasses import dataclass, replace
@@ -28,9 +28,10 @@ SUBSTEP = 2.5e-3  # [s] of order 8: at 50 rad/s an eighth of a radian, which lea
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """The terms of the equations of motion at k states: mass (n,) as diagonal of M, J (k, m, n), gamma (k, m), Q (k, n).
+    """The terms of the equations of motion at k states.
 
     Attributes:
+        mass: (n,) diagonal of M; J: (k, m, n); gamma: (k, m); Q: (k, n).
         tolerance: singular values below it, relative to the largest, count as zero.
     """
 
@@ -43,14 +44,14 @@ class Parts:
     def accelerations(self) -> Array:
         """Return a (k, n) of M a + J^T lambda = Q, J a = gamma."""
         root = np.sqrt(self.mass)
-        free = self.Q / root
+        free = self.Q / root  # M^(-1/2) Q
         if not self.J.shape[1]:
             return np.asarray(free / root)
         U, s, Vt = np.linalg.svd(self.J / root, full_matrices=False)
         keep = s > self.tolerance * s.max(axis=-1, keepdims=True, initial=0.0)
         inverse = np.where(keep, 1.0 / np.where(keep, s, 1.0), 0.0)
-        moved = inverse * (np.swapaxes(U, -1, -2) @ self.gamma[..., None])[..., 0]
-        blocked = keep * (Vt @ free[..., None])[..., 0]
+        moved = inverse * (np.swapaxes(U, -1, -2) @ self.gamma[..., None])[..., 0]  # S1^-1 U1^T gamma
+        blocked = keep * (Vt @ free[..., None])[..., 0]  # V1^T M^(-1/2) Q, since V2 V2^T = I - V1 V1^T
         b = free + (np.swapaxes(Vt, -1, -2) @ (moved - blocked)[..., None])[..., 0]
         return np.asarray(b / root)
 
@@ -60,7 +61,7 @@ class Parts:
         return self.accelerations()
 
     def effect(self, **terms: Any) -> Array:
-        """Return the change (k, n) of the accelerations where other terms stand in the place of some."""
+        """Return the change (k, n) of the accelerations if some terms are replaced by others."""
         return replace(self, **terms).accelerations() - self.unaltered
 
     def multipliers(self, a: Array) -> Array:
@@ -69,13 +70,19 @@ class Parts:
         return np.asarray((inverse @ (self.Q - self.mass * a)[..., None])[..., 0])
 
     def without(self, rows: list[int]) -> "Parts":
-        """Return the terms without some constraint rows."""
+        """Return the terms without the constraint rows of these indices."""
         kept = [k for k in range(self.J.shape[1]) if k not in rows]
         return replace(self, J=self.J[:, kept], gamma=self.gamma[:, kept])
 
 
 class OwnMotion:
-    """The equations of motion of a linkage by the suite's own formulation."""
+    """The equations of motion of a linkage by the suite's own formulation.
+
+    Attributes:
+        mechanism, evaluator: the linkage, and its terms.
+        absolute: a second solver, for linkages with friction.
+        tolerance: relative tolerance of singular values.
+    """
 
     def __init__(self, mechanism: Mechanism):
         self.mechanism, self.evaluator = mechanism, Evaluator(mechanism)
@@ -83,7 +90,7 @@ class OwnMotion:
         self.tolerance = RANK_TOLERANCE if mechanism.redundant else DEPENDENT
 
     def parts(self, x: States) -> Parts:
-        """Return the terms at states, without friction, which depends on the multipliers."""
+        """Return the terms at states without friction, which depends on the multipliers."""
         rows = self.evaluator.constraints(x.t, x.q, x.v)
         Q = self.evaluator.applied.generalised(x.q, x.v, x.t)
         return Parts(self.evaluator.mass, rows.J, rows.gamma, Q, self.tolerance)
@@ -108,17 +115,17 @@ class OwnMotion:
         return self.parts(x).accelerations()
 
     def flow(self, x: States, by: Array) -> States:
-        """Return the states that the linkage reaches from x after times `by` (k,) [s], which may be negative or zero."""
+        """Return the states that the linkage reaches from states x after times `by` (k,) [s], which may be negative or zero."""
         steps = max(1, int(np.ceil(np.abs(by).max(initial=0.0) / SUBSTEP)))
         k, n = x.q.shape
         h = (by / steps)[:, None]
 
         def rate(s: float, q: Array, v: Array) -> Array:
-            """Return d2q/ds2, where s runs from 0 to 1 in every substep of every state; v is dq/ds."""
+            """Return d2q/ds2 (k n,), where s runs from 0 to 1 in every substep; the argument v is dq/ds."""
             here = States(x.t + (number + s) * h[:, 0], q.reshape(k, n), v.reshape(k, n) / speed)
             return np.asarray((self.accelerations(here) * h**2).reshape(-1))
 
-        speed = np.where(h == 0, 1.0, h)
+        speed = np.where(h == 0, 1.0, h)  # ds/dt = 1 / h; states with h = 0 do not move
         q: Array = x.q.reshape(-1)
         v: Array = (x.v * h).reshape(-1)
         for number in range(steps):  # noqa: B007 - `rate` reads it
@@ -133,10 +140,10 @@ class OwnMotion:
 
 
 class TrueMotion:
-    """The reference at any time: the linkage's flow from the nearest sample.
+    """The reference at any time, by the linkage's flow from the nearest sample.
 
     Attributes:
-        reference: its samples.
+        motion: the equations of motion; reference: the reference.
         until: time of the last sample [s].
     """
 
@@ -149,7 +156,7 @@ class TrueMotion:
         after = np.clip(np.searchsorted(r.t, t), 1, len(r.t) - 1)
         near = after - (t - r.t[after - 1] < r.t[after] - t)
         x = States(r.t[near], r.q[near], r.v[near])
-        by = np.where(np.abs(t - x.t) < 1e-9, 0.0, t - x.t)
+        by = np.where(np.abs(t - x.t) < 1e-9, 0.0, t - x.t)  # times that differ by rounding need no flow
         return self.motion.flow(x, by) if by.any() else x
 
     def bar(self, t: Array) -> Array:

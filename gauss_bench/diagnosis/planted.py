@@ -1,6 +1,6 @@
-"""The faults of `planted.toml`: each alters a function, a limit, a linkage or a sample while the check that must detect it runs.
+"""Plant the faults of `planted.toml`: each alters a function, a limit, a linkage or a sample while its check runs.
 
-No file is changed. The functions of a module get the code compiled from its altered source, and afterwards their own code again.
+No file is changed. The functions of a module run code that is compiled from its altered source, and then their own code again.
 """
 
 import tomllib
@@ -19,7 +19,7 @@ from gauss_bench.diagnosis import checks
 
 Check = Callable[[], str | None]
 TABLES: dict[str, list[dict[str, Any]]] = tomllib.loads(Path(__file__).with_name("planted.toml").read_text(encoding="utf-8"))
-NUMBERS = (int, float, str, tuple, dict)
+NUMBERS = (int, float, str, tuple, dict)  # types of the module's constants that an altered source may change
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Planted:
     Attributes:
         kind: place of the fault: models, formulations, metrics, references, clocks or gate.
         sentence: description of the fault.
-        sound: the check without the fault, which must find nothing; check: the same with the fault, which must find it.
+        sound: the check without the fault, which must return None; check: the check with the fault, which must return a sentence.
     """
 
     kind: str
@@ -40,7 +40,7 @@ class Planted:
 
 @contextmanager
 def plant(file: str, text: str, mutant: str) -> Iterator[None]:
-    """Let a module run as if its file contained `mutant` instead of `text`.
+    """Let a module run, within this context, as if its file contained `mutant` instead of `text`.
 
     Raises:
         ValueError: the file does not contain the text exactly once.
@@ -50,25 +50,30 @@ def plant(file: str, text: str, mutant: str) -> Iterator[None]:
     source = path.read_text(encoding="utf-8")
     if source.count(text) != 1:
         raise ValueError(f"{file} does not contain {text!r} exactly once")
-    spoilt: dict[str, Any] = {"__name__": module.__name__}
+    spoilt: dict[str, Any] = {"__name__": module.__name__}  # the module as its altered source makes it
     exec(compile(source.replace(text, mutant), str(path), "exec"), spoilt)
-    there = vars(module)
-    kept = {name: x for name, x in there.items() if type(x) in NUMBERS and not name.startswith("__")}
-    places = [(there, spoilt), *((vars(x), vars(spoilt[name])) for name, x in there.items() if isinstance(x, type))]
-    functions = [(x, x.__code__, new[name].__code__) for own, new in places for name, x in own.items() if type(x) is FunctionType]
+    sound = vars(module)
+    constants = {name: x for name, x in sound.items() if type(x) in NUMBERS and not name.startswith("__")}
+    # the module and its classes: names of the sound one, names of the altered one
+    pairs = [(sound, spoilt), *((vars(x), vars(spoilt[name])) for name, x in sound.items() if isinstance(x, type))]
+    own_code, new_code = {}, {}
+    for names, altered in pairs:
+        for name, function in names.items():
+            if type(function) is FunctionType:
+                own_code[function], new_code[function] = function.__code__, altered[name].__code__
     try:
-        there |= {name: spoilt[name] for name in kept}
-        for function, _, code in functions:
+        sound |= {name: spoilt[name] for name in constants}
+        for function, code in new_code.items():
             function.__code__ = code
         yield
     finally:
-        there |= kept
-        for function, code, _ in functions:
+        sound |= constants
+        for function, code in own_code.items():
             function.__code__ = code
 
 
 def read_fault(kind: str, sentence: str, check: str, where: tuple[str, str] = checks.FOUR_BAR, **fault: Any) -> Planted:
-    """Read one entry of the file."""
+    """Return the fault of one [[fault]] table: an altered file, or arguments `fault` of the check."""
     sound: Any = getattr(checks, check)
     if "file" in fault:
 
@@ -84,13 +89,14 @@ PLANTED = tuple(read_fault(**x) for x in TABLES["fault"])
 
 
 def smallest(check: Callable[[float], str | None], sound: float = 1e-17, seen: float = 1e-2, factor: float = 1.05) -> float:
-    """Return the smallest size of a fault that a check detects, to `factor`, by bisection of its logarithm.
+    """Return the smallest size of a fault that a check detects, at most a `factor` too large, by bisection of its logarithm.
 
     Args:
-        sound: a size that is not detected; seen: a size that is.
+        check: function of the size, as in `Planted`.
+        sound: a size that the check does not detect; seen: a size that it detects.
 
     Raises:
-        ValueError: the larger is not detected, or the smaller is.
+        ValueError: `seen` is not detected, or `sound` is.
     """
     if check(seen) is None or check(sound) is not None:
         raise ValueError(f"a fault of {seen:g} is not detected, or one of {sound:g} is")
@@ -103,6 +109,7 @@ def smallest(check: Callable[[float], str | None], sound: float = 1e-17, seen: f
     return seen
 
 
+# kind of fault -> unit of its size, and check of a fault of this size
 SIZES: dict[str, tuple[str, Callable[[float], str | None]]] = {
     "inertia": ("of the crank's inertia", lambda x: checks.model(alter={"of": "crank", "inertia": 1 + x})),
     "length": ("m of the coupler's length", lambda x: checks.model(alter={"joint": "B", "by": x})),

@@ -1,6 +1,6 @@
-"""Detection of wrong samples of a correct motion: of other times, of other links, without motion, or after a restart.
+"""Detect wrong samples of a correct motion: samples of other times, of other links, without motion, or after a restart.
 
-Each search finds a map from the true motion to the reported samples that leaves (nearly) nothing of the error.
+Each search finds a map from the true motion to the reported samples that leaves almost nothing of the error.
 """
 
 from collections.abc import Iterator
@@ -15,11 +15,11 @@ from gauss_bench.mechanism.spaces import angles, bodies
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
-LEFT = 0.2  # share of the error (median over the samples) that a map may leave
-ITERATIONS = 12
-LOOKED_AT = 20  # number of samples that a time map is fitted to
+LEFT = 0.2  # largest share of the error (median over the samples) that a map may leave
+ITERATIONS = 12  # largest number of iterations of a fit
+LOOKED_AT = 20  # number of samples to which a time map is fitted
 STILL = 1e-3  # largest travel of samples without motion, relative to the true travel
-JUMP = 10.0  # least size of a jump, in units of the displacement that the velocity allows in a step
+JUMP = 10.0  # smallest jump, relative to the displacement that the velocity allows in a step
 BESIDE_TURNS = 1e-3  # [rad, m] largest error that is left after whole turns are removed
 SUSPICIOUS = 0.03  # [rad, m] displacement between two checkpoints that velocities and accelerations do not explain
 
@@ -29,7 +29,7 @@ class TimeMap:
     """A map of time: the samples reported at t are those of the true motion at shift + rate t.
 
     Attributes:
-        shift: [s]; rate: 1 unless time is stretched.
+        shift: shift of time [s]; rate: factor on time.
         left: share of the error that the map leaves, median over the samples.
     """
 
@@ -39,20 +39,23 @@ class TimeMap:
 
 
 def _state(x: States, pace: float) -> Array:
-    """Return positions and velocities (k, 2 n) in comparable units."""
+    """Return positions and velocities (k, 2 n) in equal units, the velocities times a pace [s]."""
     return np.hstack([x.q, x.v * pace])
 
 
-def time_map(truth: TrueMotion, told: States, stretch: bool) -> TimeMap | None:
-    """Fit the shift, or shift and rate, of time to the samples; return None if more than LEFT of the error is left."""
+def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | None:
+    """Fit a time map to reported samples by Gauss-Newton steps; return None if it leaves more than LEFT of the error.
+
+    The rate is fitted if `stretch`, and is 1 otherwise.
+    """
     reference = truth.reference
     rms = [float(np.sqrt(np.mean(x * x))) for x in (reference.v, reference.a)]
     if not all(rms):
         return None
-    pace = rms[0] / rms[1]  # [s] in which velocities change
-    shift, rate = 0.0, _first_rate(truth, told, pace) if stretch else 1.0
-    inside = told.t * rate <= truth.until
-    x = told[inside][:: max(1, int(inside.sum()) // LOOKED_AT)]
+    pace = rms[0] / rms[1]  # [s] time in which velocities change
+    shift, rate = 0.0, _first_rate(truth, reported, pace) if stretch else 1.0
+    inside = reported.t * rate <= truth.until
+    x = reported[inside][:: max(1, int(inside.sum()) // LOOKED_AT)]
     if len(x) < 3:
         return None
     state, best = _state(x, pace), TimeMap(shift, rate, np.inf)
@@ -72,54 +75,54 @@ def time_map(truth: TrueMotion, told: States, stretch: bool) -> TimeMap | None:
     return best if best.left <= LEFT else None
 
 
-def _first_rate(truth: TrueMotion, told: States, pace: float) -> float:
-    """Estimate the rate of time from the true samples that are nearest to the reported ones."""
+def _first_rate(truth: TrueMotion, reported: States, pace: float) -> float:
+    """Return an estimate of the rate of time, from the reference's samples that are nearest to the reported ones."""
     r = truth.reference
     true = _state(States(r.t, r.q, r.v), pace)
-    nearest = np.array([r.t[np.linalg.norm(true - x, axis=1).argmin()] for x in _state(told, pace)])
-    rates = nearest[told.t > 0] / told.t[told.t > 0]
+    nearest = np.array([r.t[np.linalg.norm(true - x, axis=1).argmin()] for x in _state(reported, pace)])
+    rates = nearest[reported.t > 0] / reported.t[reported.t > 0]
     return float(np.clip(np.median(rates), 0.2, 5.0)) if len(rates) else 1.0
 
 
-def stands_still(truth: States, told: States) -> bool:
-    """Tell whether the samples do not move while the reference does."""
-    moved = [float(np.abs(x.q - x.q[0]).max()) for x in (told, truth)]
+def stands_still(truth: States, reported: States) -> bool:
+    """Tell whether reported samples do not move while the reference does."""
+    moved = [float(np.abs(x.q - x.q[0]).max()) for x in (reported, truth)]
     return moved[0] <= STILL * moved[1]
 
 
 def whole_turns(off: Array) -> Array:
-    """Return the turns (k, links) by which angles are wrong, from errors (k, n); zeros if whole turns do not explain all errors."""
+    """Return the whole turns (k, links) by which angles are wrong, from errors (k, n); zeros if they do not explain all errors."""
     left, turns = off.copy(), np.round(angles(off) / (2 * np.pi))
     angles(left)[...] -= 2 * np.pi * turns
     return turns if float(np.abs(left).max(initial=0.0)) <= BESIDE_TURNS else np.zeros_like(turns)
 
 
-def other_velocities(moved: Array, told: Array) -> tuple[float, float, float]:
-    """Compare reported velocities (k, n) with the change of positions.
+def other_velocities(moved: Array, reported: Array) -> tuple[float, float, float]:
+    """Compare reported velocities `reported` with the rates `moved` at which positions change, both (k, n).
 
-    Return their relative error, the factor that fits best, and the share of the error that this factor leaves.
+    Return the relative error, the factor between both that fits best, and the share of the error that this factor leaves.
     """
-    off, true = float(np.sum((told - moved) ** 2)), float(np.sum(moved**2))
-    factor = float(np.sum(told * moved)) / max(true, 1e-300)
-    left = float(np.sum((told - factor * moved) ** 2))
+    off, true = float(np.sum((reported - moved) ** 2)), float(np.sum(moved**2))
+    factor = float(np.sum(reported * moved)) / max(true, 1e-300)
+    left = float(np.sum((reported - factor * moved) ** 2))
     return float(np.sqrt(off / max(true, 1e-300))), factor, float(np.sqrt(left / max(off, 1e-300)))
 
 
 @dataclass(frozen=True)
 class Order:
-    """Links or joint coordinates in another order: `sentence` describes it; left: share of the error that it leaves."""
+    """Another order of links or joint coordinates, in a sentence, and the share of the error that it leaves."""
 
     sentence: str
     left: float
 
 
-def order(mechanism: Mechanism, truth: States, told: States) -> Order | None:
-    """Find the order of links or joint coordinates that matches the reference; None if the order is right or none matches."""
+def order(mechanism: Mechanism, truth: States, reported: States) -> Order | None:
+    """Return the order of links or joint coordinates that matches the reference; None if the order is right or none matches."""
     from scipy.optimize import linear_sum_assignment  # its import takes longer than most diagnoses
 
     best: Order | None = None
-    for words, told_columns, true_columns, names in _columns(mechanism, truth, told):
-        cost = np.array([[np.sqrt(np.mean((x - y) ** 2)) for y in true_columns] for x in told_columns])
+    for words, reported_columns, true_columns, names in _columns(mechanism, truth, reported):
+        cost = np.array([[np.sqrt(np.mean((x - y) ** 2)) for y in true_columns] for x in reported_columns])
         _, assigned = linear_sum_assignment(cost)
         straight, left = float(np.trace(cost)), float(cost[np.arange(len(cost)), assigned].sum())
         wrong = [k for k, x in enumerate(assigned) if x != k]
@@ -129,31 +132,33 @@ def order(mechanism: Mechanism, truth: States, told: States) -> Order | None:
     return best
 
 
-def _columns(mechanism: Mechanism, truth: States, told: States) -> Iterator[tuple[str, Array, Array, list[str]]]:
-    """Yield for each kind of coordinates: its name, reported and true values (columns, ...), and the names of the columns."""
+def _columns(mechanism: Mechanism, truth: States, reported: States) -> Iterator[tuple[str, Array, Array, list[str]]]:
+    """Yield for each kind of coordinates its name, reported and true values (columns, ...), and the names of the columns."""
 
     def links(x: Array) -> Array:
+        """Return x (k, n) as (links, k, 3)."""
         return bodies(x).transpose(1, 0, 2)
 
     names = [link.name for link in mechanism.links]
-    for words, one, other in (("links", told.q, truth.q), ("velocities of links", told.v, truth.v)):
+    for words, one, other in (("links", reported.q, truth.q), ("velocities of links", reported.v, truth.v)):
         yield words, links(one), links(other), names
         yield f"angles in {words}", angles(one).T, angles(other).T, names
     for shallow in (False, True):
         tree = spanning_tree(mechanism, shallow)
         named = [""] * tree.n
         for b in tree.branches:
-            for k in range(b.at, min(tree.n, b.at + (3 if b.kind == "free" else 1))):
+            for k in range(b.at, min(tree.n, b.at + (3 if b.kind == "free" else 1))):  # a free link has three coordinates
                 named[k] = b.joint.name if b.joint else names[b.link]
-        (y, dy), (true_y, true_dy) = tree.relative(told.q, told.v), tree.relative(truth.q, truth.v)
+        (y, dy), (true_y, true_dy) = tree.relative(reported.q, reported.v), tree.relative(truth.q, truth.v)
         yield "joint coordinates", y.T, true_y.T, named
         yield "joint velocities", dy.T, true_dy.T, named
 
 
-def suspicious_window(told: States, a: Array) -> int | None:
-    """Return the index of the checkpoint after which the state may have jumped, or None."""
-    h = np.diff(told.t)[:, None]
-    v, q = told.v, told.q
+def suspicious_window(reported: States, a: Array) -> int | None:
+    """Return the index of the checkpoint after which the state may have jumped, or None; a (k, n) are the accelerations there."""
+    h = np.diff(reported.t)[:, None]
+    v, q = reported.v, reported.q
+    # displacement less its integral by the corrected trapezoidal rule (k - 1,)
     off = np.abs(np.diff(q, axis=0) - h / 2 * (v[1:] + v[:-1]) + h**2 / 12 * np.diff(a, axis=0)).max(axis=1)
     k = int(off.argmax()) if len(off) else 0
     return k if len(off) and off[k] > SUSPICIOUS else None
@@ -161,12 +166,12 @@ def suspicious_window(told: States, a: Array) -> int | None:
 
 @dataclass(frozen=True)
 class Jump:
-    """A state that is not where its velocity leads.
+    """A displacement in one step that velocities do not explain.
 
     Attributes:
         t: time of the first sample after the jump [s].
         size: size of the jump [m, rad].
-        to_start: whether the state is that of the start again.
+        to_start: whether the jump leads back to the start.
     """
 
     t: float
@@ -175,16 +180,16 @@ class Jump:
 
 
 def jump(own: OwnMotion, dense: States) -> Jump | None:
-    """Find the step in which a state jumped, from samples at every step; the first is the start."""
+    """Return the step in which the state jumped, or None; `dense` has the start, and then samples at every step."""
     x = dense[1:]
     h = np.diff(x.t)[:, None]
-    off = np.abs(np.diff(x.q, axis=0) - h / 2 * (x.v[1:] + x.v[:-1])).max(axis=1)
-    led = (h * np.maximum(np.abs(x.v[1:]), np.abs(x.v[:-1]))).max(axis=1)
+    off = np.abs(np.diff(x.q, axis=0) - h / 2 * (x.v[1:] + x.v[:-1])).max(axis=1)  # displacement less that of mean velocities
+    allowed = (h * np.maximum(np.abs(x.v[1:]), np.abs(x.v[:-1]))).max(axis=1)
     if not len(off):
         return None
     usual, k = float(np.median(off)), int(off.argmax())
-    # a jump leads farther than other steps are off, and farther than the velocity allows or than checkpoints explain
-    if off[k] <= max(JUMP * usual, min(JUMP * (led[k] + usual), SUSPICIOUS)):
+    # a jump is much larger than in other steps, and also much larger than the velocity allows or larger than SUSPICIOUS
+    if off[k] <= max(JUMP * usual, min(JUMP * (allowed[k] + usual), SUSPICIOUS)):
         return None
     back = float(np.abs(x.q[k + 1] - own.mechanism.q0).max())
     return Jump(float(x.t[k + 1]), float(off[k]), back <= 0.1 * off[k])

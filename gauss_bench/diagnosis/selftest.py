@@ -1,7 +1,7 @@
-"""The self-test: faults are planted one by one, and the suite's own checks must detect each of them.
+"""The self-test plants faults one by one, and the suite's own checks must detect each of them.
 
 Faults of the suite's own functions are planted in memory (`planted.py`). Engines with a fault are run and diagnosed (`faults.py`).
-On the unaltered suite the same checks must find nothing.
+On the unaltered suite the same checks must detect nothing.
 """
 
 import time
@@ -20,13 +20,9 @@ from gauss_bench.linkage.load import load
 from gauss_bench.runs.one_run import Run, Sampling, one_run
 from gauss_bench.trajectory import in_a_sentence
 
-STEP, UNTIL = 4e-3, 0.4  # step and end of the diagnosed runs [s]: enough for all faults, at the least cost
-ADAPTERS = "adapters"
-SOUND = (
-    Cause.NONE,
-    Cause.INTEGRATOR,
-    Cause.DRIFT,
-)  # possible verdicts on an engine without a fault, which still has errors of its steps
+STEP, UNTIL = 4e-3, 0.4  # [s] step and end of the diagnosed runs, the cheapest with which all faults are named
+ADAPTERS = "adapters"  # kind of the faults of engines
+SOUND = (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT)  # possible verdicts on an engine without a fault, whose steps have errors
 KINDS = (*dict.fromkeys(x.kind for x in PLANTED), ADAPTERS)
 
 
@@ -35,7 +31,8 @@ class Finding:
     """One planted fault and the outcome.
 
     Attributes:
-        kind: place of the fault; fault: its description; seen: whether a check found it; said: the sentence of the check.
+        kind: place of the fault; fault: description of the fault.
+        seen: whether a check detected the fault; said: sentence of the check.
     """
 
     kind: str
@@ -49,8 +46,8 @@ class Smallest:
     """The smallest fault of a kind that is detected.
 
     Attributes:
-        fault: its kind in words.
-        size: the smallest that is detected; unit: of the size.
+        fault: kind of the fault in words.
+        size: size of the smallest fault that is detected; unit: unit of the size.
     """
 
     fault: str
@@ -63,11 +60,11 @@ class SelfTest:
     """The result of a self-test.
 
     Attributes:
-        findings: one of every planted fault.
-        false_alarms: faults that the checks report on the unaltered suite; empty if all is well.
-        silent: number of checks that find nothing on the unaltered suite.
-        smallest: the smallest faults that are detected.
-        seconds: processor time [s].
+        findings: one finding for every planted fault.
+        false_alarms: sentences of checks that report a fault of the unaltered suite.
+        silent: number of checks that report no fault of the unaltered suite.
+        smallest: smallest detected fault of each kind.
+        seconds: processor time of the self-test [s].
     """
 
     findings: tuple[Finding, ...]
@@ -88,12 +85,12 @@ class SelfTest:
 
     @property
     def passed(self) -> bool:
-        """True if every fault was detected, and none was reported on the unaltered suite."""
+        """True if every fault was detected, and no check reports a fault of the unaltered suite."""
         return self.detected == self.planted and not self.false_alarms
 
 
 def diagnose_fault(fault: Fault, where: tuple[str, str] | None = None) -> Verdict:
-    """Diagnose an engine with this fault."""
+    """Diagnose an engine with a fault, by default on the linkage in which the fault shows."""
     which = where or fault.where
     mechanism, engine = load(*which), Faulty(fault)
 
@@ -106,22 +103,22 @@ def diagnose_fault(fault: Fault, where: tuple[str, str] | None = None) -> Verdic
 
 
 def diagnose_sound(where: tuple[str, str]) -> str | None:
-    """Diagnose an engine without a fault; return a sentence if the diagnosis names one."""
+    """Diagnose an engine without a fault on a linkage; return a sentence if the diagnosis names a fault, else None."""
     verdict = diagnose_fault(CLEAN, where)
     return None if verdict.cause in SOUND else f"an engine without a fault: {verdict.sentence}"
 
 
 def name_choice(fault: Fault) -> Finding:
-    """Diagnose an engine with a fault, and find whether the verdict names it."""
+    """Diagnose an engine with a fault, and return whether the verdict names the fault."""
     verdict = diagnose_fault(fault)
     return Finding(ADAPTERS, fault.sentence, verdict.cause is fault.cause, f"{verdict.cause}: {verdict.sentence}")
 
 
 def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> SelfTest:
-    """Plant every fault of the kinds asked for, or of all kinds.
+    """Plant every fault of some kinds, and run every check on the unaltered suite too.
 
     Args:
-        only: of KINDS; all where not given.
+        only: some of KINDS; by default all.
         told: called with each sentence of progress.
     """
     started, kinds = time.process_time(), only or KINDS
@@ -130,13 +127,15 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> Se
     if ADAPTERS in kinds:
         sound |= {f"{ADAPTERS}: {' '.join(x)}": partial(diagnose_sound, x) for x in (FOUR_BAR, CRANK_SLIDER, DRIVEN)}
     told(f"{len(sound)} checks of the sound suite")
-    alarms = [said for check in sound.values() if (said := _ask(check)) is not None]
+    alarms = [sentence for sentence in map(_ask, sound.values()) if sentence is not None]
     findings: list[Finding] = []
     for kind in kinds:
         told(f"faults in {kind}")
-        asked = [(x, _ask(x.check)) for x in chosen if x.kind == kind]
-        findings += [Finding(kind, x.sentence, said is not None, said or "nothing was seen") for x, said in asked]
-        findings += map(name_choice, ENGINES if kind == ADAPTERS else ())
+        for fault in (x for x in chosen if x.kind == kind):
+            sentence = _ask(fault.check)
+            findings.append(Finding(kind, fault.sentence, sentence is not None, sentence or "the check detects nothing"))
+        if kind == ADAPTERS:
+            findings += map(name_choice, ENGINES)
     sizes: tuple[Smallest, ...] = ()
     if "models" in kinds:
         told("the smallest faults that are seen")
@@ -146,7 +145,7 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> Se
 
 
 def _ask(check: Check) -> str | None:
-    """Run a check; return its sentence, or one on its failure."""
+    """Run a check; return its sentence, or a sentence on its failure."""
     try:
         return check()
     except Exception as error:

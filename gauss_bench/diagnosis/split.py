@@ -1,13 +1,13 @@
-"""Split of an engine's error by its dependence on the step and on the closure of the loops.
+"""Split an engine's error by its dependence on the step and on the closure of the loops.
 
 Three runs with steps h, h/2 and h/4 give the order p of the integration error, and an estimate x of the motion at step zero
 (Richardson extrapolation):
 
     p = log2 |x_1 - x_2| / |x_2 - x_3|,    x = x_3 + (x_3 - x_2) / (2^p - 1)
 
-The error of x does not come from the integrator; the rest of the error does. The part of the error that violates the constraints is
-drift. The size of an error is the root mean square, over the checkpoints, of its largest coordinate [m, rad]. Only checkpoints
-before the errors grow beyond REGIME count.
+The error of x does not depend on the step, and the integrator causes the rest of the error. The part of the error that violates the
+constraints is drift. The size of an error is the root mean square, over the checkpoints, of its largest coordinate [m, rad]. Only
+checkpoints before the errors grow beyond REGIME count.
 """
 
 from dataclasses import dataclass
@@ -21,16 +21,16 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
 REGIME = 0.1  # [m, rad] larger errors no longer add up linearly, and their ratio gives no order
-FEWEST = 5  # number of checkpoints that count in any case
+FEWEST = 5  # number of checkpoints that always count
 CONVERGES = 0.4  # order below which the runs do not converge
 STAYS = 0.75  # a gap is independent of the step if half the step leaves this share; an error of order 1 falls to a half
-HALF = 0.5  # order by which one that is clearly higher differs
-PERIODS = 3  # parts of a run: the first is "early", the last "late"
+HALF = 0.5  # difference of two orders that is significant
+PERIODS = 3  # number of parts of a run; the first is "early", the last "late"
 GROWS = 3.0  # a gap grows if it is GROWS times larger late than early
 
 
 def size(x: Array) -> float:
-    """Return the root mean square of the largest entry of each sample (k, n)."""
+    """Return the root mean square, over k samples, of the largest entry of each sample x (k, n)."""
     return float(np.sqrt(np.mean(np.abs(x).max(axis=1) ** 2))) if x.size else 0.0
 
 
@@ -39,9 +39,9 @@ class Steps:
     """The effect of the step size on a motion.
 
     Attributes:
-        order: order of convergence; NaN if the runs do not converge or there are too few.
+        order: order of convergence; NaN if the runs do not converge or there are fewer than three.
         limit: (k, n) error extrapolated to step zero; by_step: (k, n) error that the step of the first run adds.
-        horizon: number of checkpoints that count.
+        horizon: number k of checkpoints that count.
     """
 
     order: float
@@ -55,37 +55,38 @@ class Steps:
 
 
 def horizon_of(errors: list[Array]) -> int:
-    """Return the number of checkpoints before any run's error (k, n) grows too large for errors to add up."""
+    """Return the number of checkpoints before the error (k, n) of any run grows beyond REGIME, but at least FEWEST."""
     beyond = np.any([~(np.abs(e).max(axis=1) <= REGIME) for e in errors], axis=0)
     first = int(beyond.argmax()) if beyond.any() else len(beyond)
     return max(first, min(FEWEST, len(beyond)))
 
 
 def by_steps(bursts: tuple[Burst, ...], true: States, adaptive: bool) -> Steps:
-    """Return the order of convergence and the parts of the error, from runs with smaller and smaller steps."""
+    """Return the effect of the step, from runs with smaller and smaller steps and the true states at their checkpoints."""
     k = min(len(b.at) for b in bursts)
-    h = horizon_of([b.at.q[:k] - true.q[:k] for b in bursts])
-    x, q, order = [b.at.q[:h] for b in bursts], true.q[:h], np.nan
-    limit = x[-1]
+    horizon = horizon_of([b.at.q[:k] - true.q[:k] for b in bursts])
+    x, order = [b.at.q[:horizon] for b in bursts], np.nan
+    limit = x[-1]  # (horizon, n)
     if len(x) > 2 and not adaptive:
-        one, other = size(x[0] - x[1]), size(x[1] - x[2])
-        if one > 0:
-            order = float(np.log2(one / other)) if other > 0 else np.inf
-        if order > CONVERGES:
+        first_change, second_change = size(x[0] - x[1]), size(x[1] - x[2])
+        if first_change > 0:
+            order = float(np.log2(first_change / second_change)) if second_change > 0 else np.inf
+        if order > CONVERGES:  # an order beyond 12 is that of rounding
             limit = limit + (x[2] - x[1]) / (2.0 ** min(order, 12.0) - 1.0)
-    return Steps(order, limit - q, x[0] - limit, h)
+    return Steps(order, limit - true.q[:horizon], x[0] - limit, horizon)
 
 
 @dataclass(frozen=True)
 class Closure:
-    """The gaps of loops and drivers [m, rad] over the run.
+    """The gaps of loops and drivers over the run.
 
     Attributes:
-        closure: largest gap of every run; closure_early, closure_late: those of the first run in its first and its last third.
+        closure: largest gap of every run [m, rad].
+        closure_early, closure_late: largest gap of the first run in its first and in its last third [m, rad].
         closure_stays: whether the gap is independent of the step.
         closure_joint: name of the joint with the largest gap.
         closure_share: share of the error that violates the constraints.
-        held: correlation of gaps with the forces that should close them, 0..1; compliance: gap over force [m/N].
+        held: correlation of gaps with the constraint forces, from 0 to 1; compliance: gap over force [m/N].
     """
 
     closure: tuple[float, ...]
@@ -102,14 +103,14 @@ class Closure:
         return self.closure_late > GROWS * self.closure_early
 
     def falls_faster(self, order: float) -> bool:
-        """Tell whether the gap falls with the step by a clearly higher order than an error, which it can then not cause."""
+        """Tell whether the gap falls with the step by a clearly higher order than the error has; it then cannot cause the error."""
         if len(self.closure) < 2 or self.closure[-2] == 0.0:
             return False
         return bool(self.closure[-1] < self.closure[-2] / 2.0 ** (order + HALF))
 
 
 def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Closure:
-    """Measure the gaps of the loops, in runs with smaller and smaller steps."""
+    """Return the gaps in runs with smaller and smaller steps; `errors` (k, n) are those of the first run within the horizon."""
     gaps = [np.abs(own.gaps(b.at)) for b in bursts]
     opened = tuple(float(g.max(initial=0.0)) for g in gaps)
     sizes, third = gaps[0].max(axis=1, initial=0.0), max(1, len(gaps[0]) // PERIODS)
@@ -125,7 +126,7 @@ def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Clos
 
 
 def _hold(own: OwnMotion, b: Burst, worst: int) -> tuple[float, float]:
-    """Return the correlation of the worst row's gap with its constraint force, and gap over force [m/N]."""
+    """Return the correlation of the gap with the constraint force in the row `worst`, and gap over force [m/N]."""
     phi = own.gaps(b.at)
     if not phi.shape[1]:
         return 0.0, 0.0
@@ -138,13 +139,13 @@ def _hold(own: OwnMotion, b: Burst, worst: int) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Local:
-    """Errors of an engine's accelerations and steps at its own states, where the error of the motion so far has no influence.
+    """Errors of an engine's accelerations and steps at its own states, on which earlier errors of the motion have no influence.
 
     Attributes:
-        told: (k, n) error of the reported accelerations; moved: (k, n) error of the mean accelerations of a step, from the change
-            of velocities.
-        euler: (k, n) error that an explicit first-order step would have.
-        relative_told, relative_moved: medians over the states, relative to the largest acceleration of each state.
+        told: (k, n) error of the reported accelerations.
+        moved: (k, n) error of the mean accelerations in a step, which follow from the change of velocities.
+        euler: (k, n) error of such a mean if the step were an explicit Euler step.
+        relative_told, relative_moved: median over the states of both errors, relative to the largest acceleration of each state.
     """
 
     told: Array
@@ -155,18 +156,19 @@ class Local:
 
 
 def local(own: OwnMotion, b: Burst) -> Local:
-    """Return the errors of a run, one step at a time."""
-    h = b.after.t - b.at.t
+    """Return the errors of a run, from single steps."""
+    h = b.after.t - b.at.t  # (k,)
     true = own.accelerations(b.at)
-    mean = (own.flow(b.at, h).v - b.at.v) / h[:, None]
-    moved = (b.after.v - b.at.v) / h[:, None]
-    off = [float(np.median(relative_acceleration_error(*pair))) for pair in ((b.a, true), (moved, mean))]
-    return Local(b.a - true, moved - mean, true - mean, off[0], off[1])
+    true_mean = (own.flow(b.at, h).v - b.at.v) / h[:, None]  # mean accelerations of the linkage's flow in a step
+    mean = (b.after.v - b.at.v) / h[:, None]
+    relative_told = float(np.median(relative_acceleration_error(b.a, true)))
+    relative_moved = float(np.median(relative_acceleration_error(mean, true_mean)))
+    return Local(b.a - true, mean - true_mean, true - true_mean, relative_told, relative_moved)
 
 
 def usable(own: OwnMotion, b: Burst, most: float) -> Array:
-    """Return a mask (k,) of the checkpoints that are finite and have no gap above `most` [m, rad]."""
+    """Return a mask (k,) of the checkpoints with finite states and without a gap above `most` [m, rad]."""
     with np.errstate(all="ignore"):
         gaps = np.abs(own.gaps(b.at)).max(axis=1, initial=0.0)
-    sound = np.all([np.isfinite(x).all(axis=1) for x in (b.at.q, b.at.v, b.a, b.after.v)], axis=0)
-    return np.asarray(sound & (gaps <= most))
+    is_finite = np.all([np.isfinite(x).all(axis=1) for x in (b.at.q, b.at.v, b.a, b.after.v)], axis=0)
+    return np.asarray(is_finite & (gaps <= most))

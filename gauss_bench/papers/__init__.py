@@ -1,4 +1,4 @@
-"""An audit of three papers: every printed statement is checked by computation, and the example of one paper is run again.
+"""Audit three papers: check every printed statement by computation, and run the example of one paper again.
 
 - Yuan & Ge 2016: Yuan Pingping, Ge Xinsheng, Application of least square method in solving Gauss constraint function, Journal of
   Dynamics and Control, DOI 10.6052/1672-6553-2016-003.

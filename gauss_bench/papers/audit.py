@@ -1,10 +1,10 @@
-"""The audit: measure every line of the three papers, as printed and as intended, and derive a verdict.
+"""Measure every line of the three papers, as printed and as intended, and derive a verdict.
 
-The data file of a paper has its statements, the lines, in the paper's order. A line has two forms, printed and intended, and names
-the function that measures them. A form is a function of the chapter's module in `forms`, or data: a number, a list, a table. A
-measure that the chapter lists under `over` is taken of each of those cases, and the worst decides.
-The measure compares a form with a reference that is computed without either form, so that the data file cannot set a verdict. It
-only gives the cause of an error; lines with the same cause are one mistake.
+The data file of a paper has the paper's statements, called lines, in their order. A line has two forms, printed and intended, and
+names the function that measures a form. A form is a function of the chapter's module in `forms`, or data: a number, a list, a
+table. If the chapter lists a measure under `over`, it is applied to each of those cases, and the worst decides. A measure compares
+a form with a reference that is computed without either form, so that the data file cannot decide the verdict. The file only gives
+the cause of an error; lines with the same cause count as one mistake.
 """
 
 import math
@@ -37,11 +37,11 @@ class Verdict(StrEnum):
     """The verdict on a printed statement."""
 
     OK = "ok"
-    MISPRINT = "misprint"  # a slip of the pen or of the press: what is meant is clear
-    WRONG = "wrong"  # the statement itself fails
-    LOOSE = "loose"  # right with a condition that is not stated
-    NOT_GIVEN = "not given"  # left out; `intended` is what is assumed here, the printed form leaves it out
-    UNREADABLE = "unreadable"  # fails as our extract has it, by a mark that the extract is likely to have lost or added
+    MISPRINT = "misprint"  # a slip of the pen or of the press, with a clear meaning
+    WRONG = "wrong"  # the statement itself is false
+    LOOSE = "loose"  # right under a condition that is not stated
+    NOT_GIVEN = "not given"  # data that the paper leaves out; the intended form has the data that are assumed here
+    UNREADABLE = "unreadable"  # false in our extract, which probably lost or added a mark
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,13 +49,13 @@ class Line:
     """One statement of a paper.
 
     Attributes:
-        texts: cells of its row that are copied from the file.
+        texts: cells of the line's row that are copied from the file.
         verdict: the verdict that the file claims: "ok" if it names no cause, else the kind of that cause.
         printed, intended: both forms; the same object if the line is right.
-        measure: returns the discrepancy of a form from the reference, >= 0.
+        measure: function form -> discrepancy from the reference, >= 0.
         tolerance: largest discrepancy of a right form.
-        example: computes from a form a number that a reader can check by hand; None if the line has no example.
-        truth: computes that number without the forms; None if the line has no example.
+        example: function form -> number that a reader can check by hand; None if the line has no example.
+        truth: function that returns this number without the forms; None if the line has no example.
     """
 
     texts: dict[str, str]
@@ -69,7 +69,7 @@ class Line:
 
 
 def audit() -> dict[str, Any]:
-    """Return {"audit": rows}, one row per line: its texts, both discrepancies, the verdict and any contradiction."""
+    """Return {"audit": rows} with a row for each line: its texts, both discrepancies, and the verdict."""
     return {"audit": [measure_line(line) for line in lines()]}
 
 
@@ -123,7 +123,7 @@ def form_of(module: str, form: Any) -> Any:
 
 
 def measure_of(module: str, chapter: Table, entry: Table) -> Callable[[Any], float]:
-    """Return the measure of a line, the worst over its cases; a line's `on` restricts it to a part of a form or of the problems."""
+    """Return the function form -> worst discrepancy over the cases of a line; `on` in the line is one more argument."""
     measure, cases = form_of(module, entry["measure"]), chapter.get("over", {}).get(entry["measure"])
     on = [entry["on"]] if "on" in entry else []
     if cases is None:
@@ -155,19 +155,19 @@ def list_faults(verdict: Verdict, printed: float, intended: float, tolerance: fl
 
 
 def measure_line(line: Line) -> dict[str, Any]:
-    """Measure a line and return a flat row of texts and numbers.
+    """Measure a line and return its row of texts and numbers.
 
-    The row's `verdict` is ok if the measure finds the printed form right; otherwise it is the file's verdict, or wrong if the file
-    claims ok. `stands` tells whether measurement and file agree.
+    The row's `verdict` is "ok" if the printed form is right. Otherwise it is the file's verdict, or "wrong" if the file claims
+    "ok". `stands` tells whether measurement and file agree.
     """
     printed = discrepancy(line, line.printed)
     intended = printed if line.intended is line.printed else discrepancy(line, line.intended)
     faults = list_faults(line.verdict, printed, intended, line.tolerance)
-    off = Verdict.WRONG if line.verdict == Verdict.OK else line.verdict
+    fault = Verdict.WRONG if line.verdict == Verdict.OK else line.verdict
     example = line.example
     return {
         **line.texts,
-        "verdict": str(Verdict.OK if printed <= line.tolerance else off),
+        "verdict": str(Verdict.OK if printed <= line.tolerance else fault),
         "printed_off": printed,
         "intended_off": intended,
         "tolerance": line.tolerance,

@@ -32,15 +32,15 @@ Event = Callable[[float, Array], float]
 
 @dataclass(frozen=True, eq=False)
 class CrankMotion:
-    """The crank-slider in the paper's seven coordinates, moving in its crank angle alone.
+    """The crank-slider in the paper's seven coordinates, which are functions of the crank angle.
 
     Attributes:
         l1, l2: lengths of crank and rod [m].
-        mass: diagonal of M in the seven coordinates.
-        torque: on the crank [N m].
-        k, c, rest: stiffness, damping and rest position of the slider.
-        gravity: [m/s^2].
-        formula: TRUE, EQ_16 or EQS_10_11.
+        mass: diagonal of M in the seven coordinates [kg, kg m^2].
+        torque: torque on the crank [N m].
+        k, c, rest: stiffness [N/m], damping [N s/m] and rest position [m] of the slider.
+        gravity: acceleration of gravity [m/s^2].
+        formula: formula of the acceleration, TRUE, EQ_16 or EQS_10_11.
     """
 
     l1: float
@@ -56,25 +56,25 @@ class CrankMotion:
     def positions(self, theta: Any) -> tuple[Seven, Seven, Seven]:
         """Return q, dq/dtheta, d2q/dtheta2 at crank angles of any shape: seven entries each, of that shape.
 
-        A single float is computed by `math`, which is faster than numpy: an integrator calls this a million times.
+        For a single float `math` is used, which is faster than numpy, because an integrator calls this a million times.
         """
-        own = math if isinstance(theta, float) else np
+        library = math if isinstance(theta, float) else np
         l1, l2, one = self.l1, self.l2, 0 * theta + 1.0
-        s1, c1 = own.sin(theta), own.cos(theta)
+        s1, c1 = library.sin(theta), library.cos(theta)
         s2 = -l1 / l2 * s1
-        c2 = own.sqrt(1 - s2 * s2)
-        p = -l1 * c1 / (l2 * c2)
-        pp = (l1 * s1 / l2 + s2 * p * p) / c2
-        x, y = l1 * c1, l1 * s1
-        X, dX, ddX = l2 * c2, -l2 * s2 * p, -l2 * (c2 * p * p + s2 * pp)
-        angle = own.asin(s2)
+        c2 = library.sqrt(1 - s2 * s2)
+        p = -l1 * c1 / (l2 * c2)  # d th2 / d th
+        pp = (l1 * s1 / l2 + s2 * p * p) / c2  # d2 th2 / d th2
+        x, y = l1 * c1, l1 * s1  # the pin A
+        X, dX, ddX = l2 * c2, -l2 * s2 * p, -l2 * (c2 * p * p + s2 * pp)  # distance in x from A to the slider
+        angle = library.asin(s2)
         q = (x / 2, y / 2, theta, x + X / 2, y / 2, angle, x + X)
         d = (-y / 2, x / 2, one, -y + dX / 2, x / 2, p, -y + dX)
         e = (-x / 2, -y / 2, 0 * one, -x + ddX / 2, -y / 2, pp, -x + ddX)
         return q, d, e
 
     def forces(self, x3: Any, x3_rate: Any) -> Seven:
-        """Return the applied forces of eq. (19) at places and speeds of the slider."""
+        """Return the applied forces of eq. (19) at positions [m] and speeds [m/s] of the slider."""
         m1, m2 = self.mass[1], self.mass[4]
         push = self.k * (self.rest - x3) - self.c * x3_rate
         return (0.0, -m1 * self.gravity, self.torque, 0.0, -m2 * self.gravity, 0.0, push)
@@ -112,7 +112,7 @@ class CrankMotion:
 
 @dataclass(frozen=True, eq=False)
 class CrankRun:
-    """Times (k,) [s], crank angles [rad] and speeds [rad/s] of a run, and whether the event ended it."""
+    """A run: times t (k,) [s], crank angles theta [rad], speeds w [rad/s], and whether the event stopped it."""
 
     t: Array
     theta: Array
@@ -121,17 +121,10 @@ class CrankRun:
 
 
 def motion_of(mechanism: Mechanism) -> CrankMotion:
-    """Return the closed form of the linkage file `crank_slider` in any scenario with its torque and its spring.
-
-    Raises:
-        ValueError: the mechanism is not this linkage.
-    """
-    torques = [f.value for f in mechanism.forces if isinstance(f, Torque)]
-    springs = [f for f in mechanism.forces if isinstance(f, AxisSpringDamper)]
-    if mechanism.name != "crank_slider" or len(springs) != 1 or len(torques) > 1:
-        raise ValueError(f"{mechanism.name}, scenario {mechanism.scenario}: not the crank-slider with its spring")
+    """Return the closed form of the linkage file `crank_slider` in any scenario with its spring, and with a torque or without."""
+    torque = sum(f.value for f in mechanism.forces if isinstance(f, Torque))
+    (spring,) = (f for f in mechanism.forces if isinstance(f, AxisSpringDamper))
     crank, rod, _ = mechanism.links
     l1, l2 = (float(np.linalg.norm(link.points[b] - link.points[a])) for link, (a, b) in ((crank, "OA"), (rod, "AB")))
-    (spring,) = springs
     mass, gravity = tuple(mechanism.mass[list(KEPT)].tolist()), -float(mechanism.gravity[1])
-    return CrankMotion(l1, l2, mass, sum(torques), spring.k, spring.c, spring.rest, gravity)
+    return CrankMotion(l1, l2, mass, torque, spring.k, spring.c, spring.rest, gravity)

@@ -36,7 +36,7 @@ START = (0.075, 0.0, 0.0, 0.43, 0.0, 0.0, 0.71)
 
 @dataclass(frozen=True, eq=False)
 class ExampleState:
-    """A motion of the linkage file at one instant: q, v, a and the applied force Q (7,) in the paper's coordinates."""
+    """A motion of the linkage file at one instant: q, v, a and the applied force Q, each (7,) in the paper's coordinates."""
 
     q: Array
     v: Array
@@ -57,7 +57,7 @@ def states(count: int = 24) -> tuple[ExampleState, ...]:
     applied = Evaluator(mechanism).applied
     random, crank = random_states(mechanism, count), MinimalCoordinate(mechanism)
     start = crank.free_state(mechanism.q0[[crank.crank]], mechanism.v0[[crank.crank]])
-    rows = [*zip(*start, strict=True), *zip(random.q, random.v, random.a, strict=True)]
+    rows = [*zip(*start, strict=True), *zip(random.q, random.v, random.a, strict=True)]  # q, v, a of each state
     return tuple(ExampleState(q[kept], v[kept], a[kept], applied.generalised(q, v)[kept]) for q, v, a in rows)
 
 

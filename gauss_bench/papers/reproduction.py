@@ -1,8 +1,8 @@
-"""The example of Yuan & Ge (2016), section 4, run again: does the crank-slider "finally stop in an equilibrium"?
+"""Run the example of Yuan & Ge (2016), section 4, again: does the crank-slider "finally stop in an equilibrium"?
 
 Everything is computed from the linkage file and the closed form of `crank_motion`. `rest` finds where the crank can rest and with
-which data it comes to rest; `running` computes the steady turning; `reproduction.toml` explains each number. The paper's figures
-are computed from a reference. The paper does not give inertias and gravity, which are assumed throughout.
+which data it comes to rest, `running` computes the steady turning, and `reproduction.toml` explains each number. The paper's
+figures are computed from a reference. The paper does not give inertias and gravity, which are assumed throughout.
 """
 
 import tomllib
@@ -21,7 +21,7 @@ from gauss_bench.papers.rest import equilibria, find_bound, settles, torque_rang
 from gauss_bench.papers.running import balance_speed, integrate_slope, regime
 from gauss_bench.trajectory import Reference
 
-COARSE = 1e2  # factor on the tolerance of a second run; the difference of both bounds the error of the finer one
+COARSE = 1e2  # factor on the tolerance of a second run; the difference of both runs bounds the error of the finer run
 TORQUES = (-0.2, 0.2, 0.5)  # [N m] under which the crank comes to rest; the last is the printed one with the opposite sign
 STATIC_WIDTH = 1e-6  # relative: below it the first swing is smaller than the integrator's absolute tolerance
 CORNER_WIDTH = 1e-6  # relative: the bounds of other inertias are quoted to six digits
@@ -30,7 +30,7 @@ CORNERS = ((0.0, 0.0), (0.0, 3.0), (3.0, 0.0), (3.0, 3.0))  # extreme factors of
 SAME = 1e-6  # relative: far above rounding, far below the difference of any two formulas
 WATCHED = 2.0  # [s] duration of the linkage file's scenario
 ROWS = 601  # rows of the table of the paper's figures
-SPAN = 4.0  # [s] of the figures at most: on a longer axis the turns would merge
+SPAN = 4.0  # [s] longest time of the figures: on a longer axis the turns would merge
 COLUMNS = {"x1": 0, "y1": 1, "theta1": 2, "x3": 6}  # of the paper's seven coordinates
 FORMULAS = {"true": TRUE, "eq16": EQ_16, "eqs10_11": EQS_10_11}
 
@@ -40,8 +40,8 @@ Values = dict[str, tuple[float, float | None]]  # key of a row -> value and its 
 def reproduction() -> dict[str, Any]:
     """Return {"reproduction": rows}; a row has group, key, quantity, value, unit, bracket, verdict and statement.
 
-    `value` is None for a claim or an omission; `bracket` is its uncertainty, None where it is exact to rounding; the verdict of a
-    claim is "refuted", "holds" or "not shown".
+    `value` is None for a claim or an omission. `bracket` is the uncertainty of the value, None if it is exact to rounding. The
+    verdict of a claim is "refuted", "holds" or "not shown".
     """
     motion = motion_of(linkage())
     given: Values = {"torque": (motion.torque, None), "damper": (motion.c, None), "watched": (WATCHED, None)}
@@ -57,7 +57,7 @@ def reproduction() -> dict[str, Any]:
 
 
 def running(motion: CrankMotion) -> Values:
-    """Return the numbers of the running regime to which the printed data lead."""
+    """Return the numbers of the steady turning to which the printed data lead."""
     fine, coarse = regime(motion), regime(motion, COARSE * RTOL)
     values: Values = {key: (value, abs(value - coarse[key])) for key, value in fine.items()}
     exact = {"taken": fine["taken"], "swept": integrate_slope(motion), "balance": balance_speed(motion)}
@@ -122,7 +122,7 @@ def formulas(motion: CrankMotion) -> Values:
 
 
 def claims(motion: CrankMotion) -> dict[str, bool]:
-    """Return claim -> whether it holds, for the paper's claims about the example and one of this report."""
+    """Return claim -> whether it holds, for the paper's claims about the example and one claim of this report."""
     stops = settles(motion)
     wrong, true = (replace(motion, formula=formula).acceleration(0.0, 0.0) for formula in (EQ_16, TRUE))
     return {
@@ -138,14 +138,9 @@ def claims(motion: CrankMotion) -> dict[str, bool]:
 def paper_motion(mechanism: Mechanism, reference: Reference) -> dict[str, Any]:
     """Return {"paper_motion": rows}, the data of the paper's figures 2 to 9, from a reference.
 
-    Columns are t, x1, x1_rate, y1, y1_rate, theta1, theta1_rate, x3, x3_rate [s, m, rad]. Between samples the motion is the
-    polynomial with their positions, velocities and accelerations at both ends.
-
-    Raises:
-        ValueError: the mechanism is not the crank-slider, or the reference is of another mechanism.
+    Columns are t, x1, x1_rate, y1, y1_rate, theta1, theta1_rate, x3, x3_rate [s, m, rad]. Between two samples the motion is the
+    polynomial with the positions, velocities and accelerations of both.
     """
-    if mechanism.name != "crank_slider" or reference.q.shape[1] != mechanism.n:
-        raise ValueError(f"{mechanism.name}: not the crank-slider with its reference")
     t = np.linspace(0.0, min(SPAN, float(reference.t[-1])), ROWS)
     kept = np.array(KEPT)[list(COLUMNS.values())]
     levels = np.stack([reference.q[:, kept], reference.v[:, kept], reference.a[:, kept]], axis=1)

@@ -1,11 +1,11 @@
-"""Positions of rest of the crank-slider, whether it comes to rest from its start, and the bounds between rest and turning on.
+"""Find where the crank-slider can rest, whether it comes to rest from its start, and the bounds between resting and turning.
 
     F(theta) = d . Q(q, 0) without the applied torque;   equilibrium F + tau = 0, stable where dF/dtheta < 0
 
 The equation of motion does not depend on time, so that two motions cannot cross in the plane of crank angle and speed. A crank
 that starts at rest and completes a turn is back at its starting angle with some speed. In every later turn it is faster than in the
-first at the same angle: it never stops. A crank that turns back earlier stays between its starting angle and the angle at which it
-turned, because torque, weight and spring are conservative and the damper takes energy: it comes to rest.
+first at the same angle, so that it never stops. A crank that turns back earlier stays between its starting angle and the angle at
+which it turned, because torque, weight and spring are conservative and the damper takes energy. It comes to rest.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from gauss_bench.terms import Array
 GRID = 720  # angles in a turn: the slope of the static torque changes sign only a few times in a turn
 LONGEST = 60.0  # [s] of a first turn; it takes less than 1 s, unless the data are within rounding of a bound
 WIDTH = 1e-9  # relative width of a bracket at which bisection ends, about the error of the integration
-MARGIN = 100.0  # by how many widths of the last bracket the second search begins outside of it
+MARGIN = 100.0  # distance from the last bracket at which the second search begins, in widths of the bracket
 SECOND_TOLERANCE = 1e-2  # factor on the tolerance of a second search, which shows the error of the integration
 
 
@@ -86,10 +86,14 @@ def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
 
 
 def find_bound(make: Callable[[float], CrankMotion], settled: float, running: float, width: float = WIDTH) -> tuple[float, float]:
-    """Return the bound between values with which the crank comes to rest and with which it runs on, and its uncertainty.
+    """Return the bound between a value with which the crank comes to rest and one with which it runs on, and its uncertainty.
 
-    The uncertainty is half the bracket of the bisection, whose relative width is `width`, plus the change of the bound under a
-    finer integration.
+    The uncertainty is half the bracket of the bisection, plus the change of the bound under a finer integration.
+
+    Args:
+        make: value -> motion.
+        settled, running: values with which the crank comes to rest, and runs on.
+        width: relative width of the last bracket.
 
     Raises:
         ValueError: the crank does not come to rest with `settled`, or does with `running`.
@@ -102,7 +106,7 @@ def find_bound(make: Callable[[float], CrankMotion], settled: float, running: fl
 
 
 def bisect(make: Callable[[float], CrankMotion], settled: float, running: float, rtol: float, width: float) -> tuple[float, float]:
-    """Narrow the bracket (settled, running) to the relative width by bisection."""
+    """Return the bracket (settled, running), narrowed to a relative width by bisection; arguments as in `find_bound`."""
     if not settles(make(settled), rtol) or settles(make(running), rtol):
         raise ValueError(f"no bound between {settled:g} and {running:g}")
     while abs(running - settled) > width * max(abs(running), abs(settled)):

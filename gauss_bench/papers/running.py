@@ -1,4 +1,4 @@
-"""The running regime of the crank-slider: speed, duration and energy of a turn once every turn is like the one before.
+"""The steady turning of the crank-slider: speed, duration and energy of a turn once all turns are alike.
 
 Along the angle s = |theta|, with direction D = +-1 of the motion, the speed u = |w| obeys du/ds = D w'/u. Time and the energy E
 lost in the damper are integrated with it:
@@ -69,7 +69,7 @@ def turn(motion: CrankMotion, w: float, rtol: float = RTOL, samples: int = 2) ->
 
 
 def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
-    """Return the numbers of the running regime to which a start from rest leads.
+    """Return the numbers of the steady turning to which a start from rest leads.
 
     Keys: mean, slowest and fastest crank speed of a steady turn, signed [rad/s]; its period [s]; energy taken from the torque and
     lost in the damper [J]; first_speed [rad/s] and first_time [s] at the end of the first turn from rest; steady_after, the time
@@ -82,13 +82,14 @@ def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
     direction = float(np.sign(first_speed))
 
     def gain(u: float) -> float:
+        """Return the change of speed [rad/s] in a turn that starts with the speed u."""
         return float(turn(motion, direction * u, rtol)[0, -1]) - u
 
     try:
         guess = abs(balance_speed(motion))
         steady = float(newton(gain, guess, x1=1.1 * guess, tol=10 * rtol * guess))
     except RuntimeError as error:
-        raise ArithmeticError("no speed that a turn starts and ends with") from error
+        raise ArithmeticError("no turn was found that starts and ends with the same speed") from error
     speeds, times, lost = turn(motion, direction * steady, rtol, SAMPLES)
     return {
         "mean": direction * TURN / float(times[-1]),
@@ -106,8 +107,10 @@ def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
 def approach(motion: CrankMotion, w: float, steady: float, rtol: float) -> float:
     """Return the time [s] from the end of the first turn to the first turn that starts within STEADY of the steady speed.
 
+    Speeds w, at the end of the first turn, and steady [rad/s] are those of the crank.
+
     Raises:
-        ArithmeticError: no turn does.
+        ArithmeticError: no turn starts so.
     """
     t, direction, u = 0.0, float(np.sign(w)), abs(w)
     for _ in range(TURNS):

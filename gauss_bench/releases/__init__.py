@@ -1,5 +1,5 @@
-"""An engine over its releases: each is installed into an environment of its own, asked the same questions, and compared.
+"""Compare releases of an engine's library: each is installed in an environment of its own and asked the same questions.
 
-`library` reads which releases there are, `environments` installs them, `cases` says what is asked, `asking` asks one release,
-`compare` finds what differs between neighbours, `costs` races them, and `table` makes rows of it.
+`library` lists the releases, `environments` installs them, `cases` and `probes` have the questions, `asking` asks one release,
+`compare` finds differences between neighbours, `costs` races the releases, and `table` makes rows.
 """

@@ -1,4 +1,4 @@
-"""Ask one release of an engine every question, in a worker of its environment; the answers are plain data, for a journal."""
+"""Ask one release of an engine every question, in a worker of the release's environment."""
 
 import re
 import time
@@ -37,11 +37,11 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
 MOVING, RESTING, MOTION, DRIFT = "accelerations in motion", "accelerations at rest", "motion over 1 s", "gaps of loops after 1 s"
-LIMIT = 20.0  # [s] of one question
-BUDGET = 90.0  # [s] of one release
-LONGEST = 160  # characters of a message
-FOLDERS = re.compile(r"(/[\w.+-]+)+/(?=[\w.+-]+)")
-CASES = "release_cases"  # module of an engine's folder: its closures and defaults
+LIMIT = 20.0  # [s] longest time of one question
+BUDGET = 90.0  # [s] default of the time for the questions to one release
+LONGEST = 160  # largest number of characters of a message
+FOLDERS = re.compile(r"(/[\w.+-]+)+/(?=[\w.+-]+)")  # folders in a path, which belong to this machine
+CASES = "release_cases"  # module of an engine's folder that builds probes and reads defaults
 
 
 @dataclass(frozen=True)
@@ -49,10 +49,11 @@ class Answers:
     """The answers of a release.
 
     Attributes:
-        version: of the release; library: name and version as it tells them; python, numpy: of its environment; how: as in Release.
-        figures: its answers; none where it cannot be used.
-        left_out: number of cases for which there was no time.
-        status, message: OK, or why it has no answers.
+        version: number of the release; library: name and version that the library reports.
+        python, numpy: versions in the environment; how: as in Release.
+        figures: the answers; empty if the release cannot be used.
+        left_out: number of cases that were not asked within the budget.
+        status: "ok", or the kind of failure; message: why there are no answers, or empty.
     """
 
     version: str
@@ -71,11 +72,16 @@ class Answers:
 
 
 def ask_release(library: Library, release: Release, budget: float, told: Callable[[str], None]) -> Answers:
-    """Return the answers of a release that is installed; a release that cannot be used has the reason instead."""
+    """Return the answers of an installed release, or the reason why it cannot be used.
+
+    Args:
+        library: library of the release; budget: longest time of all questions [s].
+        told: called with each sentence of progress.
+    """
     begin = time.monotonic()
     plain = Answers(release.version, how=release.how)
     offered = offer(release.name)
-    keep(release.name).stop()  # the process that described it
+    keep(release.name).stop()  # the process that described the engine is no longer needed
     if not offered.usable:
         return replace(plain, status=str(offered.status), message=offered.reason)
     with Worker() as worker:
@@ -97,15 +103,15 @@ def ask_release(library: Library, release: Release, budget: float, told: Callabl
 
 
 def shorten(figure: Figure) -> Figure:
-    """Return a figure whose message is short and names no folder of this machine."""
+    """Return a figure with a short message that names no folder of this machine."""
     message = FOLDERS.sub("", figure.message)
     return replace(figure, message=message if len(message) <= LONGEST else f"{message[: LONGEST - 3]}...")
 
 
 def distrust(answers: Answers) -> Answers:
-    """Return the answers without figures if nothing was computed, or if the adapter's check of its models fails in every case.
+    """Return answers without figures if nothing was computed, or if the adapter's check of its models fails in every case.
 
-    A library whose arrays numpy reads wrongly does that.
+    The check fails, for example, if numpy reads the library's arrays wrongly.
     """
     computed = [x for x in answers.figures if x.quantity != DEFAULT]
     adapted = [x for x in computed if x.quantity in (MOVING, RESTING) and x.status != Status.SKIP]
@@ -119,10 +125,14 @@ def distrust(answers: Answers) -> Answers:
 
 
 def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[Figure]:
-    """Yield the figures of a case."""
+    """Yield the figures of a case: accelerations in motion and at rest, and on the first linkage those of a run.
+
+    Args:
+        name, offered: name and offer of the release's engine.
+    """
     mechanism, states = find_mechanism(case.linkage, case.scenario), states_of(case.linkage, case.scenario)
     choice = Choice(case.settings, case.integrator, case.stabilization, STEP)
-    wanted = sampling_at(STEP, SAMPLES if case.linkage == FIRST else [0.0, STEP])  # runs are compared on the first linkage alone
+    wanted = sampling_at(STEP, SAMPLES if case.linkage == FIRST else [0.0, STEP])  # other runs only ask for accelerations
     ask = partial(accelerations, states.t, states.q, states.v)
     request = Request(mechanism.name, mechanism.scenario, name, choice, wanted, ask, answers=states.q.size)
     run = run_apart(request, mechanism, LIMIT, worker)
@@ -145,8 +155,14 @@ def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[
 
 
 def read_accelerations(case: str, setting: str, answer: Array, true: Array) -> Iterator[Figure]:
-    """Yield the accelerations in motion and at rest of an answer (k, n), whose order is that of `States`."""
-    groups = answer.reshape(1 + SHIFTS, 2, STATES, -1)
+    """Yield the figures of accelerations in motion and at rest.
+
+    Args:
+        case, setting: for the figures' keys.
+        answer: (k, n) accelerations in the order of `States`.
+        true: (2 STATES, n) true accelerations in motion and at rest.
+    """
+    groups = answer.reshape(1 + SHIFTS, 2, STATES, -1)  # unchanged and changed starts, motion and rest, states, n
     for k, quantity in enumerate((MOVING, RESTING)):
         truth = true.reshape(2, STATES, -1)[k]
         values, shifted = groups[0, k], groups[1:, k]
@@ -155,7 +171,13 @@ def read_accelerations(case: str, setting: str, answer: Array, true: Array) -> I
 
 
 def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[Run], adaptive: bool) -> Iterator[Figure]:
-    """Yield the figures of a run, with those of the same run from changed starts."""
+    """Yield the figures of a run: its motion, the gaps at its end, and its number of steps.
+
+    Args:
+        place: names of linkage and setting, for the figures' keys.
+        shifted: the same run from changed starts.
+        adaptive: whether the integrator chooses its steps, so that their number is a figure.
+    """
     assert run.trajectory is not None
     mechanism, truth = find_mechanism(case.linkage, case.scenario), truth_of(case.linkage, case.scenario)
     others = [x.trajectory for x in shifted if x.trajectory is not None]
@@ -164,7 +186,7 @@ def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[
     yield Figure(MOTION, *place, values=run.trajectory.q, shifted=np.array([x.q for x in others]), error=error)
     evaluator = evaluator_of(case.linkage, case.scenario)
     last = [float(drift(evaluator, x).position[-1]) for x in (run.trajectory, *others)]
-    gaps = [np.array([[gap, 1.0]]) for gap in last]  # relative to 1 m or 1 rad: gaps of 1e-16 differ by as much
+    gaps = [np.array([[gap, 1.0]]) for gap in last]  # the 1.0 makes differences relative to 1 m or 1 rad, and not to a tiny gap
     yield Figure(DRIFT, *place, values=gaps[0], shifted=np.array(gaps[1:]), error=last[0])
     steps = [x.steps for x in (run.trajectory, *others)]
     if adaptive and None not in steps:
@@ -173,7 +195,7 @@ def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[
 
 
 def ask_defaults(library: Library, worker: Worker) -> Iterator[Figure]:
-    """Yield the values that the library sets by itself."""
+    """Yield the library's default values as figures."""
     answer = ask(worker, f"{library.room}.{CASES}:defaults")
     if isinstance(answer, str):
         yield Figure(DEFAULT, "", "all", str(Status.ERROR), answer)
@@ -183,7 +205,7 @@ def ask_defaults(library: Library, worker: Worker) -> Iterator[Figure]:
 
 
 def ask_closures(library: Library, worker: Worker) -> Iterator[Figure]:
-    """Yield the accelerations of the library's own models, one for each kind of closure."""
+    """Yield the accelerations of the library's probes as figures."""
     listed = ask(worker, f"{library.room}.{CASES}:list_probes")
     if isinstance(listed, str):
         yield Figure(CLOSURE, "", "all", str(Status.ERROR), listed)
@@ -201,7 +223,7 @@ def ask_closures(library: Library, worker: Worker) -> Iterator[Figure]:
 
 
 def ask(worker: Worker, place: str, *arguments: object) -> Any:
-    """Return the answer of a function of an engine's folder, or the reason in words why there is none."""
+    """Return the answer of a function MODULE:FUNCTION of an engine's folder, or a sentence on why there is no answer."""
     try:
         return worker.call(ask_room, (place, *arguments), LIMIT)
     except WorkerFailure as failure:
@@ -209,7 +231,7 @@ def ask(worker: Worker, place: str, *arguments: object) -> Any:
 
 
 def as_data(answers: Answers) -> dict[str, Any]:
-    """Return answers as plain data."""
+    """Return answers as plain data for a journal."""
     figures = [
         {"key": x.key, "status": x.status, "message": x.message, "text": x.text, "error": x.error}
         | {"values": x.values.tolist(), "shifted": x.shifted.tolist()}
@@ -219,13 +241,13 @@ def as_data(answers: Answers) -> dict[str, Any]:
 
 
 def from_data(data: Mapping[str, Any]) -> Answers:
-    """Return the answers that `as_data` gave as plain data."""
+    """Return the answers that `as_data` made plain."""
     figures = [read_figure(x) for x in data["figures"]]
     return Answers(**{**data, "figures": tuple(figures)})
 
 
 def read_figure(x: Mapping[str, Any]) -> Figure:
-    """Return a figure of plain data."""
+    """Return the figure that `as_data` made plain."""
     values, shifted = np.array(x["values"] or np.zeros((0, 0))), np.array(x["shifted"] or np.zeros((0, 0, 0)))
     quantity, case, setting = x["key"]
     return Figure(quantity, case, setting, x["status"], x["message"], values, shifted, x["error"], x["text"])

@@ -1,11 +1,11 @@
 """The questions that every release of an engine is asked.
 
-    accelerations   at states in motion and at rest, the same for every release, in every setting and variant
-    motion          over 1 s at steps of 1 ms, with the drift of the loops; steps taken, where the integrator chooses them
-    closures        accelerations of small models of the library's own, one for each kind of closure that it has (`probes`)
-    defaults        values that the library sets where nobody says anything
+    accelerations   at states in motion and at rest, in every setting and variant
+    motion          over 1 s at steps of 1 ms, the gaps of loops at its end, and the number of steps of adaptive integrators
+    closures        accelerations of small models in the library's own terms, one for each kind of closure (`probes`)
+    defaults        the library's default values
 
-Every question is asked again from starts that differ by 1e-14 of their size: what an answer then changes by is rounding.
+Every question is asked again from starts that differ by 1e-14 of their size. The change of the answer shows its rounding.
 """
 
 from dataclasses import dataclass
@@ -26,21 +26,22 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 
 FOLDER = Path(__file__).parent / "linkages"
-FIRST = str(FOLDER / "wide_four_bar.toml")  # every variant is asked on it, settings alone on the others
+FIRST = str(FOLDER / "wide_four_bar.toml")  # linkage on which all variants are asked; the others have only settings
 SLIDE, REDUNDANT, LARGE = "crank_slider:conservative", "parallelogram:conservative", "eight_bar:conservative"
 FURTHER = (SLIDE, REDUNDANT, LARGE)
-STATES, SPEED = 6, 5.0  # states of each linkage; largest crank speed [rad/s]
-SHIFTS = 3  # how many changed starts are tried
-STEP, UNTIL = 1e-3, 1.0  # [s] of the runs
-SAMPLES = 0.25 * np.arange(5)  # [s]
+STATES, SPEED = 6, 5.0  # number of states in motion of each linkage, and largest crank speed [rad/s]
+SHIFTS = 3  # number of changed starts
+STEP, UNTIL = 1e-3, 1.0  # [s] step and end of the runs
+SAMPLES = 0.25 * np.arange(5)  # [s] times at which runs are compared
 
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """States at which accelerations are asked for.
+    """The states at which accelerations are asked for.
 
     Attributes:
-        t, q, v: (k,) and (k, n), first those of `moving`, then those at rest, then both again from each changed start.
+        t: (k,) zeros; q, v: (k, n). First come STATES states in motion, then as many at rest, then both groups once more for each
+            changed start.
         a: (2 STATES, n) true accelerations of the first two groups.
     """
 
@@ -55,7 +56,8 @@ class Case:
     """A linkage with a setting.
 
     Attributes:
-        linkage, scenario: which are loaded; settings, integrator, stabilization: as in a Choice.
+        linkage, scenario: path or name of the linkage, and scenario; "" is the first one.
+        settings, integrator, stabilization: as in a Choice.
     """
 
     linkage: str
@@ -82,7 +84,7 @@ def list_cases(offer: Offer) -> list[Case]:
 
 
 def linkage_of(text: str) -> tuple[str, str]:
-    """Return linkage and scenario of a text LINKAGE:SCENARIO; a linkage of `linkages` may be named without its folder."""
+    """Return linkage and scenario of a text LINKAGE:SCENARIO; the name of a file in `linkages` becomes its path."""
     linkage, _, scenario = text.partition(":")
     own = FOLDER / f"{linkage}.toml"
     return (str(own) if own.is_file() else linkage), scenario
@@ -96,7 +98,7 @@ def find_mechanism(linkage: str, scenario: str) -> Mechanism:
 
 @cache
 def states_of(linkage: str, scenario: str) -> States:
-    """Return the states of a linkage, in motion and at rest, with the changed starts."""
+    """Return the states of a linkage at which accelerations are asked for."""
     mechanism = find_mechanism(linkage, scenario)
     drawn = random_states(mechanism, STATES, speed=SPEED)
     q, v = np.concatenate([drawn.q, drawn.q]), np.concatenate([drawn.v, np.zeros_like(drawn.v)])
@@ -117,7 +119,7 @@ def with_shifts(q: Array, v: Array, a: Array) -> States:
 
 @cache
 def truth_of(linkage: str, scenario: str) -> Reference:
-    """Return the reference of a linkage: certified where there is a certificate."""
+    """Return the certified motion of a linkage, or else a computed reference."""
     mechanism = find_mechanism(linkage, scenario)
     return find_certified(mechanism, UNTIL) or build_reference(mechanism, UNTIL)
 

@@ -1,9 +1,9 @@
-"""Compare the answers of two releases: what is the same, what is rounding, and what is a real change.
+"""Compare the answers of two releases: equal answers, differences by rounding, and real changes.
 
-An answer is an array; the difference of two is relative to the size of each of its rows. Rounding is the largest difference that a
-start changed by 1e-14 makes in either release. A difference is real if it exceeds MARGIN times that, and FLOOR: a library that was
-compiled anew may add in another order. It is real too where one release's answer is steady and the other's scatters: rounding then
-decides what the release answers.
+An answer is an array, and the difference of two answers is relative to the size of each row. Rounding is the largest difference
+that a start changed by 1e-14 makes in either release. A difference is real if it exceeds MARGIN times the rounding, and FLOOR,
+because a library that was compiled again may add in another order. If one release's answer is steady and the other's scatters, only
+the rounding of the steady release counts: that the other scatters is a real change.
 """
 
 from collections.abc import Iterable, Sequence
@@ -13,12 +13,12 @@ import numpy as np
 
 from gauss_bench.terms import Array
 
-# A solver that iterates may stop one iteration earlier: that multiplies rounding, by up to 40 in MuJoCo's PGS with welds.
+# An iterative solver may stop one iteration earlier, which multiplies rounding, by up to 40 in MuJoCo's PGS with welds.
 MARGIN = 50.0
-FLOOR = 1e-12  # relative: summing in another order changes some units of the last place, times the condition
-STEADY, SCATTERED = 1e-6, 1e-3  # relative: rounding below and above which an answer is steady, and is none
-FLOOR_OF_COUNTS = 0.02  # steps that an integrator chose: rounding may let it reject one more
-SMALL = 0.05  # of the largest row: rows that are smaller are compared with this share of it
+FLOOR = 1e-12  # relative: another order of sums changes some units of the last place, times the condition number
+STEADY, SCATTERED = 1e-6, 1e-3  # relative: an answer with rounding below STEADY is steady, above SCATTERED it is arbitrary
+FLOOR_OF_COUNTS = 0.02  # relative, for numbers of steps: by rounding an integrator may reject one step more
+SMALL = 0.05  # a row is compared with its own size, but at least with this share of the largest row
 STEPS, DEFAULT, CLOSURE = "steps over 1 s", "default", "closure"
 OK = "ok"
 
@@ -30,11 +30,11 @@ class Figure:
     """An answer of a release.
 
     Attributes:
-        quantity, case, setting: which; together they are its key.
-        status, message: how it ended.
-        values: (k, n); shifted: (s, k, n), the answers from changed starts.
-        error: against the truth.
-        text: the answer, if it is no array: a default.
+        quantity, case, setting: names of the question; together they are the figure's key.
+        status, message: "ok", or the kind and reason of a failure.
+        values: (k, n) the answer; shifted: (s, k, n) the answers from s changed starts.
+        error: error against the truth.
+        text: the answer if it is no array but a default value.
     """
 
     quantity: str
@@ -53,20 +53,20 @@ class Figure:
 
     @property
     def rounding(self) -> float:
-        """The largest relative difference that a changed start makes; infinite where none was answered."""
+        """The largest relative difference that a changed start makes; infinite without an answer from a changed start."""
         return max((relative_difference(self.values, x) for x in self.shifted), default=float("inf"))
 
 
 @dataclass(frozen=True)
 class Change:
-    """The comparison of one figure of two neighbours.
+    """The comparison of one figure of two neighbouring releases.
 
     Attributes:
-        quantity, case, setting: which.
-        is_real: whether it is more than rounding.
-        difference, rounding: relative; NaN for texts and failures. Rounding is the steady release's where the other's scatters.
-        error_before, error_after: against the truth.
-        was, now: texts, of defaults and of figures that one of the two does not have.
+        quantity, case, setting: key of the figure.
+        is_real: whether the change is more than rounding.
+        difference, rounding: relative; NaN for texts and failures.
+        error_before, error_after: errors of both answers against the truth.
+        was, now: texts of defaults, and of figures for which one release has no answer.
     """
 
     quantity: str
@@ -82,7 +82,7 @@ class Change:
 
 
 def relative_difference(a: Array, b: Array) -> float:
-    """Return the largest difference of two arrays (k, n), relative to the size of its row; infinite where shapes differ."""
+    """Return the largest difference of two arrays (k, n) relative to the size of the row; infinite if the shapes differ."""
     if a.shape != b.shape:
         return float("inf")
     sizes = np.maximum(np.abs(a), np.abs(b)).max(axis=1, initial=0.0)
@@ -93,7 +93,7 @@ def relative_difference(a: Array, b: Array) -> float:
 
 
 def compare_figures(before: Figure, after: Figure) -> Change | None:
-    """Return the comparison of a figure; None if neither release has it, or both have the same text."""
+    """Return the comparison of a figure in two releases; None if neither has an answer, or if both have the same text."""
     if before.status != OK and after.status != OK:
         return None
     if before.status != OK or after.status != OK:
@@ -103,7 +103,7 @@ def compare_figures(before: Figure, after: Figure) -> Change | None:
         return None if before.text == after.text else Change(*before.key, True, was=before.text, now=after.text)
     difference = relative_difference(before.values, after.values)
     steadier, rounding = sorted((before.rounding, after.rounding))
-    if steadier < STEADY and SCATTERED < rounding < np.inf:  # the steady release tells what rounding makes of this question
+    if steadier < STEADY and SCATTERED < rounding < np.inf:
         rounding = steadier
     floor = FLOOR_OF_COUNTS if before.quantity == STEPS else FLOOR
     is_real = difference > max(MARGIN * rounding, floor)
@@ -111,7 +111,7 @@ def compare_figures(before: Figure, after: Figure) -> Change | None:
 
 
 def compare_releases(before: Iterable[Figure], after: Iterable[Figure]) -> list[Change]:
-    """Return the comparisons of two releases; of a figure that one was not asked for there is none, unless it is a default."""
+    """Return the comparisons of all figures that both releases were asked for, and of defaults that at least one has."""
     old, new = ({x.key: x for x in figures} for figures in (before, after))
     changes = []
     for key in dict.fromkeys((*old, *new)):
@@ -124,11 +124,11 @@ def compare_releases(before: Iterable[Figure], after: Iterable[Figure]) -> list[
 
 
 def _lacking(key: Key) -> Figure:
-    """Return the figure of a default that a release does not have."""
+    """Return the figure for a default that a release does not have."""
     return Figure(*key, status="skip", message="not there")
 
 
 def real(changes: Sequence[Change]) -> list[Change]:
-    """Return the real changes, the largest first; those without a size, such as new defaults, stand last."""
+    """Return the real changes, the largest first, and last those without a size, such as new defaults."""
     found = [x for x in changes if x.is_real]
     return sorted(found, key=lambda x: (-x.difference if np.isfinite(x.difference) else 0.0, x.quantity, x.case, x.setting))

@@ -1,8 +1,7 @@
 """Race the steps of all releases of an engine in interleaved blocks, each in processes of its own environment.
 
-A run of N steps takes  fixed + N step.  Runs of two lengths give both: the time of a step is the slope, the fixed overhead of a run
-the rest. A ratio is to the newest release, over the processes. The newest runs a second time in processes of its own: the spread of
-that ratio is the noise.
+A run of N steps takes the time  overhead + N step.  Runs of two lengths give both numbers. Ratios are to the times of the newest
+release. The newest release also runs as a second entrant, the null, in other processes: the spread of its ratio is the noise.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,16 +23,16 @@ from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Failure
 
-PROCESSES, ROUNDS = 5, 10
-SHORT, LONG = 40, 240  # steps of the two runs
+PROCESSES, ROUNDS = 5, 10  # number of processes of each entrant, and of rounds in a process
+SHORT, LONG = 40, 240  # number of steps of the two runs
 STEP_TIME, OVERHEAD = "a step", "the fixed overhead of a run"
-LEAST = 0.05  # a ratio must differ from 1 by more than this
-NULL = "newest, raced against itself"
+LEAST = 0.05  # smallest difference of a ratio from 1 that counts
+NULL = "newest, raced against itself"  # name of the second entrant of the newest release
 
 
 @dataclass(frozen=True, eq=False)
 class Times:
-    """The times of one release in one setting: seconds (processes,) of a step, and of what a run takes beside its steps."""
+    """The times of one release in one setting: seconds (processes,) of a step, and of the fixed overhead of a run."""
 
     step: Array
     overhead: Array
@@ -41,14 +40,14 @@ class Times:
 
 @dataclass(frozen=True)
 class Cost:
-    """A time of a release, and its ratio to that of another.
+    """A time of a release, and its ratio to that of another release.
 
     Attributes:
-        version, other: the release, and the one to which the ratio is: the newest, or the neighbour before it.
+        version: the release; other: the release to which the ratio is, the newest or the neighbour before.
         linkage, setting, work: what was timed; work is STEP_TIME or OVERHEAD.
-        seconds: median of the processes.
-        ratio, low, high: with the range of a second race.
-        verdict: "slower", "faster" or "same", or why it has no time; "" where nothing is judged.
+        seconds: median over the processes [s].
+        ratio: median ratio; low, high: range in which a second race would find it.
+        verdict: "slower", "faster" or "same", or the reason why there is no time; "" if the ratio is not judged.
     """
 
     version: str
@@ -64,7 +63,12 @@ class Cost:
 
 
 def race_releases(library: Library, releases: Sequence[Release], told: Callable[[str], None]) -> tuple[list[Cost], list[Cost]]:
-    """Return the costs of all releases, oldest first, and those of neighbours that differ by more than noise."""
+    """Return the costs of all releases, and the costs relative to the neighbour before that differ by more than the noise.
+
+    Args:
+        library: library of the releases; releases: at least two, the oldest first.
+        told: called with each sentence of progress.
+    """
     costs: list[Cost] = []
     changes: list[Cost] = []
     entrants = {x.version: x.name for x in releases} | {NULL: again(releases[-1])}
@@ -75,14 +79,19 @@ def race_releases(library: Library, releases: Sequence[Release], told: Callable[
         steps = {version: x.step for version, x in times.items()}
         overheads = {version: x.overhead for version, x in times.items()}
         for work, measured in ((STEP_TIME, steps), (OVERHEAD, overheads)):
-            found = list_costs([*entrants], measured, failed), find_changes([x.version for x in releases], measured, NULL)
-            for into, some in zip((costs, changes), found, strict=True):
+            for into, some in (
+                (costs, list_costs([*entrants], measured, failed)),
+                (changes, find_changes([x.version for x in releases], measured, NULL)),
+            ):
                 into += [replace(x, linkage=name, setting=setting, work=work) for x in some]
     return costs, changes
 
 
 def race(linkage: str, choice: Choice, entrants: dict[str, str]) -> tuple[dict[str, Times], dict[str, str]]:
-    """Return version -> times, and version -> the reason why it has none; every process builds its models anew."""
+    """Race entrants (version -> name of its engine); return version -> times, and version -> reason why it has no times.
+
+    Every process builds its models anew.
+    """
     mechanism = find_mechanism(*linkage_of(linkage))
     rounds: dict[tuple[str, int], list[Array]] = {}
     failed: dict[str, str] = {}
@@ -115,7 +124,12 @@ def split(short: Array, long: Array) -> Times:
 
 
 def list_costs(versions: Sequence[str], measured: Mapping[str, Array], failed: Mapping[str, str]) -> list[Cost]:
-    """Return the cost of every version. The last but one is the newest, to which ratios are; the last is the same once more."""
+    """Return the cost of every version, relative to the newest release.
+
+    Args:
+        versions: all versions in order; the last but one is the newest, and the last is the null.
+        measured: version -> times (processes,) [s]; failed: version -> reason why it has no times.
+    """
     newest, null = versions[-2], versions[-1]
     costs = []
     for version in versions:
@@ -128,7 +142,12 @@ def list_costs(versions: Sequence[str], measured: Mapping[str, Array], failed: M
 
 
 def find_changes(versions: Sequence[str], measured: Mapping[str, Array], null: str) -> list[Cost]:
-    """Return the costs that differ from the neighbour's before, of those measured, beyond their range and that of the null."""
+    """Return the costs that differ from those of the neighbour before by more than the noise.
+
+    Args:
+        versions: versions in order; measured: version or null -> times (processes,) [s].
+        null: key of the newest release's second entrant.
+    """
     timed = [x for x in versions if x in measured]
     if not timed or null not in measured:
         return []
@@ -138,7 +157,7 @@ def find_changes(versions: Sequence[str], measured: Mapping[str, Array], null: s
 
 
 def compare_times(version: str, other: str, measured: Mapping[str, Array], width: float | None) -> Cost:
-    """Return the cost of a version with its ratio to another, judged where the width of the null is known."""
+    """Return the cost of a version relative to another; the ratio is judged if the width of the null is not None."""
     cost = Cost(version, other, seconds=float(np.median(measured[version])))
     if other not in measured:
         return cost
@@ -147,7 +166,7 @@ def compare_times(version: str, other: str, measured: Mapping[str, Array], width
 
 
 def ratio_of(times: Array, others: Array) -> tuple[float, float, float]:
-    """Return the median ratio of two times (processes,), with the range of a second race; NaN where a time is not positive."""
+    """Return the median ratio of two times (processes,), and the range of a second race; NaN if a time is not positive."""
     good = (times > 0) & (others > 0)
     if good.sum() < 2 or not good.all():
         return float("nan"), float("nan"), float("nan")
@@ -157,13 +176,13 @@ def ratio_of(times: Array, others: Array) -> tuple[float, float, float]:
 
 
 def null_width(null: Array, newest: Array) -> float:
-    """Return how far the ratio of the newest release to itself reaches from 1."""
+    """Return the largest distance from 1 in the range of the ratio of the newest release's two entrants."""
     _, low, high = ratio_of(null, newest)
     return max(1.0 - low, high - 1.0) if np.isfinite(low) else float("inf")
 
 
 def judge_ratio(low: float, high: float, width: float) -> str:
-    """Return "slower" or "faster" if a ratio's range lies beyond LEAST and beyond the null's; else "same"."""
+    """Return "slower" or "faster" if the range (low, high) of a ratio differs from 1 by more than LEAST and the null's width."""
     margin = max(LEAST, width)
     if low > 1.0 + margin:
         return "slower"

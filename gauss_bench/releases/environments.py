@@ -1,8 +1,7 @@
-"""Environments of releases, each in a folder `ENGINE-VERSION` of the user's data, where it stays for the next call.
+"""Environments of releases, each in a folder `ENGINE-VERSION` of the user's data, where it stays for later calls.
 
-pip fetches the library's wheel first. If `releases.toml` lists a hash for that file it must agree, and the release counts as
-checked; a file that is not listed is installed by its version. numpy >= 2 and what else the library needs come from pip as it is:
-the numpy that a user of that release would get today.
+pip first fetches the library's wheel. If `releases.toml` lists a hash for the file, the hash must agree; other files are installed
+by their version. pip chooses the versions of numpy >= 2 and of further requirements, as it does for a user of the release today.
 """
 
 import contextlib
@@ -31,24 +30,25 @@ from gauss_bench.engines.installation import (
 from gauss_bench.releases.library import Library
 from gauss_bench.trajectory import in_a_sentence
 
-NUMPY = "numpy>=2"  # a worker needs it
-PATIENCE = ("--retries", "1", "--quiet")  # options of pip: an index that does not answer is a reason, not a wait
+NUMPY = "numpy>=2"  # requirement of a worker
+PATIENCE = ("--retries", "1", "--quiet")  # options of pip, with which it soon fails if the index does not answer
 CHECKED, BY_VERSION = "its hash is listed", "installed by its version"
-HOW = "how-installed"  # file in an environment: one of the two
-WITHOUT_A_WHEEL = "No matching distribution"
-IMPOSSIBLE = "ResolutionImpossible"
-AGAIN = "again"  # a second name of the newest release, by another path of the same interpreter
-LONGEST = 120.0  # [s] to list the releases of an index
+HOW = "how-installed"  # file in an environment that holds CHECKED or BY_VERSION
+WITHOUT_A_WHEEL = "No matching distribution"  # words of pip
+IMPOSSIBLE = "ResolutionImpossible"  # word of pip
+AGAIN = "again"  # ending of the second name of the newest release, under another path of its interpreter
+LONGEST = 120.0  # [s] limit for listing the releases of an index
 
 
 @dataclass(frozen=True)
 class Release:
-    """A release that is installed, or the reason why it is not.
+    """A release that is installed, or the reason why it is not installed.
 
     Attributes:
-        engine, version: what it is; python: path of its interpreter.
-        how: whether the file's hash was checked.
-        reason: why it is not installed; else empty.
+        engine, version: name of the engine, and number of the release.
+        python: path of the release's interpreter.
+        how: whether the file's hash was checked, in words.
+        reason: why the release is not installed, or empty.
     """
 
     engine: str
@@ -74,7 +74,7 @@ def folder_of_releases() -> Path:
 
 
 def install_release(library: Library, version: str, told: Told) -> Release:
-    """Install a release unless it is there, and return it; what fails is its reason."""
+    """Install a release unless it is installed already, and return it; if the installation fails, it has the reason."""
     folder = folder_of_releases()
     folder.mkdir(parents=True, exist_ok=True)
     place = folder / name_of(library.engine, version)
@@ -90,15 +90,15 @@ def install_release(library: Library, version: str, told: Told) -> Release:
 
 
 def _is_whole(place: Path) -> bool:
-    """Tell whether a release is installed in a folder."""
+    """Tell whether a release is completely installed in a folder."""
     return is_ours(place) and (place / HOW).is_file()
 
 
 def _install(library: Library, version: str, place: Path) -> None:
-    """Make the environment of a release.
+    """Make the environment of a release in a folder.
 
     Raises:
-        InstallationFault: it cannot be made, or the file is not the one that is listed.
+        InstallationFault: pip fails, or the file's hash is not the listed one.
     """
     failure = f"{library.package} {version} cannot be installed"
 
@@ -116,14 +116,14 @@ def _install(library: Library, version: str, place: Path) -> None:
 
 
 def _nobody(sentence: str) -> None:
-    """Drop a line of pip, which its failure quotes."""
+    """Ignore a line of pip, since the message of a failure quotes it."""
 
 
 def check_hash(library: Library, wheel: Path) -> str:
-    """Return how far a file can be trusted.
+    """Return CHECKED if the hash of a file is listed, and BY_VERSION if the file is not listed.
 
     Raises:
-        InstallationFault: its hash is not the one that is listed.
+        InstallationFault: the hash is not the listed one.
     """
     listed = library.sha256.get(wheel.name)
     if listed is None:
@@ -134,7 +134,7 @@ def check_hash(library: Library, wheel: Path) -> str:
 
 
 def explain(library: Library, version: str, failure: str) -> str:
-    """Return the reason of a failed installation in a sentence."""
+    """Return the reason of a failed installation in a sentence; `failure` is pip's message."""
     if WITHOUT_A_WHEEL in failure:
         return f"pip finds no wheel of {library.package} {version} for this Python and machine"
     if IMPOSSIBLE in failure:
@@ -143,7 +143,7 @@ def explain(library: Library, version: str, failure: str) -> str:
 
 
 def list_available(release: Release, library: Library) -> list[str]:
-    """Return the releases that the index offers for this Python and machine, newest first, asked by the pip of a release.
+    """Return the releases that the index offers for this Python and machine, newest first; an installed release's pip asks.
 
     Raises:
         InstallationFault: the index does not answer.
@@ -158,10 +158,10 @@ def list_available(release: Release, library: Library) -> list[str]:
 
 
 def read_available(answer: str, package: str) -> list[str]:
-    """Return the releases that `pip index versions` printed.
+    """Return the releases in the output of `pip index versions`.
 
     Raises:
-        InstallationFault: it printed none.
+        InstallationFault: the output has none.
     """
     for line in answer.splitlines():
         title, _, versions = line.partition(":")
@@ -172,9 +172,9 @@ def read_available(answer: str, package: str) -> list[str]:
 
 @contextlib.contextmanager
 def as_engines(library: Library, releases: Sequence[Release]) -> Iterator[None]:
-    """Make releases engines of this process by their names, and the newest a second time, as an engine of processes of its own.
+    """Let releases be engines of this process within this context, and the newest one a second time under another name.
 
-    They are listed in a file of engines, which stands in the place of the user's own meanwhile.
+    They are listed in a file of engines, which temporarily replaces the user's own.
     """
     named = {x.name: x.python for x in releases}
     named[again(releases[-1])] = str(Path(releases[-1].python).with_name("python3"))
@@ -196,5 +196,5 @@ def as_engines(library: Library, releases: Sequence[Release]) -> Iterator[None]:
 
 
 def again(release: Release) -> str:
-    """Return the second name of a release."""
+    """Return the second name of a release among engines."""
     return f"{release.name}-{AGAIN}"

@@ -1,4 +1,4 @@
-"""The releases of an engine's library, as the file `releases.toml` of the engine's folder lists them."""
+"""Read the releases of an engine's library from the file `releases.toml` of the engine's folder."""
 
 import re
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ NUMBER = re.compile(r"\d+(\.\d+)*(\.post\d+)?")  # a release that is no candidat
 
 
 class ReleaseFault(BadInput, ValueError):
-    """Releases that cannot be asked for; the message names those that can."""
+    """A request for releases that cannot be compared."""
 
 
 @dataclass(frozen=True)
@@ -22,12 +22,12 @@ class Library:
     """The library of an engine.
 
     Attributes:
-        engine: its name here; class_name: MODULE:CLASS of its adapter; room: module of the adapter's folder.
-        package: name under which pip knows the library.
-        releases: those that are compared by default, oldest first.
-        raced: settings whose steps are raced, as linkage, settings, integrator.
-        besides: release -> what it needs besides, which its own metadata do not say.
-        sha256: name of a file -> its hash, for the files that were checked when they were listed.
+        engine: name of the engine; class_name: MODULE:CLASS of the adapter; room: module of the adapter's folder.
+        package: name of the library's package.
+        releases: releases that are compared by default, the oldest first.
+        raced: linkage, settings and integrator of every race.
+        besides: release -> requirements that its own metadata do not name.
+        sha256: name of a file -> hash of the file.
     """
 
     engine: str
@@ -41,7 +41,7 @@ class Library:
 
 
 def names() -> list[str]:
-    """List the engines whose releases can be compared."""
+    """Return the names of the engines whose releases can be compared."""
     return [name for name in FOREIGN if _file_of(name).is_file()]
 
 
@@ -53,7 +53,7 @@ def read_library(engine: str) -> Library:
     """Return the library of an engine.
 
     Raises:
-        ReleaseFault: its releases cannot be compared.
+        ReleaseFault: the engine has no list of releases.
     """
     if engine not in names():
         raise ReleaseFault(f"no releases of {engine!r} can be compared; there are those of {', '.join(names())}")
@@ -65,10 +65,10 @@ def read_library(engine: str) -> Library:
 
 
 def order(version: str) -> tuple[int, ...]:
-    """Return the place of a release among others.
+    """Return the numbers of a version, by which releases are sorted.
 
     Raises:
-        ReleaseFault: it is no number of a release.
+        ReleaseFault: the text is no version of a release.
     """
     if not NUMBER.fullmatch(version):
         raise ReleaseFault(f"{version!r} is no release: it must be a number such as 3.6.0")
@@ -76,10 +76,12 @@ def order(version: str) -> tuple[int, ...]:
 
 
 def choose_releases(library: Library, first: str | None, last: str | None, only: Sequence[str] | None) -> list[str]:
-    """Return the releases to compare, oldest first: `only` these, or those listed from `first` to `last`, with the two themselves.
+    """Return the releases to compare, the oldest first: those in `only`, or those listed from `first` to `last`.
+
+    `first` and `last` need not be listed.
 
     Raises:
-        ReleaseFault: fewer than two remain, or they cannot be asked for.
+        ReleaseFault: there are fewer than two releases, or the arguments contradict each other.
     """
     if only and (first or last):
         raise ReleaseFault("--only names every release; --from and --to go without it")

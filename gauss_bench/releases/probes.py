@@ -1,9 +1,9 @@
-"""Small models of a library's own, each closed in one way, and the states at which they are asked.
+"""Small models in a library's own terms, each closed in one way, and the states at which their accelerations are asked for.
 
-The library's side of a probe is in the engine's folder (`release_cases.py`): it is given absolute states (k, n), and answers
-absolute accelerations (k, n). The true ones are those of a linkage of `linkages`, or of an open chain with one more equation:
+`release_cases.py` of the engine's folder builds a probe's model, and returns absolute accelerations (k, n) at absolute states
+(k, n). The true accelerations are those of a linkage in `linkages`, or of an open chain with one more equation:
 
-    M a + J^T lambda = Q,    J a = gamma        J, gamma (1, n), (1,): of that equation
+    M a + J^T lambda = Q,    J a = gamma        with J (1, n), gamma (1,) of that equation
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class Probe:
     """A probe of an engine.
 
     Attributes:
-        name: what closes it, in the library's words.
+        name: kind of closure in the library's words.
         model: a linkage of MODELS, or COUPLED: two bars in a chain whose angles are coupled.
     """
 
@@ -35,7 +35,7 @@ class Probe:
 
 @cache
 def states_of_probe(model: str) -> States:
-    """Return the states of a model of probes, with true accelerations and changed starts."""
+    """Return the states of a probe's model, with true accelerations and changed starts."""
     return coupled_states() if model == COUPLED else states_of(MODELS[model], "")
 
 
@@ -45,15 +45,19 @@ def coupled_states() -> States:
     rng = np.random.default_rng(5)
     lengths = 1.0, 0.5  # [m] from the first pin to the second, and from each pin to its bar's centre of mass
     q, v = np.zeros((2, 2 * STATES, 6))
-    for k, (x, w) in enumerate(zip(rng.uniform(-1.2, 1.2, STATES), rng.uniform(-SPEED, SPEED, STATES), strict=True)):
-        q[k], v[k] = place_bars(x, w, *lengths)
-        q[STATES + k], v[STATES + k] = place_bars(x, 0.0, *lengths)
+    angles, speeds = rng.uniform(-1.2, 1.2, STATES), rng.uniform(-SPEED, SPEED, STATES)  # of the first bar
+    for k in range(STATES):
+        q[k], v[k] = place_bars(angles[k], speeds[k], *lengths)
+        q[STATES + k], v[STATES + k] = place_bars(angles[k], 0.0, *lengths)
     a = np.array([coupled_acceleration(Evaluator(mechanism), *state) for state in zip(q, v, strict=True)])
     return with_shifts(q, v, a)
 
 
 def place_bars(x: float, w: float, length: float, half: float) -> tuple[Array, Array]:
-    """Return the state q, v (6,) of the two bars at the first one's angle x [rad] and speed w [rad/s]."""
+    """Return the state q, v (6,) of the two bars at angle x [rad] and speed w [rad/s] of the first.
+
+    `length` is the distance from the first pin to the second, and `half` that from each pin to its bar's centre of mass [m].
+    """
     second, speed = x + RATIO * x + CURVE * x * x, w * (1 + RATIO + 2 * CURVE * x)
     e, f = np.array([np.cos(x), np.sin(x)]), np.array([np.cos(second), np.sin(second)])
     e_rate, f_rate = w * np.array([-e[1], e[0]]), speed * np.array([-f[1], f[0]])
@@ -69,7 +73,7 @@ def coupled_acceleration(evaluator: Evaluator, q: Array, v: Array) -> Array:
     """
     terms = evaluator.terms(0.0, q, v)
     row = np.zeros(len(q))
-    row[5], row[2] = 1.0, -(1 + RATIO + 2 * CURVE * q[2])
+    row[5], row[2] = 1.0, -(1 + RATIO + 2 * CURVE * q[2])  # columns of both angles
     J = np.vstack([terms.J, row])  # (m + 1, n)
     gamma = np.append(terms.gamma, 2 * CURVE * v[2] ** 2)
     K = np.block([[terms.M, J.T], [J, np.zeros((len(J), len(J)))]])

@@ -1,9 +1,10 @@
-"""The rows of compared releases, and the sentences about them.
+"""Make the rows of compared releases.
 
-The tables are `releases` (one row a release), `release_changes` and `release_cost_changes` (what differs between neighbours), and
-`release_costs`.
+The tables are `releases` with one row for each release, `release_changes` and `release_cost_changes` with the differences between
+neighbours, and `release_costs`.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
@@ -22,7 +23,7 @@ Tables = dict[str, Rows]
 
 
 def compare_neighbours(answers: Sequence[Answers]) -> list[tuple[Answers, Answers, list[Change]]]:
-    """Return the comparisons of neighbours among the releases that have answers, oldest first."""
+    """Return (before, after, comparisons) for all neighbours among the releases with answers, the oldest first."""
     usable = [x for x in answers if x.usable]
     return [(before, after, compare_releases(before.figures, after.figures)) for before, after in pairwise(usable)]
 
@@ -30,7 +31,7 @@ def compare_neighbours(answers: Sequence[Answers]) -> list[tuple[Answers, Answer
 def make_tables(
     engine: str, answers: Sequence[Answers], costs: Sequence[Cost], cost_changes: Sequence[Cost], commit: str, date: str
 ) -> Tables:
-    """Return the rows of all tables."""
+    """Return name of a table -> rows, for all tables of an engine; `costs` and `cost_changes` are those of `race_releases`."""
     compared = compare_neighbours(answers)
     by_version = {after.version: changes for _, after, changes in compared}
     releases = [release_row(engine, x, by_version.get(x.version)) | {"commit": commit, "date": date} for x in answers]
@@ -40,11 +41,11 @@ def make_tables(
 
 
 def release_row(engine: str, x: Answers, changes: Sequence[Change] | None) -> dict[str, Any]:
-    """Return the row of a release, with the counts of its comparison with the one before."""
+    """Return the row of a release; `changes` are its comparisons with the release before, or None for the first."""
     row: dict[str, Any] = {"engine": engine, "version": x.version, "status": x.status, "message": x.message}
     row |= {"library": x.library, "python": x.python, "numpy": x.numpy, "how": x.how, "left_out": x.left_out}
     if changes is not None:
-        sized = [c for c in changes if c.difference == c.difference]
+        sized = [c for c in changes if not math.isnan(c.difference)]
         rounding = [c.difference for c in sized if not c.is_real]
         row |= {"compared": len(sized), "real": len(real(changes)), "rounding": len(rounding)}
         row["largest_rounding"] = max(rounding, default=0.0)
@@ -72,7 +73,7 @@ def cost_row(engine: str, x: Cost) -> dict[str, Any]:
 
 
 def write_tables(tables: Mapping[str, Rows], engine: str, folder: Any) -> list[Any]:
-    """Write the rows of an engine into the folder of a run, in the place of its earlier ones; other engines' stay."""
+    """Write the rows of an engine into the folder of a run, replacing its earlier rows, and return the paths of the files."""
     files: list[Any] = []
     for name in NAMES:
         others = [dict(row) for row in read_table(name, folder) if row["engine"] != engine]

@@ -1,7 +1,7 @@
-"""Runs samples of a sweep in an engine and returns rows: a batch in one call of the native kernel, or one by one.
+"""Run samples of a sweep in an engine: a batch in one call of the native kernel, or one sample after the other.
 
-Every sample gives a row. Its message gives the reason if its numbers are no valid linkage, its start does not close, or its engine
-fails.
+Every sample gives a row. If its numbers make no valid linkage, its start does not close, or its engine fails, the row's message has
+the reason.
 """
 
 import json
@@ -34,26 +34,26 @@ from gauss_bench.sweep.figures import figures, units
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
 
-SAMPLES = 400  # of each motion: extremes and energies are taken from them
-TOGETHER = 64  # motions that are evaluated at once: they stay in the processor's cache
-CHUNK = 4096  # states of one evaluation: their numbers stay in the processor's cache
+SAMPLES = 400  # largest number of samples of a motion, from which extremes and energies are found
+TOGETHER = 64  # number of motions that are evaluated at once and fit into the processor's cache
+CHUNK = 4096  # number of states that are evaluated at once and fit into the processor's cache
 NOT_ASSEMBLED = "not_assembled"
 Numbers = NDArray[np.intp]
-Rows = dict[str, Any]  # column -> numbers (k,), or a list of texts
+Rows = dict[str, Any]  # name of a column -> numbers (k,) or a list of k texts
 
 
 @dataclass(frozen=True)
 class SweepCase:
-    """The data that all samples of a sweep share; it is plain, so that it can be sent to processes and compared.
+    """The data that all samples of a sweep share, as plain values that can be sent to processes and compared.
 
     Attributes:
-        text: the document of one scenario, as JSON.
+        text: the linkage document with one scenario, as JSON; scenario: name of the scenario.
         source: path of the linkage file.
         paths: paths of the numbers that vary.
         until: end of each motion [s].
-        choices: engines and their settings.
+        choices: name and setting of every engine.
         limit: longest time of one sample in a worker [s].
-        jobs: threads that share a call of the kernel; they change no row.
+        jobs: number of threads of a call of the kernel, on which no row depends.
     """
 
     text: str
@@ -72,7 +72,12 @@ class SweepCase:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The steps of a motion: their length h [s] and number, the steps between samples, and the times of the samples (k,) [s]."""
+    """The steps of a motion.
+
+    Attributes:
+        h: length of a step [s]; count: number of steps; every: number of steps between two samples.
+        t: (k,) times of the samples [s].
+    """
 
     h: float
     count: int
@@ -85,7 +90,7 @@ class Grid:
 
 
 def grid(step: float, until: float) -> Grid:
-    """Return the steps up to a time: all of the same length, which is at most `step`."""
+    """Return equal steps up to a time [s], of at most the length `step` [s]."""
     count = max(1, int(np.ceil(until / step * (1 - 1e-12))))
     every = max(1, -(-count // SAMPLES))
     steps = np.unique([*range(0, count + 1, every), count])
@@ -93,11 +98,11 @@ def grid(step: float, until: float) -> Grid:
 
 
 def in_batches(engine: str) -> bool:
-    """Tell whether an engine takes a batch in one call."""
+    """Tell whether an engine runs a batch in one call."""
     return engine in FORMULATIONS
 
 
-_stepping = threading.Lock()  # a kernel has counters, and may have to generate more code: one thread uses it at a time
+_stepping = threading.Lock()  # one thread uses a kernel at a time, because it has counters and may generate more code
 
 
 @lru_cache(maxsize=4)
@@ -112,7 +117,7 @@ def kernel(case: SweepCase, engine: str) -> Kernel:
 
     Raises:
         MissingExtra: there is no compiler.
-        SweepError: a kernel cannot leave open what varies, or there is no kernel for the linkage.
+        SweepError: a kernel cannot leave a varied number open, or there is no kernel for the linkage.
     """
     require("llvmlite")
     linkages, choice = family(case), case.choice(engine)
@@ -129,27 +134,27 @@ def kernel(case: SweepCase, engine: str) -> Kernel:
 
 
 def rows_of(case: SweepCase, engine: str, numbers: Numbers, values: Array, parts: int = 1) -> Rows:
-    """Return the rows of the samples with these numbers (k,) and values (k, d); every step is cut into `parts`."""
+    """Return the rows of the samples with these indices (k,) and values (k, d); every step is cut into `parts`."""
     run = _run_batch if in_batches(engine) else _run_one_by_one
     varied = {path: values[:, j] for j, path in enumerate(case.paths)}
     return {"sample": numbers, "engine": [engine] * len(values), **varied, **run(case, engine, values, parts)}
 
 
 def _empty_rows(case: SweepCase, count: int) -> Rows:
-    """Return rows without status, message and figures."""
+    """Return the columns status, message and figures of some samples, with empty texts and NaN."""
     missing = {name: np.full(count, np.nan) for name in units(family(case).nominal)}
     return {"status": [""] * count, "message": [""] * count, **missing}
 
 
 def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
-    """Run samples (k, d) in one call of the kernel."""
+    """Return status, message and figures of samples (k, d), which run in one call of the kernel."""
     code, linkages, choice = kernel(case, engine), family(case), case.choice(engine)
     steps = grid(choice.step, case.until).refine(parts)
     starts, rows = linkages.starts(values), _empty_rows(case, len(values))
     is_closed = np.isfinite(starts.q).all(axis=1)
     for k in np.flatnonzero(~is_closed).tolist():
         rows["status"][k], rows["message"][k] = NOT_ASSEMBLED, starts.reasons.get(k, "")
-    closed = np.flatnonzero(is_closed)  # numbers in the batch of the samples that run
+    closed = np.flatnonzero(is_closed)  # indices in the batch of the samples that run
     if not len(closed):
         return rows
     columns = {name: x[closed] for name, x in starts.columns.items()}
@@ -169,19 +174,19 @@ def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
         return rows
     for part in np.array_split(np.flatnonzero(is_finite), -(-int(is_finite.sum()) // TOGETHER)):
         forces = _multipliers(code, steps.t, q[part], v[part], p[part])
-        own, samples = {name: x[part] for name, x in columns.items()}, closed[part]
+        numbers, samples = {name: x[part] for name, x in columns.items()}, closed[part]
         q_part, v_part = (np.ascontiguousarray(x[part].swapaxes(0, 1)) for x in (q, v))  # (times, motions, n)
-        by_name, evidence = figures(linkages.nominal, own, steps.t, q_part, v_part, forces)
+        by_name, evidence = figures(linkages.nominal, numbers, steps.t, q_part, v_part, forces)
         for name, x in by_name.items():
             rows[name][samples] = x
-        for k, sample, one in zip(part, samples, evidence, strict=True):
+        for k, sample, found in zip(part, samples, evidence, strict=True):
             motion = Trajectory(steps.t, q[k], v[k], np.zeros_like(q[k]), steps.count)
-            rows["status"][sample], rows["message"][sample] = _judge(one, partial(linkages.mechanism_of, values[sample]), motion)
+            rows["status"][sample], rows["message"][sample] = _judge(found, partial(linkages.mechanism_of, values[sample]), motion)
     return rows
 
 
 def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Trajectory) -> tuple[str, str]:
-    """Return status and message of a motion; its linkage is read only if damping between samples must be accounted for."""
+    """Return status and message of a motion; `mechanism` reads its linkage, which only damping between samples needs."""
     verdict = judge(evidence)
     if any(x.subject is Subject.ENERGY for x in verdict.objections):
         # determine the loss between samples only if the verdict could be another one without this objection
@@ -194,27 +199,30 @@ def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Traje
 
 
 def _multipliers(code: Kernel, t: Array, q: Array, v: Array, p: Array) -> Array:
-    """Return multipliers (samples, batch, rows) of motions q, v (batch, samples, n) of linkages with numbers p (batch, d)."""
+    """Return multipliers (samples, batch, rows) of motions q, v (batch, samples, n) at times t, for kernel numbers p (batch, d)."""
     batch, k, n = q.shape
-    states = [np.tile(t, batch), q.reshape(-1, n), v.reshape(-1, n), np.repeat(p, k, axis=0)]
-    parts = [[x[i : i + CHUNK] for x in states] for i in range(0, batch * k, CHUNK)]
+    # one row for each sample of each motion
+    times, places, rates, numbers = np.tile(t, batch), q.reshape(-1, n), v.reshape(-1, n), np.repeat(p, k, axis=0)
+    chunks = []
     with np.errstate(all="ignore"):
-        multipliers = np.concatenate([code.forces(q, v, t, p) for t, q, v, p in parts])
-    return multipliers.reshape(batch, k, -1).swapaxes(0, 1)
+        for i in range(0, batch * k, CHUNK):
+            rows = slice(i, i + CHUNK)
+            chunks.append(code.forces(places[rows], rates[rows], times[rows], numbers[rows]))
+    return np.concatenate(chunks).reshape(batch, k, -1).swapaxes(0, 1)
 
 
 def _run_one_by_one(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
-    """Run samples (k, d) one after the other."""
+    """Return status, message and figures of samples (k, d), which run one after the other."""
     rows = _empty_rows(case, len(values))
-    for k, numbers in enumerate(values):
-        rows["status"][k], rows["message"][k], by_name = _run_single(case, engine, numbers, parts)
+    for k, sample in enumerate(values):
+        rows["status"][k], rows["message"][k], by_name = _run_single(case, engine, sample, parts)
         for name, x in by_name.items():
             rows[name][k] = np.ravel(x)[0]
     return rows
 
 
 def _run_single(case: SweepCase, engine: str, values: Sequence[float], parts: int) -> tuple[str, str, Mapping[str, Array]]:
-    """Return status, message and figures of one sample."""
+    """Return status, message and figures (1,) by name of one sample (d,); there are no figures if it did not run."""
     choice = case.choice(engine)
     try:
         mechanism = family(case).mechanism_of(values)

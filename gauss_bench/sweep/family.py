@@ -1,11 +1,11 @@
 """Linkages of one structure with different numbers: the numbers that a kernel leaves open, and the start of each sample.
 
-Many linkages are evaluated at once: in one mechanism each number that varies becomes an array (batch,) (`with_parameters`), and the
-formulas of `mechanism/coordinates.py`, which take numbers of any kind, evaluate all linkages at states (..., batch, n).
+Many linkages are evaluated at once: in one mechanism each varied number becomes an array (batch,) (`with_parameters`), and the
+formulas of `mechanism/coordinates.py` evaluate all linkages at states (..., batch, n).
 
 Each sample starts from the assembled start of the file. The numbers, and the coordinates that a start holds, change in small steps
 from those of the file to those of the sample, and Newton's method closes the joints after each step. A sample that does not close
-this way is read and assembled on its own; if that fails too, its message gives the reason.
+in this way is read and assembled on its own; if that fails too, its message has the reason.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -31,11 +31,11 @@ from gauss_bench.mechanism.model import Coordinate, Mechanism
 from gauss_bench.sweep.paths import Document, change, number_at
 from gauss_bench.terms import Array
 
-STRIDE = 0.02  # of the linkage's size: largest change of a dimension between two closures
-NEWTON = 12  # iterations of each closure: three or four are needed
+STRIDE = 0.02  # largest change of a dimension between two closures, relative to the linkage's size
+NEWTON = 12  # largest number of iterations of a closure, of which three or four are needed
 WHOLE = ("gravity", "ground")  # keys of the file that hold no tables by name
 OPEN = ("links", "ground", "gravity", "forces", "joints", "scenarios")  # keys of the file with numbers that a kernel can leave open
-BAD = (BuildError, ValidationError)
+BAD = (BuildError, ValidationError)  # errors of a table whose numbers are not valid
 Columns = Mapping[str, Array]  # name of an open number in the kernel -> its values (k,)
 
 
@@ -44,9 +44,9 @@ class Starts:
     """Starts of k samples.
 
     Attributes:
-        columns: values of the open numbers.
-        q, v: (k, n); NaN for a sample that cannot be assembled.
-        reasons: index of such a sample -> the reason.
+        columns: name of an open number -> its values (k,).
+        q, v: (k, n) states; NaN for a sample that cannot be assembled.
+        reasons: index of a sample that cannot be assembled -> the reason.
     """
 
     columns: Columns
@@ -56,13 +56,13 @@ class Starts:
 
 
 class Family:
-    """One linkage in one scenario with some of its numbers varied.
+    """One linkage in one scenario, some of whose numbers vary.
 
     Attributes:
-        document: document with this scenario alone, its overrides merged.
-        paths: paths of the numbers that vary.
+        document: document with this scenario alone, its overrides merged; scenario: name of the scenario.
+        paths: paths of the d varied numbers; source: path of the file.
         nominal: the mechanism of the file.
-        heads: keys of each table that contains such numbers -> indices of their paths.
+        heads: keys of each table that contains varied numbers -> indices of their paths.
     """
 
     def __init__(self, document: Document, scenario: str, paths: Sequence[str], source: str):
@@ -75,7 +75,7 @@ class Family:
 
     @cached_property
     def not_open(self) -> str:
-        """The reason why a kernel cannot leave open what varies; empty if it can."""
+        """The reason why a kernel cannot leave a varied number open; empty if it can leave all open."""
         numbers = {f.name: force_numbers(f).keys() for f in self.nominal.forces}
         for path in self.paths:
             head, *rest = path.split(".")
@@ -122,7 +122,7 @@ class Family:
 
     @cached_property
     def open_numbers(self) -> tuple[str, ...]:
-        """The numbers of a kernel that change with any of the paths, by their names in the kernel; they are found by trial."""
+        """The names of the kernel's numbers that change with any of the paths; they are found by changing each path a little."""
         changed = set[str]()
         for head, places in self.heads.items():
             for path, factor in product([self.paths[k] for k in places], (1.01, 1.3)):
@@ -135,7 +135,7 @@ class Family:
         return tuple(name for name in self._parameters if name in changed)
 
     def _numbers(self, head: tuple[str, ...], document: Document) -> dict[str, float]:
-        """Return the numbers of a table by their names in kernels, components of vectors one by one.
+        """Return name in the kernel -> number, for all numbers of a table of the document; vectors are given by components.
 
         Raises:
             ValidationError, BuildError: the numbers are not valid in a linkage.
@@ -162,31 +162,34 @@ class Family:
         return vectors | {key: float(x) for key, x in found.items() if not np.ndim(x)}
 
     def starts(self, values: Array) -> Starts:
-        """Return numbers and starts of samples (k, d)."""
+        """Return open numbers and starts of samples (k, d)."""
         columns, goals, is_faulty = self._read_samples(values)
         q, v = self._close_joints(columns, goals)
         q[is_faulty] = v[is_faulty] = np.nan
         reasons: dict[int, str] = {}
         for k in np.flatnonzero(~np.isfinite(q).all(axis=1)).tolist():
             try:
-                one = self.mechanism_of(values[k])
+                mechanism = self.mechanism_of(values[k])
             except LinkageError as error:
                 reasons[k] = describe(error)
             else:
-                q[k], v[k] = one.q0, one.v0
+                q[k], v[k] = mechanism.q0, mechanism.v0
         return Starts(columns, q, v, reasons)
 
     def _read_samples(self, values: Array) -> tuple[dict[str, Array], Array, NDArray[np.bool_]]:
-        """Return columns, goals (k, 2, h) as from `_goals`, and which samples are faulty (k,), which have the file's numbers."""
+        """Return columns of open numbers, goals (k, 2, h) as from `_goals`, and a mask of the faulty samples (k,).
+
+        A faulty sample has the numbers of the file.
+        """
         goals = np.array([self._goals(self.document)] * len(values))
         columns = {name: np.full(len(values), self._parameters[name]) for name in self.open_numbers}
         is_faulty = np.zeros(len(values), dtype=bool)
         for head, places in self.heads.items():
-            # a table is read once for each of its contents: a grid has few, and numbers of other tables do not change them
+            # each content of a table is read only once, however many samples have it; a grid has few different contents
             contents, which = np.unique(values[:, places], axis=0, return_inverse=True)
             for j, row in enumerate(contents.tolist()):
                 document = change(self.document, dict(zip([self.paths[k] for k in places], row, strict=True)))
-                these = which.ravel() == j
+                these = which.ravel() == j  # (k,) samples with this content
                 try:
                     numbers = self._numbers(head, document)
                     if head[0] == "scenarios":
@@ -201,7 +204,7 @@ class Family:
         return columns, goals, is_faulty
 
     def _goals(self, document: Document) -> Array:
-        """Return targets and rates (2, h) of the coordinates that a start holds."""
+        """Return targets and rates (2, h) of the h coordinates that the start in a document holds."""
         held = list_held(self.nominal, document["scenarios"][self.scenario])
         return np.array([held.target, held.rate], dtype=float)
 
@@ -209,16 +212,16 @@ class Family:
         """Return states (k, n) on the constraints at the goals (k, 2, h); NaN where Newton's method fails."""
         k, mechanism = len(goals), self.nominal
         q, v = np.full((2, k, mechanism.n), np.nan)
-        if mechanism.knife_edges or mechanism.parts:  # such samples are assembled one by one
+        if mechanism.knife_edges or mechanism.parts:  # the caller assembles these samples one by one
             return q, v
         first, old = {name: np.full(k, self._parameters[name]) for name in columns}, self._goals(self.document)
-        # so many strides that dimensions and held coordinates change little from one closure to the next
+        # the number of strides is such that dimensions and held coordinates change little between two closures
         lengths = [np.abs(columns[x] - first[x]).max(initial=0.0) for x in columns if x.startswith(("points.", "joints."))]
         turn = float(np.abs(goals[:, 0] - old[0]).max(initial=0.0))
         strides = min(100, 1 + int(max(max(lengths, default=0.0) / (STRIDE * mechanism.size), turn / STEP)))
 
         def rows(part: float) -> Callable[[Array], tuple[Array, Array]]:
-            """Return q (k, n) -> residual (k, m) and Jacobian, with this part of the change from the file to the samples made."""
+            """Return the function q (k, n) -> residual (k, m), Jacobian (k, m, n), after this part of the change to the samples."""
             now = {x: columns[x] if part == 1 else first[x] + part * (columns[x] - first[x]) for x in columns}
             changed = with_parameters(mechanism, now)
             target = goals[:, 0] if part == 1 else old[0] + part * (goals[:, 0] - old[0])
@@ -243,7 +246,7 @@ class Family:
             for part in np.arange(1, strides + 1) / strides:
                 q = project(q, rows(part), _solve, NEWTON, still=_is_still, longest=LONGEST)
             phi, J = rows(1.0)(q)
-            # the rates of the start: joints do not move, held coordinates have their rates
+            # J v: joints do not move, and held coordinates have their rates
             right = np.concatenate([np.zeros((k, phi.shape[1] - goals.shape[2])), goals[:, 1]], axis=1)
             v = _solve(J, right)
             left = np.abs((J @ v[..., None])[..., 0] - right).max(axis=1, initial=0.0)
@@ -253,7 +256,7 @@ class Family:
 
 
 def held_by_joints(mechanism: Mechanism) -> list[tuple[Coordinate, Any]]:
-    """Return the coordinates that joints and couplings hold, with their values."""
+    """Return pairs of a coordinate that a joint or coupling holds, and its value."""
     return [pair for joint in (*mechanism.joints, *mechanism.couplings) for pair in joint.held]
 
 
@@ -263,7 +266,7 @@ def _is_still(_: Array, size: Array) -> bool:
 
 
 def _solve(J: Array, right: Array) -> Array:
-    """Return the shortest x (k, n) with J x = right, for J (k, m, n)."""
+    """Return the shortest x (k, n) with J x = right, for J (k, m, n) and right (k, m); NaN if J is not finite."""
     if J.shape[1] == J.shape[2]:
         try:
             return np.asarray(np.linalg.solve(J, right[..., None])[..., 0])
@@ -277,5 +280,5 @@ def _solve(J: Array, right: Array) -> Array:
 
 
 def describe(error: LinkageError) -> str:
-    """Describe the faults of a sample in one sentence."""
+    """Return the faults of a sample in one sentence."""
     return "; ".join(map(str, error.faults))

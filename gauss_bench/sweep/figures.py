@@ -1,7 +1,6 @@
-"""The figures of a motion that a row holds, evaluated from its states alone, for many linkages of one family at once.
+"""Evaluate the figures of a row from the states of its motion, for many linkages of one family at once.
 
-The formulas of coordinates, forces and energies are those of `mechanism/coordinates.py`, with arrays (batch,) for the numbers that
-vary.
+The formulas of coordinates, forces and energies are those of `mechanism/coordinates.py`, with arrays (batch,) for varied numbers.
 """
 
 from itertools import product
@@ -22,7 +21,7 @@ OF_A_RUN = {"loops": "m or rad", "energy_error": "J", "energy_bar": "J", "energy
 
 
 def units(mechanism: Mechanism) -> dict[str, str]:
-    """Return the units of the figures of a linkage, by name and in the order of their columns."""
+    """Return name of a figure -> its unit, in the order of the columns."""
     units: dict[str, str] = {"measured": mechanism.measured.unit}
     for point, end in product(mechanism.observed_points, ("x_min", "x_max", "y_min", "y_max")):
         units[f"{point.name}.{end}"] = "m"
@@ -34,11 +33,12 @@ def units(mechanism: Mechanism) -> dict[str, str]:
 def figures(
     nominal: Mechanism, columns: Columns, t: Array, q: Array, v: Array, multipliers: Array
 ) -> tuple[dict[str, Array], list[Evidence]]:
-    """Return every figure (batch,) of motions q, v (k, batch, n) at times t (k,), and the judge's input for each.
+    """Return name of a figure -> its values (batch,), and the judge's evidence on each motion.
 
     Args:
-        nominal, columns: a linkage, and the numbers in it that vary, by their names in kernels.
-        multipliers: (k, batch, rows) of M a + J^T lambda = Q.
+        nominal: the mechanism of the file; columns: name of an open number -> its values (batch,).
+        t: (k,) times [s]; q, v: (k, batch, n) motions.
+        multipliers: (k, batch, rows) lambda of M a + J^T lambda = Q.
     """
     mechanism, x = with_parameters(nominal, columns), Placed(q, v)
     with np.errstate(all="ignore"):
@@ -57,7 +57,7 @@ def figures(
 
 
 def _forces(mechanism: Mechanism, multipliers: Array) -> dict[str, Array]:
-    """Return the largest force (batch,) in each joint [N]; none if redundant rows leave the forces undetermined."""
+    """Return name of a figure -> largest force (batch,) in the joint [N]; empty if redundant rows leave forces undetermined."""
     largest, row = dict[str, Array](), 0
     for joint in () if mechanism.redundant else mechanism.joints:
         held: tuple[tuple[Coordinate, float], ...] = joint.held

@@ -1,11 +1,11 @@
 """The folder of a sweep: its plan, and the rows of each batch in a Parquet file of its own.
 
-    plan.json                         the arguments of the sweep: a later call with the same ones continues it
+    plan.json                         the arguments of the sweep, which a later call with equal arguments continues
     samples/part-00000.parquet, ...   the rows of each batch and engine, in the plan's order
     summary.json, summary.svg         written at the end
 
-A part is written under another name, synced, and renamed, so that it is complete or absent. A batch whose part cannot be read is
-run again. A sweep writes no other files.
+A part is written under another name, synced, and renamed, so that it is either complete or absent. A batch whose part cannot be
+read is run again. A sweep writes no other files.
 """
 
 import fcntl
@@ -25,16 +25,17 @@ from gauss_bench.sweep.errors import SweepError
 from gauss_bench.tables import refuse_foreign
 
 PLAN, PARTS, PICTURE = "plan.json", "samples", "summary.svg"
-SIGN = "<!-- drawn by gauss-bench sweep -->\n"  # at the end of the picture
-TEXTS = ("engine", "status", "message")  # columns of texts; all others are numbers
+SIGN = "<!-- drawn by gauss-bench sweep -->\n"  # last line of the picture, by which a sweep recognises it
+TEXTS = ("engine", "status", "message")  # columns of texts; all other columns are numbers
 
 
 class Folder:
-    """A sweep's folder, locked while open.
+    """A sweep's folder, which is locked within its context.
 
     Attributes:
+        path: path of the folder.
         stamp: plain data that determines all rows.
-        schema: of a part: the sample, texts, and columns of numbers with their units.
+        schema: columns of a part: index of the sample, texts, and numbers with their units.
     """
 
     def __init__(self, path: Path, stamp: Mapping[str, Any], columns: Mapping[str, str]):
@@ -56,18 +57,18 @@ class Folder:
         if not (self.path / PLAN).exists():
             write_text(self.path / PLAN, json.dumps(self.stamp, indent=1) + "\n")
         for left in [*self.path.glob(".*.part"), *(self.path / PARTS).glob(".*.part")]:
-            left.unlink()  # written by a sweep that was killed, since the lock excludes a running one
+            left.unlink()  # a killed sweep left it; a running one would hold the lock
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         os.close(self.lock)
 
     def part(self, number: int) -> Path:
-        """Return the file of a batch."""
+        """Return the path of a batch's file."""
         return self.path / PARTS / f"part-{number:05d}.parquet"
 
     def has(self, number: int, rows: int) -> bool:
-        """Tell whether a batch is stored completely and undamaged; otherwise it is run again."""
+        """Tell whether a batch of this many rows is stored completely and without damage."""
         try:
             table = _table(self.part(number))
         except (OSError, pa.ArrowException):
@@ -75,7 +76,7 @@ class Folder:
         return bool(table.num_rows == rows and table.schema.equals(self.schema))
 
     def write(self, number: int, rows: Mapping[str, Any]) -> None:
-        """Write the rows of a batch, by columns, atomically; NaN is stored as missing."""
+        """Write the rows (name of a column -> values) of a batch; NaN is stored as a missing value."""
         columns = {name: pa.array(rows[name], from_pandas=True) for name in self.schema.names}
         table = pa.table(columns, schema=self.schema)
         atomically(self.part(number), lambda path: pq.write_table(table, path, write_page_checksum=True))
@@ -93,31 +94,32 @@ def _table(path: Path) -> Any:
 
 
 def check(path: Path, stamp: Mapping[str, Any]) -> None:
-    """Check that a folder is new, empty, or that of this sweep.
+    """Check that a folder is new, empty, or the folder of the sweep with this stamp.
 
     Raises:
-        SweepError: the folder above it is missing, or it holds another sweep or something else.
-        FileExistsError: its picture was not drawn by a sweep.
+        SweepError: the parent folder is missing, or the folder holds another sweep or something else.
+        FileExistsError: the folder holds a picture that no sweep drew.
     """
     if not path.parent.is_dir():
         raise SweepError(f"--out {path}: there is no folder {path.parent}")
     if path.exists() and not path.is_dir():
         raise SweepError(f"--out {path}: is a file; a sweep takes a folder")
-    if not path.exists() or not (content := {x.name for x in path.iterdir() if x.suffix != ".part"}):
+    content = {x.name for x in path.iterdir() if x.suffix != ".part"} if path.exists() else set()
+    if not content:
         return
     if PLAN not in content:
         if content != {PARTS} or any((path / PARTS).iterdir()):
             raise SweepError(f"--out {path}: holds something else than a sweep; take an empty or a new folder")
         return
     try:
-        there = json.loads((path / PLAN).read_text(encoding="utf-8"))
+        stored = json.loads((path / PLAN).read_text(encoding="utf-8"))
     except ValueError:
-        there = None
-    if not isinstance(there, dict):
+        stored = None
+    if not isinstance(stored, dict):
         raise SweepError(f"--out {path}: its {PLAN} cannot be read; take another folder")
-    other = [key for key in dict.fromkeys([*stamp, *there]) if stamp.get(key) != there.get(key)]
-    if other:
-        was = "; ".join(f"{key} was {_shorten(there.get(key))}, is {_shorten(stamp.get(key))}" for key in other)
+    different = [key for key in dict.fromkeys([*stamp, *stored]) if stamp.get(key) != stored.get(key)]
+    if different:
+        was = "; ".join(f"{key} was {_shorten(stored.get(key))}, is {_shorten(stamp.get(key))}" for key in different)
         raise SweepError(f"--out {path}: holds another sweep ({was}); take another folder, or the same arguments")
     refuse_foreign({path / PICTURE: SIGN})
 

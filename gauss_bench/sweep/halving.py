@@ -1,4 +1,4 @@
-"""Repeats some samples of a sweep at half the step or a tighter tolerance, since loops and energy do not show the step's error."""
+"""Repeat some samples of a sweep at half the step or a tighter tolerance, because loops and energy do not show the step's error."""
 
 from dataclasses import replace
 from typing import Any
@@ -19,9 +19,10 @@ HALF = "half the step"
 
 
 def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | None:
-    """Repeat some samples that are ok, evenly over the table, and return how their figures change; None if no sample is ok.
+    """Repeat some samples that are ok, evenly over the table, and return how much their figures change; None if no sample is ok.
 
     Args:
+        case, engine: the sweep, and one of its engines.
         rows: rows of the engine, as a pandas table.
         values: (N, d) varied numbers of all samples.
     """
@@ -30,7 +31,8 @@ def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | No
     if not len(good):
         return None
     parts, how = 2, HALF
-    if choice.integrator in (offered := offer(engine)).adaptive:
+    offered = offer(engine)
+    if choice.integrator in offered.adaptive:
         tighter = replace(choice, tolerance=finer_tolerance(offered, choice))
         case, parts, how = replace(case, choices=((engine, tighter),)), 1, "a tighter tolerance"
     chosen = np.unique(np.linspace(0, len(good) - 1, min(MOST, -(-len(good) // SHARE))).round().astype(int))
@@ -38,7 +40,7 @@ def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | No
     numbers = good["sample"].to_numpy()[chosen]
     finer = rows_of(case, engine, numbers, values[numbers], parts)
     usable = np.isin(finer["status"], USED)
-    lost, changes = int((~usable).sum()), {}  # unit -> largest change
+    lost, changes = int((~usable).sum()), {}  # changes: unit -> largest change
     off = np.zeros(len(chosen))  # largest change of a figure of each sample, relative to its limit
     for unit in UNITS:
         names = [name for name, x in units(mechanism).items() if x == unit]
@@ -58,7 +60,7 @@ def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | No
 
 
 def text(check: Halved | None) -> str:
-    """Return the result as text for users."""
+    """Return the result of `halve` in words."""
     if check is None:
         return "nothing was repeated: no sample is ok"
     changes = f"{check['how']} of {check['samples']} samples changes {check['m']:.2g} m and {check['rad']:.2g} rad at most"

@@ -1,7 +1,7 @@
 """Numbers of a linkage file by their paths: `links.rod.mass`, `forces.motor.value`, `links.rod.points.P.y`, `links.rod.length`.
 
-A path has the names of tables and keys of the file. An entry of a list is named by its index from 0, or by x and y if the list is a
-pair. One path is no key of the file:
+A path consists of names of tables and keys. The index from 0 names an entry of a list, and x and y name the entries of a pair. One
+path is no key of the file:
 
     links.NAME.length   the distance of the two points of the link's first bar [m]
 
@@ -37,7 +37,7 @@ def number_at(document: Document, path: str) -> float:
     """Return the number at a path.
 
     Raises:
-        SweepError: there is no number.
+        SweepError: there is no number at this path.
     """
     if is_length(path):
         return _bar(document, path).length
@@ -49,14 +49,18 @@ def number_at(document: Document, path: str) -> float:
 
 
 def numbers_of(document: Document) -> list[str]:
-    """Return all paths of numbers, lengths of links first."""
+    """Return the paths of all numbers of a document, those of lengths first."""
     bars = [f"links.{name}.length" for name, link in document.get("links", {}).items() if link.get("bars")]
     return [*bars, *_numbers(document, "")]
 
 
 def _numbers(item: Any, path: str) -> Iterator[str]:
-    """Yield the paths of all numbers in a table or list."""
-    pairs = item.items() if isinstance(item, dict) else enumerate(item) if isinstance(item, list) else ()
+    """Yield the paths of all numbers in a table or list at some path; other items have none."""
+    pairs: Any = ()
+    if isinstance(item, dict):
+        pairs = item.items()
+    elif isinstance(item, list):
+        pairs = enumerate(item)
     for key, value in pairs:
         where = f"{path}.{key}" if path else str(key)
         if isinstance(value, (int, float)) and not isinstance(value, bool):
@@ -65,7 +69,10 @@ def _numbers(item: Any, path: str) -> Iterator[str]:
 
 
 def change(document: Document, values: Mapping[str, float]) -> Document:
-    """Return the document with other numbers at some paths, lengths last; tables that do not change are shared with `document`."""
+    """Return a document with other numbers at some paths; tables that do not change are shared with `document`.
+
+    Lengths change last, because they move the points that other paths may have set.
+    """
     changed = dict(document)
     for head, *rest in {tuple(path.split(".")[:2]) for path in values}:
         whole = changed[head]
@@ -101,13 +108,20 @@ def _find(document: Document, path: str) -> tuple[Any, Any]:
 
 
 def _key(item: Any, key: str) -> Any:
-    """Return the key of a table, or the index of a list that a part of a path names."""
-    return (AXES[key] if key in AXES else int(key)) if isinstance(item, list) else key
+    """Return the index or key that a part of a path names in a list or table."""
+    if not isinstance(item, list):
+        return key
+    return AXES[key] if key in AXES else int(key)
 
 
 @dataclass(frozen=True)
 class Bar:
-    """The first bar of a link: the link's table and points, and the ends and length [m] of the bar."""
+    """The first bar of a link.
+
+    Attributes:
+        link: table of the link; points: name -> position (2,) of the link's points [m].
+        ends: names of the points at the bar's ends; length: length of the bar [m].
+    """
 
     link: dict[str, Any]
     points: dict[str, Any]
@@ -139,7 +153,7 @@ def _stretch(document: Document, path: str, length: float) -> None:
     along = (end - origin) / bar.length
 
     def move(p: Any) -> list[float]:
-        """Return the new place of a point of the link."""
+        """Return the new position of a point (2,) [m] of the link."""
         return (p + ((length / bar.length - 1.0) * float((p - origin) @ along)) * along).tolist()  # type: ignore[no-any-return]
 
     bar.link["points"] = {name: move(p) for name, p in bar.points.items()}

@@ -1,15 +1,15 @@
-"""The varied numbers of a sweep's samples, planned before any run: grids, Monte Carlo, and Sobol points.
+"""Plan the varied numbers of a sweep's samples: grids, random values, and Sobol points.
 
     PATH=a:b:n          n equally spaced values from a to b, ends included
     PATH=uniform(a,b)   random values from a to b, uniformly distributed
     PATH=normal(m,s)    random values, normally distributed with mean m and standard deviation s
 
-Several grids are crossed. Random values come from one seed. If there are grids and random values, the samples cycle through the
-grid.
+Several grids are crossed. Random values come from one seed. If there are both grids and random values, the samples cycle through
+the points of the grid.
 
 A Sobol plan (`--sampling sobol`) has no grids. Its points are two scrambled Sobol sequences A and B of n points, n a power of two,
-and those of A with one column replaced by that of B, (d + 2) n in all. This is Saltelli's design, from which the first-order and
-total indices are computed.
+and for each of d columns the sequence A with this column of B, (d + 2) n points in all. First-order and total indices follow from
+this design, which is Saltelli's.
 Source: Saltelli et al., Variance based sensitivity analysis of model output (2010), table 2.
 """
 
@@ -32,7 +32,14 @@ FORM = re.compile(r"(?P<kind>normal|uniform)\((?P<a>[^,()]+),(?P<b>[^,()]+)\)")
 
 @dataclass(frozen=True)
 class Dimension:
-    """A number that varies: its path, "grid", "uniform" or "normal", a and b or m and s as above, and the values of a grid."""
+    """A number that varies.
+
+    Attributes:
+        path: path of the number in the file.
+        kind: "grid", "uniform" or "normal".
+        a, b: first and last value of a grid, bounds of a uniform distribution, or mean and deviation of a normal one.
+        count: number of values of a grid, else 0.
+    """
 
     path: str
     kind: str
@@ -41,10 +48,10 @@ class Dimension:
     count: int = 0
 
     def values(self, shares: Array) -> Array:
-        """Return the quantiles (k,) of the distribution at probabilities (k,)."""
+        """Return the quantiles (k,) of the distribution at probabilities `shares` (k,)."""
         if self.kind == "uniform":
             return self.a + (self.b - self.a) * shares
-        from scipy.special import ndtri
+        from scipy.special import ndtri  # imported late: its import takes long
 
         return np.asarray(self.a + self.b * ndtri(np.clip(shares, 1e-300, 1 - 2**-53)))
 
@@ -56,7 +63,7 @@ class Plan:
     Attributes:
         dimensions: the d numbers that vary.
         values: (N, d) their values for every sample.
-        base: n of Saltelli's design, whose samples are A, B, then A with each column of B; 0 for other plans.
+        base: n of Saltelli's design, whose samples are A, then B, then A with each column of B; 0 for other plans.
     """
 
     dimensions: tuple[Dimension, ...]
@@ -70,10 +77,10 @@ class Plan:
 
 
 def dimension(text: str) -> Dimension:
-    """Parse one --vary option.
+    """Return the varied number that a --vary option describes.
 
     Raises:
-        SweepError: it has none of the forms above.
+        SweepError: the option has another form.
     """
     path, equals, values = (x.strip() for x in text.partition("="))
     if not (path and equals and values):
@@ -95,10 +102,10 @@ def dimension(text: str) -> Dimension:
 
 
 def _number(text: str, value: str) -> float:
-    """Return a finite number of an option.
+    """Return a number in the option `text`.
 
     Raises:
-        SweepError: the text is no finite number.
+        SweepError: the value is no finite number.
     """
     try:
         number = float(value)
@@ -114,8 +121,9 @@ def plan(texts: Sequence[str], samples: int | None = None, sampling: str = "rand
 
     Args:
         texts: the --vary options.
-        samples: number of samples; may be left out if there are only grids, which give it.
+        samples: number of samples; may be None if there are only grids.
         sampling: "random" or "sobol".
+        seed: seed of random values.
 
     Raises:
         SweepError: the options do not make a plan.

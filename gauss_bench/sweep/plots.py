@@ -8,14 +8,20 @@ import numpy as np
 from gauss_bench.sweep.plan import Plan
 from gauss_bench.terms import Array
 
-SHOWN = 500  # largest number of points in a panel: more overlap
-TICKS = 4  # largest number of intervals of an axis: a small panel has no space for more, and ticks take most of the drawing time
+SHOWN = 500  # largest number of points in a panel, since more points overlap
+TICKS = 4  # largest number of intervals of an axis, since a small panel has no space for more
 MOST = 8  # largest number of figures that are drawn
-ROUNDING, SMALLEST = 1e-12, 1e-300  # a range is rounding below this share of the largest value, plus this
+ROUNDING, SMALLEST = 1e-12, 1e-300  # a range below ROUNDING times the largest value, plus SMALLEST, is rounding
 
 
 def plots(rows: Any, plan: Plan, figures: Sequence[str]) -> str:
-    """Return an SVG with a row for each figure: its distribution, and a panel for each varied number; colours are engines."""
+    """Return an SVG with a row of panels for each figure: its distribution, and the figure over each varied number.
+
+    Args:
+        rows: all rows, as a pandas table.
+        plan: plan of the sweep.
+        figures: names of the columns of figures. Each engine has a colour.
+    """
     from gauss_bench.report.palette import engine_colours
     from gauss_bench.report.plotting import give_title, panels, svg
 

@@ -1,4 +1,4 @@
-"""Runs a sweep: plans the samples, runs batches by joblib, stores them in a folder and summarises them."""
+"""Run a sweep: plan the samples, run batches by joblib, store them in a folder and summarise them."""
 
 import json
 import os
@@ -30,15 +30,15 @@ from gauss_bench.sweep.plots import plots
 from gauss_bench.sweep.summary import EngineSummary, summary
 from gauss_bench.terms import Array
 
-FORM = "sweep/1"
-BATCH, SINGLES = 512, 8  # samples of one task: of an engine that takes them in one call, and of every other
+FORM = "sweep/1"  # format of the folder
+BATCH, SINGLES = 512, 8  # number of samples of a task, of engines that run a batch in one call, and of all others
 BACKENDS = ("local", "dask")
 PAUSE = 5.0  # [s] between lines of progress
-LIMIT = 60.0  # [s] that one sample may take in a worker
-MOST_STEPS = 1e8  # of one sample
-STEP = 1e-3  # [s] by default
-EIGHTH_ORDER, ITS_STEP = "dop853_fixed", 2e-3  # of batches: the work of rk4 at half the step, and errors far smaller
-FIRST = 3.0  # [s] to find a scheduler
+LIMIT = 60.0  # [s] default of the time of one sample in a worker
+MOST_STEPS = 1e8  # largest number of steps of one sample
+STEP = 1e-3  # [s] default of the step
+EIGHTH_ORDER, ITS_STEP = "dop853_fixed", 2e-3  # default integrator and step [s] of batches
+FIRST = 3.0  # [s] limit for finding a scheduler
 Tell = Callable[[str], None]
 
 
@@ -48,7 +48,7 @@ class Backend:
 
     Attributes:
         backend: "local" for threads or processes of this machine, or "dask".
-        scheduler: address of Dask's scheduler; None to start one on this machine.
+        scheduler: address of Dask's scheduler; None starts one on this machine.
         jobs: number of threads or processes.
     """
 
@@ -59,9 +59,9 @@ class Backend:
 
 @dataclass(frozen=True)
 class Options:
-    """How each sample is run; None for the engine's default.
+    """The setting of each sample; None stands for the default.
 
-    By default batches are stepped by DOP853, at steps of `ITS_STEP`; all others at steps of `STEP`.
+    The default integrator of batches is EIGHTH_ORDER with steps of ITS_STEP; other engines have their first with steps of STEP.
     """
 
     scenario: str | None = None
@@ -77,12 +77,12 @@ class SweepSummary(TypedDict):
     """The summary of a sweep.
 
     Attributes:
-        linkage, scenario: what was run.
+        linkage, scenario: names of the linkage and scenario.
         samples: number of samples of each engine.
         until: end of the runs [s].
-        paths: of the varied numbers.
-        sampling: "sobol" or "random", which includes grids.
-        engines: name -> summary of its samples.
+        paths: paths of the varied numbers.
+        sampling: "sobol", or "random" for grids and random values.
+        engines: name of an engine -> summary of its samples.
     """
 
     linkage: str
@@ -106,28 +106,31 @@ def sweep(
     where: Backend = Backend(),
     tell: Tell = lambda sentence: None,
 ) -> SweepSummary:
-    """Run a linkage with many different numbers, store the rows in a folder, and return the summary, which is stored there too.
+    """Run a linkage with many different numbers, store rows and summary in a folder, and return the summary.
 
     Args:
         linkage: name of a built-in linkage, or a path.
-        vary: PATH=VALUES, as in `plan.py`.
-        out: the folder. If it holds a part of the same sweep, only the missing batches are run.
-        samples, sampling, seed: arguments of the plan.
-        tell: called with a sentence on the progress.
+        vary: varied numbers, each as PATH=VALUES (`plan.py`).
+        out: path of the folder. If it holds a part of the same sweep, only the missing batches are run.
+        engines: names of engines.
+        samples, sampling, seed: arguments of `plan`.
+        how: setting of each sample; where: processes that run batches.
+        tell: called with each sentence of progress.
 
     Raises:
-        LinkageError, SweepError, ChoiceError, KeyError: an argument cannot be used; nothing has been written then.
+        LinkageError, SweepError, ChoiceError, KeyError: an argument cannot be used, and nothing is written.
         Busy: another sweep writes into the folder.
     """
-    for is_wrong, text in (
-        (sampling not in PLANS, f"--sampling is one of {', '.join(PLANS)}"),
-        (where.backend not in BACKENDS, f"--backend is one of {', '.join(BACKENDS)}"),
-        (where.jobs < 1, f"--jobs {where.jobs}: must be at least 1"),
-        (where.scheduler and where.backend != "dask", "--scheduler: is for --backend dask"),
-        (not engines or len(set(engines)) < len(engines), "--engine: name each engine once"),
-    ):
-        if is_wrong:
-            raise SweepError(text)
+    if sampling not in PLANS:
+        raise SweepError(f"--sampling is one of {', '.join(PLANS)}")
+    if where.backend not in BACKENDS:
+        raise SweepError(f"--backend is one of {', '.join(BACKENDS)}")
+    if where.jobs < 1:
+        raise SweepError(f"--jobs {where.jobs}: must be at least 1")
+    if where.scheduler and where.backend != "dask":
+        raise SweepError("--scheduler: is for --backend dask")
+    if not engines or len(set(engines)) < len(engines):
+        raise SweepError("--engine: name each engine once")
     samples_plan = plan(vary, samples, sampling, seed)
     case = _case(linkage, samples_plan, engines, how, where.jobs)
     nominal = family(case).nominal
@@ -135,12 +138,12 @@ def sweep(
     stamp = _stamp(case, vary, samples_plan, sampling, seed)
     check(out, stamp)
     for engine in filter(in_batches, engines):
-        left_open = ", ".join(kernel(case, engine).parameters)  # compiled once, before batches are run
+        left_open = ", ".join(kernel(case, engine).parameters)  # compiles the kernel, which all batches share
         tell(f"{engine}: generated and compiled, with {left_open or 'nothing'} left open")
     with Folder(out, stamp, dict.fromkeys(samples_plan.paths, "") | figures) as folder:
         _run(folder, case, samples_plan, engines, where, tell)
         rows = folder.read()
-    tell("some samples again at half the step")
+    tell("repeating some samples at half the step")
     by_engine = summary(rows, samples_plan, list(figures))
     for engine in engines:
         by_engine[engine]["half_the_step"] = halve(case, engine, rows[rows["engine"] == engine], samples_plan.values)
@@ -168,26 +171,28 @@ def _case(linkage: str, samples: Plan, engines: Sequence[str], how: Options, job
     scenario = choose_scenario(document, how.scenario, str(path), path.stem)
     mechanism, document = load(linkage, scenario), reduce_to_scenario(document, scenario)
     for name in samples.paths:
-        number_at(document, name)  # raises SweepError where there is none
+        number_at(document, name)  # raises SweepError if there is no number
     until = duration(mechanism.duration, None, how.until)
     if how.step is not None and not (np.isfinite(how.step) and 0 < how.step <= until * (1 + 1e-12)):
         raise SweepError(f"--step {how.step:g}: must be positive and at most the {until:g} s of a run")
     choices = tuple((name, _choice(name, how, until)) for name in engines)
-    if (count := max(until / choice.step for _, choice in choices)) > MOST_STEPS:
+    count = max(until / choice.step for _, choice in choices)
+    if count > MOST_STEPS:
         option = f"--until {until:g}" if how.step is None else f"--step {how.step:g}"
         raise SweepError(f"{option}: {count:.1e} steps a sample; {MOST_STEPS:.0e} are the most")
     for name, choice in choices:
-        if not is_isolated(name) and (reason := get(name).skip(mechanism, choice)):
+        reason = "" if is_isolated(name) else get(name).skip(mechanism, choice)
+        if reason:
             raise SweepError(f"--engine {name}: {reason}")
     limit = check_budget(how.limit, LIMIT)
     return SweepCase(json.dumps(document), scenario, str(path), samples.paths, until, choices, limit, jobs)
 
 
 def _choice(engine: str, how: Options, until: float) -> Choice:
-    """Return the setting of an engine, with its usual step if none is given.
+    """Return the setting of an engine, with the default step if none is given; `until` is the end of the runs [s].
 
     Raises:
-        SweepError, ChoiceError: the engine cannot be used, or has no such setting.
+        SweepError, ChoiceError: the engine cannot be used, or does not offer the setting.
     """
     offered = offer(engine)
     integrator = EIGHTH_ORDER if in_batches(engine) and not (how.integrator or how.settings) else how.integrator
@@ -201,7 +206,7 @@ def _choice(engine: str, how: Options, until: float) -> Choice:
 
 
 def _stamp(case: SweepCase, vary: Sequence[str], samples: Plan, sampling: str, seed: int) -> dict[str, Any]:
-    """Return everything that the rows of a sweep depend on, as plain data."""
+    """Return all data on which the rows of a sweep depend, as plain values."""
     return {
         "form": FORM,
         "linkage": family(case).nominal.digest,
@@ -219,7 +224,7 @@ def _stamp(case: SweepCase, vary: Sequence[str], samples: Plan, sampling: str, s
 
 @dataclass(frozen=True)
 class _Batch:
-    """The samples `first` to `end` - 1 in an engine, stored as the part with this number."""
+    """The samples from `first` to `end` - 1 in an engine, which are stored as the part with this number."""
 
     number: int
     engine: str
@@ -243,7 +248,7 @@ def _batches(count: int, engines: Sequence[str]) -> Iterator[_Batch]:
 
 
 def _run(folder: Folder, case: SweepCase, samples: Plan, engines: Sequence[str], where: Backend, tell: Tell) -> None:
-    """Run the batches that the folder does not have yet."""
+    """Run the batches that the folder does not hold yet."""
     from joblib import Parallel, delayed
 
     batches = list(_batches(len(samples.values), engines))
@@ -255,13 +260,14 @@ def _run(folder: Folder, case: SweepCase, samples: Plan, engines: Sequence[str],
     total, missing = sum(x.size for x in batches), sum(x.size for x in waiting)
     tell(f"{missing} samples to run")
     told, started, done = time.monotonic(), time.monotonic(), total - missing
+    jobs = -1 if where.backend == "dask" else where.jobs  # a cluster uses all of its workers
     with _use_backend(where, engines):
-        # dispatch no more tasks than fit into the queue of loky's processes: on an interrupt its thread fails over the others
-        work = Parallel(n_jobs=_tasks(where), return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
+        # dispatch no more tasks than fit into the queue of loky's processes: with more, its thread fails on an interrupt
+        work = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
         # the rows of a batch are sent back to this process, which writes them
         tasks = (delayed(_run_batch)(case, x, samples.values[x.first : x.end]) for x in waiting)
         with warnings.catch_warnings(), closing(work(tasks)) as finished:
-            # on an interrupt between two results joblib warns of the tasks that are left, which the user expects
+            # on an interrupt joblib warns that tasks are left, which the user knows
             warnings.filterwarnings("ignore", ".*adjusting the input task iterator", UserWarning)
             for batch, rows in finished:
                 folder.write(batch.number, rows)
@@ -272,15 +278,15 @@ def _run(folder: Folder, case: SweepCase, samples: Plan, engines: Sequence[str],
 
 
 def _run_batch(case: SweepCase, batch: _Batch, values: Array) -> tuple[_Batch, Rows]:
-    """Return a batch with its rows; this runs in another thread or process."""
+    """Return a batch and its rows; this runs in another thread or process."""
     return batch, rows_of(case, batch.engine, np.arange(batch.first, batch.end), values)
 
 
 def _end_with(parent: int) -> None:
-    """End this process when its parent ends: joblib's processes would outlive a killed parent by minutes."""
+    """End this process when its parent, with this process id, ends; joblib's processes would outlive a killed parent by minutes."""
 
     def watch() -> None:
-        """End this process when its parent is another one."""
+        """Wait until this process has another parent, and end it."""
         while os.getppid() == parent:
             time.sleep(1.0)
         os._exit(1)
@@ -288,14 +294,9 @@ def _end_with(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _tasks(where: Backend) -> int:
-    """Return the number of tasks at once; -1 leaves it to a cluster."""
-    return -1 if where.backend == "dask" else where.jobs
-
-
 @contextmanager
 def _use_backend(where: Backend, engines: Sequence[str]) -> Iterator[None]:
-    """Let joblib use Dask, or threads if all engines compute in native code or in workers of their own, or else processes."""
+    """Let joblib use Dask if asked for; otherwise threads if all engines compute outside of Python, and processes if not."""
     from joblib import parallel_config
 
     if where.backend == "dask":

@@ -1,7 +1,7 @@
-"""The summary of a sweep: counts by status, quantiles of every figure, and sensitivities.
+"""Summarise a sweep: counts by status, quantiles of every figure, and sensitivities.
 
-The sensitivities of a Sobol plan are Sobol's indices by scipy: the share of a figure's variance that a number explains alone
-(first), and together with all others (total). Those of other plans are Spearman's rank correlations of numbers and figures.
+The sensitivities of a Sobol plan are Sobol's indices: the share of a figure's variance that a number explains alone (first), and
+together with all others (total). The sensitivities of other plans are Spearman's rank correlations of numbers and figures.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from gauss_bench.terms import Array
 
 QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 FEWEST = 8  # smallest number of samples of a correlation
-USED = ("ok",)
+USED = ("ok",)  # statuses of the samples that figures are taken from
 
 
 class SobolIndices(TypedDict):
@@ -33,11 +33,11 @@ class FigureSummary(TypedDict):
     """A figure over the samples that are ok, in its own unit.
 
     Attributes:
-        count: number of samples that have it.
+        count: number of samples with this figure.
         mean, deviation: mean and standard deviation.
-        quantiles: share of the samples, such as "0.05" -> value that it does not exceed.
-        sobol: path of a varied number -> its indices; of a Sobol plan.
-        rank_correlation: path of a varied number -> Spearman's rank correlation; of every other plan with enough samples.
+        quantiles: share of the samples, such as "0.05" -> value that this share does not exceed.
+        sobol: path of a varied number -> Sobol's indices, in a Sobol plan.
+        rank_correlation: path of a varied number -> Spearman's rank correlation, in other plans with enough samples.
     """
 
     count: int
@@ -49,15 +49,15 @@ class FigureSummary(TypedDict):
 
 
 class Halved(TypedDict):
-    """Samples that were repeated at half the step or a tighter tolerance.
+    """The repetition of some samples at half the step or a tighter tolerance.
 
     Attributes:
         how: "half the step", or "a tighter tolerance" if the integrator chooses its steps.
         samples: number of repeated samples.
-        m, rad: largest change of a figure of that unit [m], [rad].
-        worst: the sample with the largest change, relative to the limits; null if nothing changes.
+        m, rad: largest change of a figure in m or in rad.
+        worst: index of the sample with the largest change, relative to the limits; null if nothing changes.
         lost: number of samples that are not ok when repeated.
-        ok: whether all changes keep to the judge's limits of a repetition, and no sample is lost.
+        ok: whether all changes are within the judge's limits for a repetition, and no sample is lost.
     """
 
     how: str
@@ -74,10 +74,10 @@ class EngineSummary(TypedDict):
 
     Attributes:
         samples: number of samples.
-        status: how a sample ended -> number of samples.
-        reasons: message of samples that are not ok -> number of samples, the five most frequent.
-        figures: name of a column of figures -> its summary.
-        half_the_step: the change by half the step; null if no sample is ok.
+        status: status of a sample -> number of samples.
+        reasons: message of samples that are not ok -> number of samples, for the five most frequent messages.
+        figures: name of a figure -> summary of the figure.
+        half_the_step: change of the figures at half the step; null if no sample is ok.
     """
 
     samples: int
@@ -88,7 +88,7 @@ class EngineSummary(TypedDict):
 
 
 def summary(rows: Any, plan: Plan, figures: Sequence[str]) -> dict[str, Any]:
-    """Return for each engine the counts by status, and quantiles and sensitivities of every figure of samples that are ok.
+    """Return name of an engine -> summary of its samples, without the repetition.
 
     Args:
         rows: all rows, as a pandas table.
@@ -118,17 +118,20 @@ def _summarise(rows: Any, plan: Plan, figures: Sequence[str]) -> dict[str, Any]:
 
 
 def sensitivities(plan: Plan, y: Array) -> dict[str, Any]:
-    """Return the sensitivities of a figure y (N,), under the name of their measure; y is NaN for a sample without the figure."""
-    there = np.isfinite(y)
-    if plan.base and there.all():
+    """Return {"sobol": ...} or {"rank_correlation": ...} of a figure y (N,), or {} if it has too few values.
+
+    y is NaN for a sample without the figure. One such sample spoils a Sobol plan, which then has rank correlations.
+    """
+    known = np.isfinite(y)
+    if plan.base and known.all():
         return {"sobol": _sobol(plan, y)}
-    x = plan.values[: len(y)][there]
-    if len(x) < FEWEST or np.ptp(y[there]) == 0:
+    x = plan.values[: len(y)][known]
+    if len(x) < FEWEST or np.ptp(y[known]) == 0:
         return {}
     import pandas
 
     varied = np.ptp(x, axis=0) > 0
-    ranks = pandas.DataFrame(np.column_stack([y[there], x[:, varied]])).rank()
+    ranks = pandas.DataFrame(np.column_stack([y[known], x[:, varied]])).rank()
     correlations = np.atleast_2d(np.corrcoef(ranks, rowvar=False))[0, 1:].tolist()
     return {"rank_correlation": dict(zip(np.array(plan.paths)[varied].tolist(), correlations, strict=True))}
 
@@ -138,14 +141,14 @@ def _sobol(plan: Plan, y: Array) -> dict[str, dict[str, float]]:
     from scipy.stats import sobol_indices
 
     n, d = plan.base, len(plan.paths)
-    parts = y.reshape(d + 2, 1, n)
+    parts = y.reshape(d + 2, 1, n)  # y at the points A, B, and A with each column of B; scipy has an axis for several outputs
     indices = sobol_indices(func={"f_A": parts[0], "f_B": parts[1], "f_AB": parts[2:]}, n=n)
     first, total = (np.atleast_1d(np.squeeze(x)) for x in (indices.first_order, indices.total_order))
     return {path: {"first": float(first[k]), "total": float(total[k])} for k, path in enumerate(plan.paths)}
 
 
 def text(summary: dict[str, Any]) -> str:
-    """Return the summary as text for users."""
+    """Return the summaries of all engines (name -> summary) in words."""
     lines = []
     for engine, found in summary.items():
         counts = ", ".join(f"{count} {status}" for status, count in found["status"].items())
@@ -159,7 +162,7 @@ def text(summary: dict[str, Any]) -> str:
 
 
 def _dependence(x: dict[str, Any]) -> str:
-    """Return the sensitivities of a figure as text, the largest first; Sobol's indices are first/total."""
+    """Return the sensitivities of a figure in words, the largest first; Sobol's indices are written as first/total."""
     if "sobol" in x:
         ordered = sorted(x["sobol"].items(), key=lambda item: -item[1]["total"])
         return ", ".join(f"{path} {value['first']:.2f}/{value['total']:.2f}" for path, value in ordered)

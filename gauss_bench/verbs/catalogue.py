@@ -1,4 +1,4 @@
-"""Verbs that list linkages, engines and schemas, describe a linkage file, and check an engine against the engine contract."""
+"""Verbs that list linkages, engines and schemas, describe a linkage file, and check an engine's adapter."""
 
 import json
 from collections.abc import Mapping
@@ -19,8 +19,8 @@ class ListedLinkage:
     """A built-in linkage.
 
     Attributes:
-        title: in words.
-        scenarios: names of its scenarios.
+        title: title in the file.
+        scenarios: names of the scenarios.
     """
 
     title: str
@@ -29,15 +29,15 @@ class ListedLinkage:
 
 @dataclass(frozen=True)
 class ListedEngine:
-    """An engine.
+    """An engine, as `list` prints it.
 
     Attributes:
-        version: of its library, or "not installed".
-        settings: names of its settings; the first is the default.
-        integrators: names; the first is the default.
-        stabilizations: "none" and others.
-        environment: the interpreter that runs it and its version, where it lives in an environment of its own; else empty.
-        status, reason: "ok", or the reason why it cannot be used.
+        version: version of the engine's library, or "not installed".
+        settings: names of the settings; the first is the default.
+        integrators: names of the integrators; the first is the default.
+        stabilizations: names of the stabilizations.
+        environment: path and version of the interpreter of an engine in an environment of its own; else empty.
+        status: "ok", or why the engine cannot be used in one word; reason: the same in a sentence, or empty.
     """
 
     version: str
@@ -51,7 +51,7 @@ class ListedEngine:
 
 @dataclass(frozen=True)
 class Catalogue:
-    """The built-in linkages, and the engines.
+    """All built-in linkages and all engines.
 
     Attributes:
         linkages: name -> linkage.
@@ -67,9 +67,9 @@ class Conformance:
     """The checks of an engine's adapter.
 
     Attributes:
-        engine: name, or MODULE:CLASS.
+        engine: name of the engine, or MODULE:CLASS of its adapter.
         passed: whether no check failed.
-        checks: one for each rule and linkage.
+        checks: one check for each rule and linkage.
     """
 
     engine: str
@@ -82,7 +82,7 @@ class DescribedLink:
     """A rigid link.
 
     Attributes:
-        mass: [kg]; inertia: about the centre of mass [kg m^2].
+        mass: mass [kg]; inertia: moment of inertia about the centre of mass [kg m^2].
         com: (2,) centre of mass in the link's own frame [m].
         points: name -> (2,) position in the link's own frame [m].
     """
@@ -95,13 +95,13 @@ class DescribedLink:
 
 @dataclass(frozen=True)
 class DescribedScenario:
-    """A scenario, assembled.
+    """A scenario in its assembled position.
 
     Attributes:
-        duration: [s].
+        duration: duration [s].
         forces: names of the forces and frictions that act.
         driven: whether motions are prescribed.
-        q0, v0: (n,) coordinates at the start [m, rad], and their rates [m/s, rad/s].
+        q0, v0: (n,) coordinates at the start [m, rad], and rates of the coordinates [m/s, rad/s].
     """
 
     duration: float
@@ -113,16 +113,16 @@ class DescribedScenario:
 
 @dataclass(frozen=True)
 class Description:
-    """A linkage file.
+    """A linkage file, as `show` prints it.
 
     Attributes:
-        name, title: of the linkage; source: path of the file.
-        dof: degrees of freedom; redundant: number of redundant rows; loops: number of loops.
-        links: name -> rigid link; links that are welded together are one.
+        name, title: name and title of the linkage; source: path of the file.
+        dof: degrees of freedom; redundant: number of redundant constraint rows; loops: number of loops.
+        links: name -> rigid link; links that are welded together count as one.
         joints: name -> kind of joint.
         knife_edges: names of the knife edges.
         welds: name of a weld -> names of the links beyond it.
-        warnings: of the loader on the file.
+        warnings: the loader's warnings on the file.
         scenarios: name -> scenario.
     """
 
@@ -141,7 +141,7 @@ class Description:
 
 
 def list_all(schema: str | None = None) -> Answer[Catalogue] | Answer[None]:
-    """List linkages with their scenarios, without assembling them, and engines with their settings; or print one schema."""
+    """List all linkages with their scenarios and all engines with their settings, or print the schema of this name."""
     if schema is not None:
         return Answer(None, text=json.dumps(find_schema(schema), indent=1))
     documents = {name: document_of(name)[0] for name in built_in()}
@@ -154,14 +154,14 @@ def list_all(schema: str | None = None) -> Answer[Catalogue] | Answer[None]:
 
 
 def check_engine(engine: str, told: Told) -> Answer[Conformance]:
-    """Check whether an engine keeps the contract of `engines/base.py`."""
+    """Check whether an engine's adapter follows the rules of `engines/base.py`."""
     checks = conformance(engine, told)
     passed = all(x.passed is not False for x in checks)
     return Answer(Conformance(engine, passed, tuple(checks)), passed)
 
 
 def show(linkage: str, scenario: str | None) -> Answer[Description]:
-    """Describe a linkage file: all its scenarios, or one, each assembled."""
+    """Describe a linkage file with all its scenarios, or with one of them; each is assembled."""
     first = load(linkage, scenario)
     others = [load(linkage, name) for name in first.scenarios if scenario is None and name != first.scenario]
     scenarios = {}

@@ -1,4 +1,4 @@
-"""The verb `engines`: engines in environments of their own, which it lists, installs and removes."""
+"""The verb `engines`, which lists, installs and removes engines in environments of their own."""
 
 import sys
 from dataclasses import asdict, dataclass
@@ -15,12 +15,12 @@ class ListedEnvironment:
     """An engine in an environment of its own.
 
     Attributes:
-        library: name and version; empty for an engine that only the user's file of engines names.
-        licence: of all that is installed.
-        download, installed: size [MB].
-        pythons: interpreters and machines for which it can be installed.
+        library: name and version of the library; empty for an engine that only the user's file of engines names.
+        licence: licences of all packages that are installed.
+        download, installed: size of the downloaded and of the installed files [MB].
+        pythons: interpreters and machines for which the engine can be installed.
         python: path of the interpreter; empty if the engine is not installed.
-        removable: whether `engines remove` can remove it, as `engines install` made it.
+        removable: whether `engines install` made the environment, so that `engines remove` can remove it.
     """
 
     library: str = ""
@@ -34,11 +34,11 @@ class ListedEnvironment:
 
 @dataclass(frozen=True)
 class Environments:
-    """The engines in environments of their own.
+    """All engines in environments of their own.
 
     Attributes:
-        done: what was installed or removed, in a sentence; else empty.
-        folder: in which environments are installed.
+        done: sentence on what was installed or removed; else empty.
+        folder: folder of the installed environments.
         engines: name -> engine, also those that are not installed.
     """
 
@@ -66,21 +66,18 @@ def engines(action: str, name: str | None, yes: bool, told: Told) -> Answer[Envi
 
 
 def _list_environments(done: str) -> Environments:
-    """Return all engines in environments of their own: those that can be installed first."""
+    """Return all engines in environments of their own: first those of this package, then those of the user's file of engines."""
     named = read_environments()
-    listed = {
-        name: ListedEnvironment(
-            **(asdict(read_offered(name)) if name in ELSEWHERE else {}),
-            python=named[name].python if name in named else "",
-            removable=is_installed_here(name),
-        )
-        for name in (*ELSEWHERE, *(x for x in named if x not in ELSEWHERE))
-    }
+    listed = {}
+    for name in dict.fromkeys((*ELSEWHERE, *named)):
+        offered = asdict(read_offered(name)) if name in ELSEWHERE else {}
+        python = named[name].python if name in named else ""
+        listed[name] = ListedEnvironment(**offered, python=python, removable=is_installed_here(name))
     return Environments(done, str(home()), listed)
 
 
 def _describe(name: str) -> None:
-    """Tell what would be installed."""
+    """Print what would be installed: library, licences and sizes."""
     offered = read_offered(name)
     tell(f"{offered.library}, for {offered.pythons}")
     tell(f"licence   {offered.licence}")
@@ -88,10 +85,10 @@ def _describe(name: str) -> None:
 
 
 def _confirm(name: str) -> bool:
-    """Ask whether to install.
+    """Ask the user whether to install an engine.
 
     Raises:
-        BadInput: there is no terminal to ask.
+        BadInput: there is no terminal.
     """
     if not (sys.stdin and sys.stdin.isatty()):
         raise BadInput("there is no terminal to ask for confirmation; --yes installs without")

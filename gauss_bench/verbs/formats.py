@@ -1,7 +1,8 @@
 """JSON Schemas (draft 2020-12) of linkage files, of suite files, and of what each verb prints with --json.
 
-Nothing here names a key. Schemas of files follow from the classes that check them, and those of verbs from the types that their
-functions return. The meaning of a key is that of its class's docstring, or of `tables.toml` for columns of tables.
+No key is named in this file. Schemas of files follow from the classes that check the files, and schemas of verbs from the types
+that the verbs' functions return. The meanings of keys are read from the docstrings of these classes, and those of columns from
+`tables.toml`.
 """
 
 import inspect
@@ -43,13 +44,13 @@ COLUMNS = {"text": {"type": ["string", "null"]}, "number": NUMBER, "flag": {"typ
 
 
 def list_formats() -> dict[str, str]:
-    """Return the name of every schema, with what it describes."""
+    """Return name of a schema -> what the schema describes."""
     files = {name: f"a {name} file, which is TOML" for name in FILES}
     return files | {name: f"what `gauss-bench {name} --json` prints" for name in PRINTED}
 
 
 def find_schema(name: str) -> Schema:
-    """Return the schema of that name.
+    """Return the schema with this name.
 
     Raises:
         ChoiceError: there is none.
@@ -65,7 +66,7 @@ def find_schema(name: str) -> Schema:
 
 
 def find_data(answer: Any) -> Iterator[Any]:
-    """Yield the types of the data that a verb's function returns, each by itself or in an `Answer`."""
+    """Yield the types of data that a verb's function may return; `answer` is its return type, often `Answer[...]` or a union."""
     if get_origin(answer) in (Union, UnionType):
         for option in get_args(answer):
             yield from find_data(option)
@@ -81,7 +82,7 @@ class FileSchema(GenerateJsonSchema):
 
 
 def describe_file(kind: type[BaseModel], title: str) -> Schema:
-    """Return the schema of a file, with meanings from the docstrings of the classes that check it."""
+    """Return the schema of a file; `kind` is the class that checks the file, whose docstrings give the meanings of keys."""
     schema = kind.model_json_schema(schema_generator=FileSchema)
     classes = {x.__name__: x for x in list_subclasses(kind.__mro__[1])}  # all tables derive from the same class as the file's
     parts = {kind.__name__: schema} | schema["$defs"]
@@ -97,17 +98,18 @@ def describe_file(kind: type[BaseModel], title: str) -> Schema:
 
 
 def list_subclasses(kind: type[BaseModel]) -> Iterator[type[BaseModel]]:
-    """Yield the classes that derive from a class, at every depth."""
+    """Yield all classes that derive from a class, directly or through others."""
     for x in kind.__subclasses__():
         yield x
         yield from list_subclasses(x)
 
 
 class Writer:
-    """Describes types; objects with a fixed set of keys become definitions.
+    """Writes schemas of types; a class with a fixed set of keys becomes a definition of its own.
 
     Attributes:
-        named: name of a class -> its schema.
+        named: name of a class -> schema of the class.
+        classes: name of a class -> the class.
     """
 
     def __init__(self) -> None:
@@ -170,13 +172,18 @@ class Writer:
 
 
 def close(meaning: str, keys: Mapping[str, Schema], required: Iterable[str] = ()) -> Schema:
-    """Return the schema of an object that has no other keys than these."""
+    """Return the schema of an object with exactly these keys; `meaning` describes the object."""
     allowed = {"properties": dict(keys), "required": list(required), "additionalProperties": False}
     return {"type": "object", "description": meaning} | allowed
 
 
 def describe_rows(kind: Any, columns: Table | Mapping[str, Table]) -> Schema:
-    """Return the schema of a row, of a list of rows, or of all tables by name; a column that was not measured may be absent."""
+    """Return the schema of a row, of a list of rows, or of a dictionary name of a table -> rows; every column may be absent.
+
+    Args:
+        kind: type of the data; a list means rows.
+        columns: table with the columns, or name -> table.
+    """
     if not isinstance(columns, Table):
         return close("rows by table", {name: describe_rows(list, table) for name, table in columns.items()})
     units = {c.name: f"; unit: {c.unit}" if c.unit else "" for c in columns.columns}
@@ -186,7 +193,7 @@ def describe_rows(kind: Any, columns: Table | Mapping[str, Table]) -> Schema:
 
 
 def join(options: list[Schema]) -> Schema:
-    """Return the schema of a value that fits any of these."""
+    """Return the schema of a value that fits any of these schemas."""
     if len(options) == 1:
         return options[0]
     if not all(x.keys() == {"type"} for x in options):
@@ -196,9 +203,9 @@ def join(options: list[Schema]) -> Schema:
 
 
 def list_meanings(kind: type) -> dict[str, str]:
-    """Return the meaning of each field, from the paragraph "Attributes:" in the docstrings of a class and its bases.
+    """Return name of a field -> its meaning, read under "Attributes:" in the docstrings of a class and its bases.
 
-    An entry may explain several fields: "a, b: both of them; c: the third".
+    An entry may explain several fields, as in "a, b: first and second number; c: third number".
     """
     meanings: dict[str, str] = {}
     for base in reversed(kind.__mro__):
@@ -207,8 +214,8 @@ def list_meanings(kind: type) -> dict[str, str]:
         for entry in filter(None, re.split(r"^    (?=\S)", listed, flags=re.MULTILINE)):
             names = rf"(?:^|; )((?:{known})(?:, (?:{known}))*): "
             _, *parts = re.split(names, " ".join(entry.split()))
-            for some, meaning in zip(parts[::2], parts[1::2], strict=True):
-                meanings |= dict.fromkeys(some.split(", "), meaning.rstrip("."))
+            for fields_named, meaning in zip(parts[::2], parts[1::2], strict=True):
+                meanings |= dict.fromkeys(fields_named.split(", "), meaning.rstrip("."))
     return meanings
 
 

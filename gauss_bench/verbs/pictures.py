@@ -1,4 +1,4 @@
-"""Write plots, animations and tables of a linkage, a run or a motion; no file is written unless all could be made."""
+"""Write plots, animations and tables of a linkage, a run or a motion; no file is written unless all contents can be made."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -36,7 +36,7 @@ def draw_linkage(answer: Answer[Description], files: Files) -> None:
 def draw_run(result: Simulation, files: Files) -> None:
     """Write the plot, the animation and the table of a run."""
     if result.trajectory is None:
-        tell("nothing was reached: no file is written")
+        tell("the run has no samples: no file is written")
         return
     shown, sentences = history(result), result.told()
     contents: dict[Path, str | bytes] = {}
@@ -51,7 +51,7 @@ def draw_run(result: Simulation, files: Files) -> None:
 
 
 def draw_motion(result: Kinematics, files: Files) -> None:
-    """Write the plot, the animation and the table of a motion; a table named "csv" goes to stdout."""
+    """Write the plot, the animation and the table of a motion; a table with the name "csv" is printed on stdout."""
     whole, x, points = result.model.whole, result.trajectory, result.shown
     contents: dict[Path, str | bytes] = {}
     if "out" in files:  # for one release

@@ -1,4 +1,4 @@
-"""The verb `releases`: one engine over the releases of its library."""
+"""The verb `releases`, which compares an engine over the releases of its library."""
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
@@ -23,9 +23,9 @@ from gauss_bench.trajectory import Status
 
 LOCAL = Path("reports/local")
 PAGE = "what_changed.md"
-RUN = ".run"  # folder of journals within that of a run
+RUN = ".run"  # folder of journals in the folder of a run
 QUESTIONS = ("releases/asking.py", "releases/cases.py", "releases/probes.py", "releases/linkages")
-ASKED = ("engines", "runs", "mechanism", "integrate", *QUESTIONS)  # sources on which answers depend
+ASKED = ("engines", "runs", "mechanism", "integrate", *QUESTIONS)  # source files on which answers depend
 Rows = Annotated[Mapping[str, Sequence[Mapping[str, Any]]], SCHEMAS]
 
 
@@ -40,7 +40,7 @@ def releases(
     no_costs: bool,
     told: Told,
 ) -> Answer[Rows]:
-    """Install releases of an engine, ask each the same questions, and write what changed between neighbours."""
+    """Install releases of an engine's library, ask each the same questions, and write what changed between neighbours."""
     library = read_library(engine)
     if new and (first or last or only):
         raise ReleaseFault(
@@ -71,7 +71,7 @@ def releases(
 
 
 def ask_or_recall(library: Library, release: Release, budget: float, journal: Journal, told: Told) -> Answers:
-    """Return the answers of a release: those of the journal, if the code is the same since, else new ones."""
+    """Return the answers of a release, from the journal if they were stored by the same code, or else by asking."""
     if not release.python:
         return Answers(release.version, status=str(Status.SKIP), message=release.reason)
     stamp = f"{source_digest(*ASKED)} {release.how} {budget:g}"

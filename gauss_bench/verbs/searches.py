@@ -1,4 +1,4 @@
-"""Verbs that run many cases: recommend searches settings, sweep varies numbers of a linkage, atlas finds limits of engines."""
+"""Verbs that run many cases: `recommend` searches settings, `sweep` varies numbers, and `atlas` finds limits of engines."""
 
 from argparse import Namespace
 from typing import Annotated, Any
@@ -45,14 +45,14 @@ def recommend(options: Namespace, told: Told) -> Recommendation | Answer[None]:
 def program_name(engine: str) -> str:
     """Return the file name of an engine's program.
 
-    The hyphen keeps it from shadowing the engine's library: Python puts a program's folder first in its search path, and no module
-    that is imported has a hyphen in its name.
+    Python puts a program's folder first in its search path. The hyphen, which no module's name can have, prevents that a program
+    is imported in place of the engine's library.
     """
     return f"run-{engine}.py"
 
 
 def sweep(options: Namespace, told: Told) -> Answer[SweepSummary]:
-    """Run one linkage with many values of some numbers, and report how much half the step changes the results."""
+    """Run one linkage with many values of some numbers, and report how much the results change at half the step."""
     names = ("scenario", "settings", "integrator", "stabilization", "step", "until", "budget")
     how, where = Options(*(getattr(options, x) for x in names)), Backend(options.backend, options.scheduler, options.jobs)
     planned = (options.samples, options.sampling, options.seed)
@@ -66,7 +66,7 @@ def sweep(options: Namespace, told: Told) -> Answer[SweepSummary]:
 
 
 def atlas(options: Namespace, told: Told) -> Answer[Annotated[list[dict[str, Any]], TABLES["atlas"]]]:
-    """Find how far each engine runs along the axes of the atlas, and write the table, the chart and the page."""
+    """Find the limits of engines along the axes of the atlas, and write the table, the chart and the page."""
     for folder in filter(None, (options.out, options.into)):
         usable_folder(folder)
         refuse_foreign({folder / "atlas.csv": table.HEAD})

@@ -1,4 +1,4 @@
-"""The verb `check-settings`: a file of settings by an engine's authors, checked before it is sent or raced."""
+"""The verb `check-settings`, which checks a file of settings by an engine's authors."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +13,9 @@ class CheckedSetting:
     """A setting by an engine's authors.
 
     Attributes:
-        settings: its text, as `simulate --settings` takes it.
-        integrator, stabilization: names as the engine offers them.
-        options: knob -> value, for every knob of the engine.
+        settings: text of the setting, as `simulate --settings` takes it.
+        integrator, stabilization: names that the engine offers.
+        options: name of a knob -> value, for every knob of the engine.
     """
 
     settings: str
@@ -29,9 +29,9 @@ class CheckedSettings:
     """A file of settings that has passed all checks.
 
     Attributes:
-        engine: name; authors, contact, date: who owns the settings, how to reach them, and when they were written.
-        most: the largest number of settings, which is that of the variants of the suite's own search.
-        knobs: name -> address of its documentation.
+        engine: name of the engine; authors, contact: owners of the settings, and their address; date: date of the file.
+        most: largest number of settings, equal to the number of variants in the suite's own search.
+        knobs: name of a knob -> address of its documentation.
         settings: name in the file -> setting.
     """
 

@@ -8,9 +8,9 @@ from gauss_bench.engines import require
 
 
 def studio(options: Namespace, told: Told) -> Answer[None]:
-    """Serve the studio's page until it is interrupted."""
+    """Serve the studio's page until the user interrupts it."""
     for library in ("starlette", "uvicorn", "websockets", "tomlkit"):
         require(library)
-    from gauss_bench.studio.server import serve  # which imports them
+    from gauss_bench.studio.server import serve  # imports these libraries
 
     return Answer(None, serve(options.linkage, Path.cwd(), options.port, not options.no_browser, told) == 0, "")

@@ -31,8 +31,8 @@ from gauss_bench.suites.read import join_entries, of_engines, read_suite, restri
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import TABLES, read_environment
 
-LOCAL = Path("reports/local")  # what a user runs; beside it lies what is published
-ENTRIES = ("README.md", "index.html")
+LOCAL = Path("reports/local")  # default folder of a user's runs, inside the folder of the published rows
+ENTRIES = ("README.md", "index.html")  # first pages of a report
 Tables = Mapping[str, Sequence[Mapping[str, Any]]]
 
 
@@ -41,10 +41,10 @@ class Changes:
     """The differences between two runs.
 
     Attributes:
-        accuracy: the differences of accuracy.
+        accuracy: differences of accuracy figures.
         compared: number of ratios, targets and claims that both runs have.
-        times: those that differ.
-        where: the contents of `environment.json` of this run and of the other.
+        times: ratios, targets and claims that differ.
+        where: content of `environment.json` of this run and of the other run.
     """
 
     accuracy: Differences
@@ -59,7 +59,7 @@ class Checked:
 
     Attributes:
         passed: whether no figure fails.
-        verdicts: one for each figure.
+        verdicts: one verdict for each figure.
     """
 
     passed: bool
@@ -80,10 +80,10 @@ class Accepted:
 
 
 def choose_suite(options: Namespace, names: Sequence[str]) -> Any:
-    """Return the named suites as one, restricted to the linkages and engines asked for.
+    """Return the suites with these names as one suite, restricted to the linkages and engines in the options.
 
     Raises:
-        SuiteError, LinkageError, KeyError: a suite, linkage or engine cannot be used; nothing has been run then.
+        SuiteError, LinkageError, KeyError: a suite, linkage or engine cannot be used.
     """
     suite = join_entries([read_suite(name) for name in names])
     asked = getattr(options, "scenario", None)
@@ -95,15 +95,16 @@ def choose_suite(options: Namespace, names: Sequence[str]) -> Any:
 
 
 def with_authors(suite: Suite, files: Sequence[Path]) -> Suite:
-    """Return a suite whose searches race the settings in some files by engines' authors.
+    """Return a suite whose searches also race the settings in files by engines' authors.
 
     Raises:
         SettingsFault: a file has a fault.
-        ChoiceError: no search of the suite is of the engine of a file.
+        ChoiceError: the suite does not search settings of a file's engine.
     """
     searched = {x.name for part in suite.search for x in engines_of(part)}
     for path in files:
-        if (engine := read_settings(path).engine) not in searched:
+        engine = read_settings(path).engine
+        if engine not in searched:
             raise ChoiceError(f"{path}: engine: the suite searches no settings of {engine}; `--suite search` does")
     names = tuple(str(path) for path in files)
     return suite.model_copy(update={"search": tuple(x.model_copy(update={"authors": x.authors + names}) for x in suite.search)})
@@ -116,10 +117,10 @@ def run(options: Namespace, told: Told) -> Answer[Annotated[Tables, TABLES]]:
         refuse_pages_of_others(options.out)
     names = options.suite or ["quick"]
     suite, limit = choose_suite(options, names), check_budget(options.budget, CASE_LIMIT)
-    cases.as_asked(cases.cases(suite), options.until, options.steps)  # refused before anything is run
+    cases.as_asked(cases.cases(suite), options.until, options.steps)  # raises ChoiceError before anything is run
     if options.against:
         accuracy_rows(options.against)
-    if suite.steps and not suite.accuracy:  # about compiled code and nothing else
+    if suite.steps and not suite.accuracy:  # a suite about compiled code alone needs the compiler
         require("llvmlite")
     if suite.hours:
         print(f"{suite.title}: all of it takes up to {suite.hours:g} h on two quiet cores", file=sys.stderr, flush=True)
@@ -136,14 +137,13 @@ def run(options: Namespace, told: Told) -> Answer[Annotated[Tables, TABLES]]:
 
 
 def format_run(tables: Tables, folder: Path) -> str:
-    """Return the summary of a run: how its cases ended, and which targets were missed."""
+    """Return the summary of a run in words: how its cases ended, and which targets were missed."""
     results, targets, missed = tables.get("results", ()), 0, []
     for name, rows in tables.items():
         keys = [c.name for c in TABLES[name].columns[: TABLES[name].keys] if c.kind == "text"]
-        for row in (x for x in rows if isinstance(x.get("met"), bool)):
-            targets += 1
-            if not row["met"]:
-                missed.append(" ".join(str(row[key]) for key in keys if row.get(key)))
+        judged = [x for x in rows if isinstance(x.get("met"), bool)]  # rows with a target
+        targets += len(judged)
+        missed += [" ".join(str(row[key]) for key in keys if row.get(key)) for row in judged if not row["met"]]
     counts = sorted(Counter(str(row["status"]) for row in results).items())
     valid = sum(bool(row.get("valid")) for row in results)
     return render("run", counts, valid=valid, targets=targets, missed=missed, folder=str(folder))
@@ -170,7 +170,7 @@ def check(options: Namespace, told: Told) -> Answer[Checked] | Answer[Accepted]:
     if not options.accept and not options.baseline.exists():
         raise ChoiceError(f"{options.baseline}: no baseline there; write one with --accept REASON")
     baseline = None if options.accept else gate.read_baseline(options.baseline)
-    if baseline is not None and (options.linkages or options.engines):  # a part of the cases: those that the baseline has
+    if baseline is not None and (options.linkages or options.engines):  # of a part of the cases, run those in the baseline
         chosen = gate.is_known(asked, baseline)
         if not chosen:
             named = " by ".join(", ".join(x) for x in (options.linkages, options.engines) if x)

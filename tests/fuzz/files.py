@@ -1,4 +1,4 @@
-"""Linkage files that were damaged: in their bytes, in their words, or in what they say."""
+"""Damage linkage files at random: in their bytes, in their words, or in their content."""
 
 import copy
 import random
@@ -13,7 +13,7 @@ from gauss_bench.linkage.load import built_in
 from tests.drawn_linkages import random_linkage
 
 DATA = Path(__file__).parents[1] / "data"
-DRAWN = 12  # random linkages among what is damaged
+DRAWN = 12  # number of random linkages among the sources
 NUMBERS: tuple[Any, ...] = (
     0, -1, 1, 2, 3, 7, 1000, 10**6, 10**9, 10**12, 10**18, 10**30, 10**400, -(10**9), 0.0, -0.0, 1e-300, 5e-324, 1e-160,
     1e-30, 1e-12, 1e-6, 0.5, 90.0, 1e3, 1e6, 1e7, 1e9, 1e12, 1e15, 1e16, 1e22, 1e60, 1e100, 1e155, 1e160, 1e300, 1.7e308,
@@ -35,14 +35,14 @@ TOKENS = (
 
 @cache
 def sources() -> tuple[tuple[str, bytes], ...]:
-    """Name and content of sound files: those of the suite and of its tests, and some that are drawn by lot."""
+    """Return name and content of sound files: those of the suite and of its tests, and random linkages."""
     files = [*built_in().values(), *sorted(DATA.glob("*.toml"))]
     drawn = [random_linkage(seed) for seed in range(DRAWN)]
     return (*((x.stem, x.read_bytes()) for x in files), *((x["name"], toml(x)) for x in drawn))
 
 
 def damaged_file(seed: int, index: int) -> tuple[str, bytes]:
-    """Name (without ending) and content of the damaged file of that number; the same numbers give the same file."""
+    """Return name (without ending) and content of the damaged file with this number; equal numbers give equal files."""
     rng = random.Random(f"file {seed} {index}")
     name, content = rng.choice(sources())
     if rng.random() < 0.3:
@@ -56,7 +56,7 @@ def damaged_file(seed: int, index: int) -> tuple[str, bytes]:
 
 
 def damage_bytes(content: bytes, rng: random.Random) -> bytes:
-    """Replace a part of a file by nothing, by something hostile, or by another part of it, once or many times."""
+    """Replace a part of a file by nothing, by a hostile token, or by another part of the file, once or many times."""
     a, c = rng.randrange(len(content) + 1), rng.randrange(len(content) + 1)
     b = rng.choice((a, a + 1, a + rng.randrange(1, 40), len(content)))
     part = content[c : c + rng.choice((1, 40, 300))] * rng.choice((1, 1, 2, 500))
@@ -64,7 +64,7 @@ def damage_bytes(content: bytes, rng: random.Random) -> bytes:
 
 
 def _places(item: Any) -> list[tuple[Any, Any]]:
-    """Every (container, key) of a document."""
+    """Return every (container, key) of a document."""
     found: list[tuple[Any, Any]] = []
     waiting = [item]
     while waiting:
@@ -91,7 +91,7 @@ def _another_number(document: dict[str, Any], rng: random.Random) -> None:
 
 
 def _many_numbers(document: dict[str, Any], rng: random.Random) -> None:
-    """Every number under one key of all tables, such as all masses or all points, by one factor."""
+    """Multiply every number under one key of all tables, such as all masses, by one factor."""
     keys = sorted({key for x, key in _places(document) if isinstance(x, dict) and isinstance(x[key], (int, float))})
     if not keys:
         return
@@ -102,7 +102,7 @@ def _many_numbers(document: dict[str, Any], rng: random.Random) -> None:
 
 
 def _another_value(document: dict[str, Any], rng: random.Random) -> None:
-    """A value of any kind is replaced by a hostile one, or by a text of the same file."""
+    """Replace a value of any kind by a hostile one, or by a text of the same file."""
     if place := _any(document, rng, rng.choice((str, object))):
         known = [x[key] for x, key in _places(document) if isinstance(x[key], str)]
         others = ([], {}, [[]], [{}], {"a": {}}, True, False, [1.0, 2.0], ["x"], [[1.0, 2.0]] * 3)
@@ -115,22 +115,15 @@ def _without(document: dict[str, Any], rng: random.Random) -> None:
 
 
 def _borrowed(document: dict[str, Any], rng: random.Random) -> None:
-    """A value of elsewhere in the same file, or of another."""
+    """Replace a value by one from elsewhere in the same file, or from another file."""
     if place := _any(document, rng):
         other = document if rng.random() < 0.7 else tomllib.loads(rng.choice(sources())[1].decode())
         if found := _any(other, rng):
             place[0][place[1]] = copy.deepcopy(found[0][found[1]])
 
 
-def _renamed(document: dict[str, Any], rng: random.Random) -> None:
-    if (place := _any(document, rng)) and isinstance(place[0], dict):
-        holder, key = place
-        known = [k for _, k in _places(document) if isinstance(k, str)]
-        holder[rng.choice(TEXTS) if rng.random() < 0.4 else rng.choice(known)] = holder.pop(key)
-
-
 def _multiplied(document: dict[str, Any], rng: random.Random) -> None:
-    """An entry many times over: links, joints, forces, points, scenarios, rows."""
+    """Repeat an entry many times."""
     if place := _any(document, rng):
         holder, key = place
         for i in range(rng.choice((1, 2, 10, 100, 2000))):
@@ -140,15 +133,8 @@ def _multiplied(document: dict[str, Any], rng: random.Random) -> None:
                 holder.insert(key, holder[key])
 
 
-def _deepened(document: dict[str, Any], rng: random.Random) -> None:
-    if place := _any(document, rng):
-        for _ in range(rng.choice((1, 2, 15, 60))):
-            old = place[0][place[1]]
-            place[0][place[1]] = [old] if rng.random() < 0.5 else {"a": old}
-
-
 def _wrapped(document: dict[str, Any], rng: random.Random) -> None:
-    """An override by lot in a scenario."""
+    """Add a random override to a scenario."""
     scenarios = document.get("scenarios")
     if isinstance(scenarios, dict) and scenarios and isinstance(one := rng.choice([*scenarios.values()]), dict):
         part = copy.deepcopy({k: v for k, v in document.items() if k != "scenarios"})
@@ -158,7 +144,7 @@ def _wrapped(document: dict[str, Any], rng: random.Random) -> None:
 
 
 def _chained(document: dict[str, Any], rng: random.Random) -> None:
-    """Points that follow from each other, many of them, perhaps in a circle."""
+    """Add many points that follow from each other, perhaps in a circle."""
     ground = document.setdefault("ground", {})
     if isinstance(ground, dict):
         count = rng.choice((3, 30, 300, 1200))
@@ -174,9 +160,7 @@ CHANGES: tuple[Callable[[dict[str, Any], random.Random], None], ...] = (
     *(_another_value,) * 5,
     *(_without,) * 2,
     _borrowed,
-    _renamed,
     _multiplied,
-    _deepened,
     _wrapped,
     _chained,
 )

@@ -1,8 +1,8 @@
-"""Motions with one thing wrong, by lot, before the judge: what is beyond what "ok" allows must not be ok.
+"""Give the judge random motions with one thing wrong: a motion beyond the documented limits must not be "ok".
 
-A sound motion of a linkage by lot is changed in one of KINDS, by a size that is log-uniform over a tenth to a hundred times a
-limit. How far it then is beyond each row of the documentation's table is worked out by `limits`, which knows nothing of the judge.
-What speaks for a motion is by lot too: a repetition with the same fault, a sound one, its own bits once more, or the truth.
+A sound motion of a random linkage is changed in one of KINDS, by a log-uniform size of a tenth to a hundred times a limit.
+`limits` computes, without the judge, how far the motion is beyond each row of the documentation's table. The evidence for a motion
+is random too: a repetition with the same fault, a sound repetition, the same motion again, or the truth.
 """
 
 import copy
@@ -41,7 +41,7 @@ AFTER = (TIMES > 0)[:, None]  # of the start, which has a row of its own
 
 @dataclass(frozen=True)
 class Drawn:
-    """A linkage by lot, its file, its compiled model, and its motion."""
+    """A random linkage, its file, its compiled model, and its motion."""
 
     document: dict[str, Any]
     folder: Path
@@ -70,13 +70,13 @@ def read(document: dict[str, Any], folder: Path) -> Mechanism:
     return load(str(path))
 
 
-# What goes wrong: of a drawn linkage, a share of a limit, a lot and a step of the integration, the motion as it is told
+# a fault: (drawn linkage, size relative to a limit, random numbers, step) -> the wrong motion
 
 Wrong = Callable[[Drawn, float, np.random.Generator, float], Motion]
 
 
 def frozen(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
-    """The links stand still from some time on."""
+    """Return a motion in which the links stand still from some time on."""
     y, still = x.run(step), UNTIL * (1 - min(1.0, share / 100)) <= TIMES
     first = int(np.argmax(still)) if still.any() else SAMPLES - 1
     q, v, a = y.q.copy(), y.v.copy(), y.a.copy()
@@ -84,22 +84,15 @@ def frozen(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Mot
     return Motion(TIMES, q, v, a)
 
 
-def slowed(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
-    """Time goes slower from some time on, in every rate alike."""
-    pace = np.where(UNTIL * float(lot.uniform(0.0, 0.5)) < TIMES, 1 - min(0.95, 0.03 * share), 1.0)
-    y = x.run(step, np.concatenate([[0.0], np.cumsum(pace[1:] * np.diff(TIMES))]))
-    return Motion(TIMES, y.q, pace[:, None] * y.v, pace[:, None] ** 2 * y.a)
-
-
 def shifted(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
-    """The motion of a later time."""
+    """Return the motion of a later time."""
     late = share * (1e-5, 1e-2)[int(lot.integers(2))] * min(1.0, x.mechanism.size) / x.speed
     y = x.run(step, np.concatenate([[0.0], min(late, UNTIL) + TIMES]))
     return Motion(TIMES, y.q[1:], y.v[1:], y.a[1:])
 
 
 def aliased(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
-    """A ripple with a whole number of waves between samples, which shows in velocities alone."""
+    """Return velocities with a ripple whose period is that of the samples, so that positions do not show it."""
     y = x.run(step)
     ripple = share * 0.025 * x.mechanism.size / UNTIL * lot.normal(size=y.v.shape[1])
     return Motion(TIMES, y.q, y.v + AFTER * ripple, y.a)
@@ -117,7 +110,7 @@ def noisy(level: str, unit: float) -> Wrong:
 
 
 def other_linkage(*keys: str, unit: float) -> Wrong:
-    """The motion of a linkage with another number: a link's mass or inertia, a force, or gravity."""
+    """Return a fault: the motion of a linkage with another mass or inertia of a link, or another gravity."""
 
     def wrong(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
         document = copy.deepcopy(x.document)
@@ -131,33 +124,15 @@ def other_linkage(*keys: str, unit: float) -> Wrong:
     return wrong
 
 
-def jumped(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
-    """From some time on the motion of a later one."""
-    late = min(UNTIL, share * 0.1 * min(1.0, x.mechanism.size) / x.speed)
-    y, z = x.run(step), x.run(step, np.concatenate([[0.0], late + TIMES]))
-    after = UNTIL * float(lot.uniform(0.1, 0.9)) <= TIMES
-    return Motion(TIMES, *(np.where(after[:, None], b[1:], a) for a, b in ((y.q, z.q), (y.v, z.v), (y.a, z.a))))
-
-
 def drifted(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
-    """Links leave their places ever faster, with the rates of it."""
+    """Return a motion in which links leave their positions ever faster, with consistent rates."""
     y, part = x.run(step), TIMES[:, None] / UNTIL
     way = share * 0.01 * min(1.0, x.mechanism.size) * lot.normal(size=y.q.shape[1])
     return Motion(TIMES, y.q + part**2 * way, y.v + 2 * part * way / UNTIL, y.a + 2 * way / UNTIL**2)
 
 
-def scaled(level: str) -> Wrong:
-    """Velocities or accelerations in another unit."""
-
-    def wrong(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
-        y, factor = x.run(step), 1 + 0.02 * share * AFTER
-        return Motion(TIMES, y.q, y.v * (factor if level == "v" else 1.0), y.a * (factor if level == "a" else 1.0))
-
-    return wrong
-
-
 def mirrored(x: Drawn, share: float, lot: np.random.Generator, step: float) -> Motion:
-    """One link is turned about its centre of mass, at once and for good: another way to close a loop, or none."""
+    """Return a motion in which one link suddenly turns about its centre of mass and stays so."""
     y = x.run(step)
     link = int(lot.integers(y.q.shape[1] // 3))
     q = y.q.copy()
@@ -167,7 +142,6 @@ def mirrored(x: Drawn, share: float, lot: np.random.Generator, step: float) -> M
 
 KINDS: dict[str, Wrong] = {
     "frozen": frozen,
-    "slowed": slowed,
     "shifted": shifted,
     "aliased": aliased,
     "noisy positions": noisy("q", 0.01),
@@ -176,16 +150,13 @@ KINDS: dict[str, Wrong] = {
     "one mass": other_linkage("mass", unit=0.2),
     "one inertia": other_linkage("inertia", unit=0.5),
     "gravity": other_linkage("gravity", unit=0.05),
-    "jumped": jumped,
     "turned": mirrored,
     "drifted": drifted,
-    "velocities scaled": scaled("v"),
-    "accelerations scaled": scaled("a"),
 }
 
 
 def draw(seed: int, folder: Path) -> Drawn | None:
-    """A linkage whose motion is sound by rows of the table alone, or None."""
+    """Return a random linkage whose motion is sound by the rows of the table, or None."""
     document = random_linkage(seed)
     try:
         mechanism = read(document, folder)
@@ -202,7 +173,7 @@ def draw(seed: int, folder: Path) -> Drawn | None:
 
 
 def ending(number: int, kind: str, x: Drawn) -> tuple[str, str]:
-    """How the judge took the motion of that number, in a word, and a sentence where it is beyond and yet ok."""
+    """Return the judge's verdict on the motion of this number in a word, and a sentence if it is beyond a limit and yet ok."""
     lot = np.random.default_rng([number, 25])
     share, witness = float(np.exp(lot.uniform(*np.log(SIZES)))), WITNESSES[int(lot.integers(len(WITNESSES)))]
     mechanics, lots = Mechanics(x.document, "run"), np.random.default_rng([number, 26]).spawn(1)
@@ -229,7 +200,7 @@ def ending(number: int, kind: str, x: Drawn) -> tuple[str, str]:
 
 
 def judged(mechanism: Mechanism, told: Motion, again: Motion | None, truth: Motion | None) -> bool:
-    """What the judge says of a motion, as of a run by equal steps."""
+    """Tell whether the judge accepts a motion as a run by equal steps."""
     trajectory = Trajectory(told.t, told.q, told.v, told.a, SAMPLES - 1)
     finer = None
     if again is not None:
@@ -242,7 +213,7 @@ def judged(mechanism: Mechanism, told: Motion, again: Motion | None, truth: Moti
 
 
 def over_judged(seed: int, count: int) -> Iterator[tuple[int, str, str]]:
-    """Number, word and sentence of each of `count` motions: of every linkage one of each kind."""
+    """Yield number, word and sentence of each of `count` motions; every linkage has one of each kind."""
     with tempfile.TemporaryDirectory() as folder:
         linkages = (x for k in range(MOTIONS) if (x := draw(MOTIONS * seed + k, Path(folder))) is not None)
         for k in range(count):

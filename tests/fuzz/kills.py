@@ -1,7 +1,7 @@
-"""Runs that are killed at moments by lot, with whatever workers they have, and gone on with: the same bytes as undisturbed ones.
+"""Kill runs and sweeps at random moments and continue them: they must end with the same bytes as undisturbed ones.
 
-A round is one folder: its run is killed and begun again until it ends, and once more after that. What was finished stands in the
-journal for good, each task once, and no process is left behind.
+In a round, the run in a folder is killed and started again until it ends, and is then started once more. Finished tasks must stay
+in the journal, each task once, and no process may be left behind.
 """
 
 import os
@@ -28,12 +28,12 @@ TORN = b'{"key": "torn'  # what a kill in the middle of a write leaves
 
 
 def written_by(folder: Path) -> dict[Path, bytes]:
-    """Every file of a run or sweep but its journal."""
+    """Return path -> content of all files of a run or sweep except its journal."""
     return {x.relative_to(folder): x.read_bytes() for x in folder.rglob("*") if x.is_file() and ".run" not in x.parts}
 
 
 def undisturbed(verb: list[str], folder: Path) -> tuple[dict[Path, bytes], float]:
-    """What one worker writes, and how long it takes [s]."""
+    """Return the files that a run with one worker writes, and its duration [s]."""
     began = time.monotonic()
     subprocess.run([*verb, "--jobs", "1", "--out", str(folder)], check=True, capture_output=True)
     return written_by(folder), time.monotonic() - began
@@ -42,7 +42,7 @@ def undisturbed(verb: list[str], folder: Path) -> tuple[dict[Path, bytes], float
 def over_kills(
     seed: int, count: int, folder: Path, jobs: int = 2, names: Sequence[str] = ("run", "sweep", "run", "run")
 ) -> Iterator[tuple[int, str, str]]:
-    """Number of each of `count` kills, when it came, and a sentence where something was lost, doubled, changed or left.
+    """Yield number, word and sentence of each of `count` kills; a sentence says what was lost, doubled, changed or left.
 
     `names` of what is killed, a folder each, over and over.
     """
@@ -66,7 +66,7 @@ def over_kills(
 
 
 def killed_once(asked: list[str], after: float) -> bool:
-    """Whether the run was killed; else it ended before."""
+    """Tell whether the run was killed; otherwise it ended before."""
     process = subprocess.Popen(
         asked, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | {SIGN: asked[-1]}, start_new_session=True
     )
@@ -79,7 +79,7 @@ def killed_once(asked: list[str], after: float) -> bool:
 
 
 def left_of(place: Path) -> list[int]:
-    """Processes of a killed run that do not end by themselves."""
+    """Return the processes of a killed run that do not end by themselves."""
     until = time.monotonic() + GONE
     while left := alive(f"{SIGN}={place}\0".encode()):
         if time.monotonic() > until:
@@ -89,7 +89,7 @@ def left_of(place: Path) -> list[int]:
 
 
 def finished(place: Path) -> list[bytes]:
-    """What is finished in a folder: whole lines of the journal, or part files with their content."""
+    """Return the finished tasks in a folder: whole lines of the journal, or part files with their content."""
     journal = place / ".run" / "journal.jsonl"
     if journal.exists():
         return journal.read_bytes().split(b"\n")[:-1]
@@ -97,7 +97,7 @@ def finished(place: Path) -> list[bytes]:
 
 
 def faults_of_the_end(asked: list[str], place: Path, whole: dict[Path, bytes]) -> Iterator[str]:
-    """What is wrong with a killed run that is gone on with to its end, after a line that was torn."""
+    """Yield what is wrong with a killed run that is continued to its end after a torn line."""
     journal = place / ".run" / "journal.jsonl"
     if asked[len(VERB)] == "run":
         journal.parent.mkdir(parents=True, exist_ok=True)

@@ -1,8 +1,7 @@
-"""How far a motion is from what "ok" allows, worked out from the table in the documentation alone.
+"""Compute how far a motion is from the limits of "ok" in the documentation, without the suite's judge and metrics.
 
-Nothing of the suite's judge or metrics is asked: joints, energies and accelerations are those of `mechanics`, integrals are sums
-of trapezia, and every number stands in `gauss_bench/docs/pages/beyond.md`. A share above 1 is beyond a row's limit with everything
-that the row allows beside it.
+Joints, energies and accelerations are those of `mechanics`, integrals are sums of trapezia, and every number is in
+`gauss_bench/docs/pages/beyond.md`. A share above 1 is beyond the limit of a row, with everything that the row allows besides.
 """
 
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ FEW = 0.1  # of the samples: where all others are beyond a limit, so is the medi
 
 @dataclass(frozen=True)
 class Motion:
-    """Samples at times t (k,) of places, velocities and accelerations (k, n)."""
+    """Samples of positions, velocities and accelerations (k, n) at times t (k,)."""
 
     t: Array
     q: Array
@@ -53,13 +52,13 @@ def shares(
 
 
 def parts(x: Array) -> tuple[Array, Array]:
-    """Lengths (k, 2 links) and angles (k, links) of x (k, 3 links)."""
+    """Return lengths (k, 2 links) and angles (k, links) of x (k, 3 links)."""
     each = x.reshape(len(x), -1, 3)
     return each[..., :2].reshape(len(x), -1), each[..., 2]
 
 
 def slowest(size: float, x: Motion) -> tuple[float, float]:
-    """The speeds [m/s], [rad/s] that limits are shares of: the run's largest, or as slow as to cross the linkage in the run."""
+    """Return the speeds [m/s], [rad/s] for limits: the largest of the run, but at least the size or 1 rad in the duration."""
     speed, spin = (float(np.abs(part).max()) for part in parts(x.v))
     duration = float(x.t[-1] - x.t[0])
     return max(speed, size / duration), max(spin, 1.0 / duration)
@@ -72,7 +71,7 @@ def _off_start(size: float, start: Motion, x: Motion) -> float:
 
 
 def _gained(mechanics: Mechanics, x: Motion) -> float:
-    """Energy beyond the work of torques and dampers, over three hundredths of the energy that moves."""
+    """Return the energy gained beyond the work of torques and dampers, over three hundredths of the energy scale."""
     kinetic = 0.5 * (x.v**2 * mechanics.mass).sum(axis=1)
     potential = np.array([mechanics.potential(q) for q in x.q])
     power = np.array([mechanics.power(q, v) for q, v in zip(x.q, x.v, strict=True)])
@@ -83,7 +82,7 @@ def _gained(mechanics: Mechanics, x: Motion) -> float:
 
 
 def _off_accelerations(mechanics: Mechanics, x: Motion) -> float:
-    """The relative error that all but a few samples have, over the limit of its median."""
+    """Return the relative error that nine tenths of the samples exceed, over the limit of the median."""
     mechanics.evaluations = 0
     true = np.array([mechanics.acceleration(q, v) for q, v in zip(x.q, x.v, strict=True)])
     errors = np.abs(x.a - true).max(axis=1) / np.abs(true).max(axis=1)
@@ -91,7 +90,7 @@ def _off_accelerations(mechanics: Mechanics, x: Motion) -> float:
 
 
 def _off_rates(size: float, x: Motion, again: Motion | None) -> float:
-    """Positions and velocities against the integrals of their rates, over the limits and what samples and repetition allow."""
+    """Return the largest difference of levels from the integrals of their rates, over the limit with its allowances."""
     worst = 0.0
     for motion, other, limits in (
         ((x.q, x.v), again and (again.q, again.v), (RATES * size, RATES)),
@@ -108,14 +107,14 @@ def _off_rates(size: float, x: Motion, again: Motion | None) -> float:
 
 
 def _gap(t: Array, value: Array, rate: Array) -> tuple[Array, float]:
-    """abs(value - its start - the integral of its rate) (k,), the largest of all columns, and what leaving out samples changes."""
+    """Return the largest |value - start - integral of the rate| of all columns (k,), and its change with half of the samples."""
     whole = np.abs(value - value[0] - _integral(t, rate)).max(axis=1)
     some = np.abs(_integral(t, rate)[::2] - _integral(t[::2], rate[::2])).max()
     return whole, float(some)
 
 
 def _integral(t: Array, rate: Array) -> Array:
-    """The integral of columns (k, n) up to each time (k,), by trapezia with corrected ends."""
+    """Return the integral of columns (k, n) up to each time (k,), by trapezia with corrected ends."""
     steps = np.diff(t)[:, None]
     slopes = np.gradient(rate, t, axis=0, edge_order=2)
     pieces = steps / 2 * (rate[1:] + rate[:-1]) - steps**2 / 12 * np.diff(slopes, axis=0)

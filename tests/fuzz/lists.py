@@ -1,4 +1,4 @@
-"""Lists of arguments by lot: of every verb that the command line has, with every option it takes, sound and hostile."""
+"""Make random lists of arguments, sound and hostile, for every verb with all of its options."""
 
 import argparse
 import random
@@ -41,7 +41,7 @@ ENGINES = (
     "gauss", "lagrange", "schur", "gauss-native", "minimal", "mujoco", "pinocchio", "exudyn", "casadi", "c", "nothing", "",
     "a:b", "os:system", "math:pi", "gauss,lagrange", "x"*3000, "\x1b[31m", "no.such:Class", ":", "gauss_bench.cli:main",
 )  # fmt: skip
-IN_PLACE = ("built_in",)  # options that write where the suite itself lies
+IN_PLACE = ("built_in",)  # options that write into the folder of the suite
 QUICK = ("show", "import")  # verbs that have no long work to do
 
 
@@ -56,7 +56,7 @@ def verbs() -> tuple[str, ...]:
 
 
 def hostile_lists(seed: int, only: Collection[str] = ()) -> Iterator[tuple[list[str], bool]]:
-    """Lists of these verbs alone where some are given, each a new one: a verb with few options soon has been asked everything."""
+    """Yield different lists with whether they may take long; of these verbs alone if some are given."""
     known = set[tuple[str, ...]]()
     for index in count():
         made, may_work = hostile_list(seed, index, only)
@@ -66,7 +66,7 @@ def hostile_lists(seed: int, only: Collection[str] = ()) -> Iterator[tuple[list[
 
 
 def hostile_list(seed: int, index: int, only: Collection[str] = ()) -> tuple[list[str], bool]:
-    """The list of that number, and whether what it asks for may take long; each verb has its turn."""
+    """Return the list with this number, and whether it may take long; verbs take turns."""
     rng = random.Random(f"list {seed} {index}")
     known = [x for x in verbs() if x in only or not only]
     verb = known[index % len(known)]
@@ -113,7 +113,7 @@ def _value(action: argparse.Action, rng: random.Random) -> str:
 
 
 def places(folder: Any, four_bar: bytes) -> None:
-    """What the lists speak of, in a folder of their own."""
+    """Make the files that the lists name in a folder."""
     (folder / "good").mkdir(parents=True, exist_ok=True)
     (folder / "good" / "four_bar.toml").write_bytes(four_bar)
     (folder / "bad.toml").write_text("links = 3\n")

@@ -1,9 +1,9 @@
-"""Motions of linkages by equations that are none of the suite's: the second derivation, and one linear system a time.
+"""Compute motions of linkages by other equations than the suite's: those of `second_derivation`, and one linear system.
 
     M a + J^T lambda = Q,    J a = gamma
 
-with rows and columns scaled by the masses, integrated by scipy's DOP853 at two tolerances. Of the suite only the numbers of the
-linkage and its start are taken, and the start is refused where it does not close in these equations.
+with rows and columns scaled by the masses, integrated by scipy's DOP853 at two tolerances. Only the numbers of the linkage and its
+start come from the suite, and a start that does not close in these equations is refused.
 """
 
 from dataclasses import replace
@@ -25,7 +25,7 @@ CLOSED = 1e-7  # [m, rad, m/s, rad/s] of a start
 
 
 class NoMotion(Exception):
-    """The motion is not known here; the message says why."""
+    """The motion cannot be computed; the message says why."""
 
 
 class Mechanics:
@@ -42,20 +42,20 @@ class Mechanics:
         self._of_torques = ca.Function("of_torques", [e.q], [ca.substitute(still.potential, still.q, e.q) - e.potential])
 
     def rows(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
-        """What the joints leave open (m,), its Jacobian (m, n), and gamma (m,), where J a = gamma."""
+        """Return the gaps of the joints (m,), their Jacobian (m, n), and gamma (m,) of J a = gamma."""
         phi, J, gamma, _ = (np.array(x) for x in self._equations(q, v))
         return phi[:, 0], J, gamma[:, 0]
 
     def potential(self, q: Array) -> float:
-        """Energy [J] of weights and springs."""
+        """Return the energy [J] of weights and springs."""
         return float(self._potential(q))
 
     def torque_work(self, q: Array) -> float:
-        """What steady torques have given [J], by the angles that their links have turned from zero."""
+        """Return the work [J] of constant torques from angle zero."""
         return float(self._of_torques(q))
 
     def power(self, q: Array, v: Array) -> float:
-        """What dampers take [W], negative."""
+        """Return the power [W] of dampers, which is negative."""
         return float(self._power(q, v))
 
     def acceleration(self, q: Array, v: Array) -> Array:
@@ -73,7 +73,7 @@ class Mechanics:
         return np.asarray(found[:n] / root)
 
     def motion(self, q: Array, v: Array, until: float, tolerance: float) -> Array:
-        """q (n,) at the end, from q and v at the start."""
+        """Return q (n,) at the end from q and v at the start."""
         n, self.evaluations = len(q), 0
 
         def rate(t: float, y: Array) -> Array:
@@ -86,7 +86,7 @@ class Mechanics:
 
 
 def true_end(document: dict[str, Any], scenario: str, q: Array, v: Array, until: float) -> tuple[Array, float]:
-    """Where the links are in the end (n,), and how far that may be off.
+    """Return the positions at the end (n,) and their error bar.
 
     Raises:
         NoMotion: it is not known, or the start does not close.

@@ -1,4 +1,4 @@
-"""Runs of linkages by lot, stiff ones and such of uneven masses among them, against mechanics of our own: what is wrong, yet ok."""
+"""Compare runs of random linkages, also stiff and uneven ones, with other mechanics: no wrong run may be called ok."""
 
 import copy
 import tempfile
@@ -23,7 +23,7 @@ ENGINES = ("gauss", "lagrange", "schur")
 
 
 def drawn(seed: int) -> tuple[str, dict[str, Any]]:
-    """Its kind, and a linkage whose springs, masses and speeds lie as far apart as that says."""
+    """Return a kind and a random linkage of this kind."""
     document, rng, kind = copy.deepcopy(random_linkage(seed)), np.random.default_rng([seed, 12]), KINDS[seed % len(KINDS)]
     if "stiff" in kind:
         for force in document["forces"].values():
@@ -42,7 +42,7 @@ def drawn(seed: int) -> tuple[str, dict[str, Any]]:
 
 
 def ending(seed: int, folder: Path) -> tuple[str, str]:
-    """How the run of that number ended, in a word, and a sentence where it is wrong though it is called ok."""
+    """Return how the run with this number ended, in a word, and a sentence if it is wrong and yet called ok."""
     kind, document = drawn(seed)
     path = folder / f"{document['name']}.toml"
     path.write_bytes(toml(document))
@@ -72,7 +72,7 @@ def ending(seed: int, folder: Path) -> tuple[str, str]:
 
 
 def over_motions(seed: int, count: int) -> Iterator[tuple[int, str, str]]:
-    """Number, word and sentence of each of `count` runs."""
+    """Yield number, word and sentence of each of `count` runs."""
     with tempfile.TemporaryDirectory() as folder:
         for k in range(count):
             number = MOTIONS * seed + k

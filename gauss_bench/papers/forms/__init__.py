@@ -1,4 +1,4 @@
-"""Computations for the lines of the audit: printed and corrected forms as functions, and measures against a reference.
+"""The forms of the audit's lines as functions, printed and corrected, and measures that compare a form with a reference.
 
 A module for each chapter of the data files:
 - `least_squares`, `projector`, `example`: Yuan & Ge 2016, on random problems with known solutions (`problems`) and on their own

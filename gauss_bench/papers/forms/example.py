@@ -1,7 +1,7 @@
 """Yuan & Ge (2016), eqs. (17) to (24), and their discrepancies from motions of the linkage file.
 
-The last measures concern data that the example leaves out: inertias, gravity, an integrator. There the printed form is the example
-without these data, and its discrepancy is the change that they cause.
+The last measures concern data that the example leaves out: inertias, gravity and an integrator. The printed form has other values
+for these data, and its discrepancy is the change that they cause.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,7 +14,7 @@ import numpy as np
 from gauss_bench.formulations.lagrange import lagrange
 from gauss_bench.papers import crank_slider
 from gauss_bench.papers.crank_motion import CrankMotion, motion_of
-from gauss_bench.papers.crank_slider import I1, I2, KEPT, L1, L2, M1, M2, ExampleState, Number, gradient, linkage, states
+from gauss_bench.papers.crank_slider import GRAVITY, I1, I2, KEPT, L1, L2, M1, M2, ExampleState, Number, gradient, linkage, states
 from gauss_bench.papers.forms.problems import CRANK, Problem, crank_problems
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.certificate import find_certified
@@ -22,7 +22,7 @@ from gauss_bench.terms import Array, Terms
 from gauss_bench.trajectory import Reference
 
 DIMENSION = L1 + L2  # [m] size of the linkage, by which residuals of positions are divided
-SHOWN = 0.5  # [s] over which integrators are compared: most of the first turn
+SHOWN = 0.5  # [s] time over which integrators are compared, most of the first turn
 STEP = 1e-3  # [s] step size of the integrator that a reader might take
 
 
@@ -32,6 +32,7 @@ def moving_states() -> tuple[ExampleState, ...]:
 
 
 def mass_off(form: Callable[[], Array]) -> float:
+    """Compare the diagonal of M with that of the linkage file."""
     true = linkage().mass[list(KEPT)]
     return float(np.abs(form() / true - 1).max())
 
@@ -48,7 +49,7 @@ def bias_off(f: float, s: ExampleState) -> float:
 
 
 def order_off(order: list[int], s: ExampleState) -> float:
-    """Measure an order of the coordinates, by the power left over when accelerations are taken in this order."""
+    """Measure an order of the coordinates, by the power that is left over if the accelerations have this order."""
     return power_off(s, 0.0, s.a[order])
 
 
@@ -78,9 +79,9 @@ def entry_off(form: dict[str, Any], s: ExampleState) -> float:
 
 
 def row_off(squared: list[str], s: ExampleState, rows: list[int]) -> float:
-    """Return the residual of rows of J a = g, counted from 1, at a reference motion.
+    """Return the largest residual of some rows (counted from 1) of J a = g at a reference motion.
 
-    J is taken from the derivatives of (21); g squares the rates that `squared` names.
+    J has the derivatives of (21), and g squares the level of the motion that `squared` names.
     """
     off = crank_slider.bias(s.q, getattr(s, *squared)) - gradient(crank_slider.residual, s.q) @ s.a
     return float(np.abs(off)[[row - 1 for row in rows]].max() / np.abs(s.a).max())
@@ -95,53 +96,37 @@ def crank_with_entry(form: dict[str, Any]) -> float:
 
 
 def start_off(form: list[float]) -> float:
-    """Return the larger of the residual of (21) at a start and its distance from the linkage file's start, relative to the size."""
+    """Return the residual of (21) at a start or its distance from the linkage file's start, relative to the size."""
     own, start = linkage(), np.array(form)
     residual = np.abs(crank_slider.residual(start)).max()
     return float(max(residual, np.abs(start - own.q0[list(KEPT)]).max(), np.abs(own.v0).max())) / DIMENSION
 
 
 def figures_off(form: list[int]) -> float:
-    """Count how many of the figures from first to last do not show the crank's centre, and how many that do are missing.
+    """Count the figures from first to last that do not show the crank's centre, and the figures that do but are missing.
 
-    Figures 2 to 5 show its displacement and velocity in x and y; figure 1 is the drawing.
+    Figures 2 to 5 show displacement and velocity of the centre in x and y; figure 1 is the drawing.
     """
     first, last = form
     return float(len({2, 3, 4, 5} ^ set(range(first, last + 1))))
 
 
-def with_inertias(p: Problem, bars: Sequence[float]) -> float:
-    """Return the crank's acceleration with these multiples of the inertias of uniform bars for crank and rod."""
-    M = p.M.copy()
+def accelerate(p: Problem, bars: Sequence[float] = (1.0, 1.0), gravity: float = GRAVITY) -> float:
+    """Return the crank's acceleration with multiples `bars` of the inertias of uniform bars, and with a gravity [m/s^2]."""
+    M, Q = p.M.copy(), p.Q.copy()
     M[2, 2], M[5, 5] = bars[0] * I1, bars[1] * I2
-    return crank_of(replace(p, M=M))
-
-
-def with_gravity(p: Problem, gravity: float) -> float:
-    """Return the crank's acceleration under another gravity [m/s^2]."""
-    Q = p.Q.copy()
     Q[1], Q[4] = -M1 * gravity, -M2 * gravity
-    return crank_of(replace(p, Q=Q))
+    return float(lagrange(replace(p, M=M, Q=Q).terms).a[CRANK])
 
 
-def crank_of(p: Problem) -> float:
-    return float(lagrange(p.terms).a[CRANK])
+def data_off(form: dict[str, Any], p: Problem) -> float:
+    """Return the relative change of the crank's acceleration by data that the paper leaves out."""
+    return float(abs(accelerate(p, **form) / p.a[CRANK] - 1))
 
 
-def inertias_off(bars: Sequence[float], p: Problem) -> float:
-    return float(abs(with_inertias(p, bars) / p.a[CRANK] - 1))
-
-
-def gravity_off(gravity: float, p: Problem) -> float:
-    return float(abs(with_gravity(p, gravity) / p.a[CRANK] - 1))
-
-
-def crank_with_inertias(bars: Sequence[float]) -> float:
-    return with_inertias(crank_problems()[0], bars)
-
-
-def crank_with_gravity(gravity: float) -> float:
-    return with_gravity(crank_problems()[0], gravity)
+def crank_with(form: dict[str, Any]) -> float:
+    """Return the crank's acceleration at the start with these data."""
+    return accelerate(crank_problems()[0], **form)
 
 
 def euler(motion: CrankMotion) -> float:

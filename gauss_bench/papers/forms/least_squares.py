@@ -93,7 +93,7 @@ def differentiate(rate: Rate, q: Array, v: Array) -> Array:
 
 
 def list_motions() -> list[tuple[Rate, Array, Array, Array]]:
-    """Return constraint rates with reference q, v, a: the crank-slider, and a knife edge that moves on a circle."""
+    """Return constraint rates (function, q, v, a) at reference motions: of the crank-slider, and of a knife edge on a circle."""
 
     def slider(q: Number, v: Number) -> Number:
         return np.asarray(crank_slider.jacobian(q) @ v)
@@ -108,7 +108,7 @@ def list_motions() -> list[tuple[Rate, Array, Array, Array]]:
 
 
 def bias_left(form: Callable[[Rate, Array, Array], Array], motion: tuple[Rate, Array, Array, Array]) -> float:
-    """Compare a form of the right-hand side g with J a of a reference motion."""
+    """Compare a form of the right-hand side g with J a of a reference motion from `list_motions`."""
     rate, q, v, a = motion
     return relative(form(rate, q, v), gradient(lambda x: rate(q, x), v) @ a)
 
@@ -119,7 +119,7 @@ def general_solution(p: Problem, J_inverse: Array, h: Array) -> Array:
 
 
 def every_solution(form: Callable[[Problem, Array, Array], Array], x: Trial) -> float:
-    """Measure whether a form gives only solutions of J a = g, and with h = a every solution a."""
+    """Measure whether a form gives only solutions of J a = g, and gives the solution a for h = a."""
     p, X = x.p, some_inverse(x.p.J, x.rng)
     a = form(p, X, x.rng.normal(size=p.n))
     return worst([np.abs(p.J @ a - p.g).max() / np.abs(p.J @ p.a).max(), relative(form(p, X, p.a), p.a)])
@@ -134,7 +134,7 @@ def least_squares_residual(A: Array, x: Array, b: Array) -> float:
 
 
 def contradicting_rows(form: Inverse, x: Trial) -> float:
-    """Return the least-squares residual of (8) for redundant rows that contradict each other by a tenth of their size."""
+    """Return the least-squares residual of (8) for redundant rows whose right-hand sides contradict each other by a tenth."""
     p, rng = x.p, x.rng
     noisy = replace(p, g=p.g + 0.1 * np.abs(p.g).max() * rng.normal(size=len(p.g)))
     a = general_solution(noisy, form(p.J, rng), rng.normal(size=p.n))
@@ -152,19 +152,18 @@ def vector(p: Problem, exponent: float = 0.5) -> Array:
 
 
 def matrix_off(exponent: float, p: Problem) -> float:
-    """Compare A with the factor of h when (8) is inserted into (2): M^(-1/2) M N."""
+    """Compare A with the factor of h in (2) after inserting (8): M^(-1/2) M N."""
     return relative(matrix(p, exponent), power(p.M, -0.5) @ p.M @ projector(p))
 
 
 def vector_off(exponent: float, p: Problem) -> float:
-    """Compare b with the terms without h when (8) is inserted into (2): M^(-1/2) (M J^- g + f - Q)."""
+    """Compare b with minus the terms without h in (2) after inserting (8): M^(-1/2) (M J^- g + f - Q)."""
     return relative(vector(p, exponent), power(p.M, -0.5) @ (p.Q - p.f - p.M @ pinv(p.J) @ p.g))
 
 
 def acceleration(p: Problem, exponents: tuple[float, float] = (0.5, 0.5)) -> Array:
     """Return the accelerations of eq. (14) without w, with these exponents of M in A and b."""
-    A, b = matrix(p, exponents[0]), vector(p, exponents[1])
-    return np.asarray(pinv(p.J) @ p.g + projector(p) @ (pinv(A) @ b))
+    return bracket(p, np.zeros(p.n), exponents)
 
 
 def pair_off(exponents: tuple[float, float], p: Problem) -> float:
@@ -184,7 +183,7 @@ def square_off(form: Callable[[Array, Array, Array], float], x: Trial) -> float:
 
 
 def unit_dependence(acceleration_of: Callable[[Problem], Array], p: Problem) -> float:
-    """Return the relative change of the crank's acceleration when lengths are given in millimetres."""
+    """Return the relative change of the crank's acceleration if lengths are given in millimetres."""
     return float(abs(acceleration_of(in_millimetres(p))[CRANK] / acceleration_of(p)[CRANK] - 1))
 
 
@@ -225,9 +224,9 @@ def last_member_alone(p: Problem, w: Array) -> Array:
     return np.asarray(projector(p) @ pinv(A) @ A @ w)
 
 
-def bracket(p: Problem, w: Array) -> Array:
-    """Return the accelerations of eq. (14) with w."""
-    A, b = matrix(p), vector(p)
+def bracket(p: Problem, w: Array, exponents: tuple[float, float] = (0.5, 0.5)) -> Array:
+    """Return the accelerations of eq. (14) with w, with these exponents of M in A and b."""
+    A, b = matrix(p, exponents[0]), vector(p, exponents[1])
     X = pinv(A)
     return np.asarray(pinv(p.J) @ p.g + projector(p) @ (X @ b + (np.eye(p.n) - X @ A) @ w))
 

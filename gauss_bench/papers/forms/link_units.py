@@ -1,4 +1,4 @@
-"""Wang et al. (2010), table 1: the units of three kinds of link, against exact derivatives and against the suite's own units.
+"""Wang et al. (2010), table 1: the units of three kinds of link, compared with exact derivatives and with the suite's own units.
 
     vector unit A(phi, s),   Jacobian unit J = dA/d(phi, s),   Jacobian-rate unit J' = dJ/dt
 
@@ -25,7 +25,7 @@ SEED, POSES = 2010, 20
 
 @dataclass(frozen=True)
 class Pose:
-    """A link at an instant: angle phi, place s, their rates, and its shape: l, l', alpha, e."""
+    """A link at an instant: angle phi, position s in the guide, rates of both, and the link's dimensions l, l', alpha, e."""
 
     phi: Any
     s: Any
@@ -37,7 +37,7 @@ class Pose:
     e: float
 
 
-Units = tuple[Number, ...]
+Units = tuple[Number, ...]  # A (2,), J (2, 1 or 2), and J' unless it is measured by columns
 
 
 @cache
@@ -65,14 +65,14 @@ def block(p: Pose) -> Units:
 
 
 def guide(p: Pose) -> Units:
-    """Return A and J of the unit RP2, whose J' is measured by columns."""
+    """Return A and J of the unit RP2; its J' is measured by columns."""
     s, c = np.sin(p.phi), np.cos(p.phi)
     A = np.array([p.e * s + p.s * c, -p.e * c + p.s * s])
     return A, np.array([[p.e * c - p.s * s, c], [p.e * s + p.s * c, s]])
 
 
 def column_1(p: Pose, last: str) -> Array:
-    """Return column 1 of J' of RP2; `last` names the rate in its last term."""
+    """Return column 1 of J' of RP2; `last` names the rate of a Pose in its last term."""
     s, c, rate = np.sin(p.phi), np.cos(p.phi), getattr(p, last)
     along = -p.e * p.phi_rate * s - p.s * p.phi_rate * c - rate * s
     return np.array([along, p.e * p.phi_rate * c - p.s * p.phi_rate * s + rate * c])
@@ -128,9 +128,9 @@ def difference_off(factor: float, p: Pose) -> float:
 
 @cache
 def shaper_turn() -> tuple[tuple[Pose, Array, Array], ...]:
-    """Return the lever of the suite's shaper (RP2 with e = 0) over a driven turn.
+    """Return for 24 instants of a driven turn of the shaper, whose lever is RP2 with e = 0, three things.
 
-    For every instant: the pose, the acceleration of the block, and the true phi'' and s''.
+    They are the pose of the lever, the acceleration (2,) of the block, and the true phi'' and s'' (2,).
     """
     mechanism = load("shaper", "driven")
     links = {link.name: 3 * i for i, link in enumerate(mechanism.links)}
@@ -147,7 +147,7 @@ def shaper_turn() -> tuple[tuple[Pose, Array, Array], ...]:
 
 
 def lever(last: list[str], pose: Pose, acceleration: Array) -> Array:
-    """Return [phi'', s''] of J [phi'', s''] = a - J' [phi', s'], where `last` gives the first column of J'."""
+    """Return [phi'', s''] of J [phi'', s''] = a - J' [phi', s']; `last` is that of `column_1`."""
     J_rate = np.stack([column_1(pose, *last), column_2(pose)], axis=1)
     return np.asarray(np.linalg.solve(guide(pose)[1], acceleration - J_rate @ [pose.phi_rate, pose.s_rate]))
 

@@ -1,11 +1,11 @@
-"""Wang et al. (2010), sections 1 and 2, as functions: loop equations, their stack, and the graph of a linkage.
+"""Wang et al. (2010), sections 1 and 2: loop equations, the stack of all loops, and the graph of a linkage.
 
     J phi' = -B q',   J phi'' = -B q'' - B' q' - J' phi'                                                      (4), (5)
     J_l = sum J_i U_i,   B_l = sum J_i K_i                                                                       (11)
 
-They are tried on the built-in linkages: matrices from `kinematics`, true rates from the motion in the crank angle. The four
+They are tested on built-in linkages, with matrices from `kinematics` and true rates from the motion in the crank angle. The four
 matrices of the paper's six-bar (section 1.2.5; loops a-b-c-d and d-e-f-g, phi = [phi2, phi3, phi5, s], q = [phi1]) are written
-down as printed; its dimensions are not printed, and those of the linkage file are taken.
+as printed. The paper does not give its dimensions, and those of the linkage file are used.
 """
 
 from collections.abc import Callable, Sequence
@@ -43,8 +43,9 @@ class DrivenLinkage:
     """A driven linkage at an instant.
 
     Attributes:
-        equations: its loop equations. x: the values of their variables, unknowns before inputs.
-        rate, second: the true rates and second rates of the variables; those of slides are not computed here, and NaN.
+        equations: loop equations of the linkage.
+        x: values of the variables, unknowns before inputs.
+        rate, second: true rates and second rates of the variables; second rates of slides are not computed, and NaN.
     """
 
     equations: LoopEquations
@@ -93,12 +94,12 @@ def velocities_off(form: Callable[[Matrices, Array], Array], t: DrivenLinkage) -
 def accelerations_off(last: list[str], t: DrivenLinkage) -> float:
     """Return the largest relative error of angular accelerations by eq. (5); `last` names the matrix in its last term.
 
-    Slides follow from the same rows.
+    Slides are left out, since they follow from the same rows.
     """
-    TU, m = t.unknowns, t.matrices
-    left = m.B @ t.second[TU:] + m.B_rate @ t.rate[TU:] + getattr(m, *last) @ t.rate[:TU]
-    angles = ~np.isnan(t.second[:TU])
-    return relative(np.linalg.solve(m.J, -left)[angles], t.second[:TU][angles])
+    n, m = t.unknowns, t.matrices  # variables: n unknowns, then inputs
+    left = m.B @ t.second[n:] + m.B_rate @ t.rate[n:] + getattr(m, *last) @ t.rate[:n]
+    angles = ~np.isnan(t.second[:n])
+    return relative(np.linalg.solve(m.J, -left)[angles], t.second[:n][angles])
 
 
 Parts = tuple[Array, Array]
@@ -129,9 +130,10 @@ def assembly_off(form: Callable[..., Parts], t: DrivenLinkage) -> float:
 
 
 def stack_off(transposed: bool, t: DrivenLinkage) -> float:
-    """Return the relative error of the velocities from (4), or the share of rows and columns that a stack has too many or too few.
+    """Return the relative error of the velocities from (4) with the stacked blocks of all loops.
 
-    The blocks of the loops are stacked one below the other, or side by side and transposed.
+    The blocks are stacked one below the other, or side by side and transposed. If the stack has wrong numbers of rows and columns,
+    the share of too many or too few is returned.
     """
     parts = [assemble(*loop) for loop in loops_of(t)]
     J, B = (np.hstack(blocks).T if transposed else np.vstack(blocks) for blocks in zip(*parts, strict=True))
@@ -143,7 +145,7 @@ def stack_off(transposed: bool, t: DrivenLinkage) -> float:
 
 
 def ones_off(form: list[list[str]]) -> float:
-    """Return the share of rows without exactly one 1, in the matrices that the form puts side by side."""
+    """Return the share of rows without exactly one 1, in U, K or both side by side, as each list of the form says."""
     right = []
     for t in list_driven():
         for _, Us, Ks in loops_of(t):
@@ -155,7 +157,7 @@ def ones_off(form: list[list[str]]) -> float:
 
 
 def columns_off(form: list[int], t: DrivenLinkage) -> float:
-    """Compare the number of columns of a unit with a claim: the multiples of its turning, guides and blocks that make the sum."""
+    """Compare the number of columns of a unit with a claim, given by factors on its turning angle, its guides and its blocks."""
     errors = []
     for p in chain.from_iterable(t.equations.ways):
         kinds = [p.way.enter.kind, p.way.leave.kind]
@@ -176,7 +178,7 @@ def counted() -> list[LoopEquations]:
 
 
 def unknowns_off(form: list[int], equations: LoopEquations) -> float:
-    """Compare the number of unknowns with a claim: the multiples of loops and of redundant constraints that make the sum."""
+    """Compare the number of unknowns with a claim, given by factors on the numbers of loops and of redundant constraints."""
     return count_off(form, (len(equations.ways), equations.mechanism.redundant), len(equations.unknown))
 
 
@@ -187,9 +189,9 @@ def incidence(graph: LinkageGraph, oriented: bool) -> Array:
 
 
 def loop_count_off(form: list[int], graph: LinkageGraph) -> float:
-    """Compare the number of loops with a claim: the multiples of pairs, of links and of one that make the sum.
+    """Compare the number of loops with a claim, given by factors on the number of pairs, the number of links, and 1.
 
-    It is the dimension of the space of cycles, which is the number of pairs minus the rank of the incidence matrix.
+    The number of loops is the dimension of the space of cycles: the number of pairs minus the rank of the incidence matrix.
     """
     matrix = incidence(graph, oriented=True)
     links, pairs = matrix.shape
@@ -197,9 +199,9 @@ def loop_count_off(form: list[int], graph: LinkageGraph) -> float:
 
 
 def incidence_off(diagonal: bool) -> float:
-    """Return the share of wrong entries in an incidence matrix without signs.
+    """Return the share of wrong entries in an incidence matrix without signs, whose entries i, j are 1 if joint j is on link i.
 
-    Its entries that are not zero belong to link i and joint j or, if they are to be on the diagonal, to link i and joint i.
+    If `diagonal`, only entries i, i may be 1.
     """
     wrong = entries = 0
     for graph in graphs():
@@ -218,7 +220,7 @@ def cyclic(loop: str) -> frozenset[frozenset[str]]:
 
 
 def loops_off(form: dict[str, list[str]]) -> float:
-    """Count the loops (linkage -> names of their joints) that either the form or the suite does not have."""
+    """Count the loops (linkage -> loops as texts "joint-joint-...") that either the form or the suite does not have."""
     missing = 0
     for name, loops in form.items():
         own = {cyclic(str(loop)) for loop in find_graph(load(name)).loops}
@@ -244,7 +246,7 @@ def six_bars() -> list[DrivenLinkage]:
 
 
 def blocks_off(form: Callable[[Array, Array], Blocks], t: DrivenLinkage) -> float:
-    """Return the largest difference from the suite's matrices, for the better of both senses of each loop."""
+    """Return the largest difference from the suite's matrices; each loop may have the opposite sense."""
     equations, m, errors = t.equations, t.matrices, []
     names = [equations.column[i] for i in (0, 1, 2, 3)]
     order = [*names[1:], len(equations.unknown) - 1]

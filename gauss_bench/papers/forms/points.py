@@ -1,4 +1,4 @@
-"""Men et al. (2009), section 1, as functions: the shaper by its loops and by its points, at true positions of the linkage file.
+"""Men et al. (2009), section 1: the shaper by its loops and by its points, at true positions of the linkage file.
 
     r1 e(th1) + r2 e(th2) = r3 e(th3),   r4 e(th4) + r5 e(th5) = r6 e(th6) + r7 e(th7)                                (1)
     |B - O1| = L_O1B,   |C - B| = L_BC,   (X_A - X_B)/(Y_A - Y_B) = (X_O1 - X_B)/(Y_O1 - Y_B)                         (2)
@@ -22,15 +22,15 @@ from gauss_bench.papers.audit import worst
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 
-POSITIONS = 72  # of a turn: 5 degrees apart, as one would watch it on a screen
-SEED, STARTS = 2009, 100
-NEAREST = 1e-6  # [rad] from the direction in which the quotient is undefined; nearer, rounding of the position itself shows
-SAME = 1e-6  # [m] far above where searches end, far below the distance of two assemblies
+POSITIONS = 72  # number of positions of a turn, 5 degrees apart
+SEED, STARTS = 2009, 100  # seed and number of random starts
+NEAREST = 1e-6  # [rad] least angle from the direction in which the quotient is undefined; nearer, positions show rounding
+SAME = 1e-6  # [m] largest distance of equal points, far below the distance of two assemblies
 
 
 @dataclass(frozen=True)
 class Shaper:
-    """Positions of the points [m] in the plane, and the lengths of lever and rod."""
+    """Positions of the points in the plane as complex numbers [m], and lengths of lever and rod [m]."""
 
     O1: complex
     O2: complex
@@ -68,7 +68,8 @@ def shapers() -> tuple[Shaper, ...]:
     points = {link.name: link.points for link in shaper.links}
     lever = float(np.linalg.norm(points["lever"]["B"] - points["lever"]["O1"]))
     rod = float(np.linalg.norm(points["rod"]["C"] - points["rod"]["B"]))
-    A, B, C = (position(q, shaper.find_point(name)) @ [1, 1j] for name in ("block.A", "lever.B", "ram.C"))  # (POSITIONS,) each
+    # x + i y of each point, (POSITIONS,) each
+    A, B, C = (position(q, shaper.find_point(name)) @ [1, 1j] for name in ("block.A", "lever.B", "ram.C"))
     return tuple(Shaper(O1, O2, complex(a), complex(b), complex(c), lever, rod) for a, b, c in zip(A, B, C, strict=True))
 
 
@@ -103,14 +104,14 @@ def lengths_off(form: Callable[[Shaper], tuple[float, float]], x: Shaper) -> flo
 
 
 def basic_off(form: list[str]) -> float:
-    """Return how much a coordinate (point and axis) that is claimed to be known changes in a turn, relative to the stroke."""
+    """Return the range over a turn of a coordinate (point, axis) that is claimed to be constant, relative to the stroke."""
     point, axis = form
     values = [getattr(getattr(x, point), axis) for x in shapers()]
     return float(np.ptp(values) / np.ptp([x.C.real for x in shapers()]))
 
 
 def collinear_off(form: list[str], x: Shaper) -> float:
-    """Return the sine of the angle between three points that are claimed to be in line."""
+    """Return the sine of the angle at the first of three points that are claimed to be in line."""
     a, b, c = (getattr(x, name) for name in form)
     return float(abs(cross(b - a, c - a)) / (abs(b - a) * abs(c - a)))
 
@@ -127,7 +128,7 @@ Line3 = Callable[[complex, complex, complex], float]
 
 
 def line_off(form: Line3) -> float:
-    """Return the largest residual at true positions, with the lever turned to angles down to NEAREST from the axes."""
+    """Return the largest residual at true positions, with the drawing turned so that the lever is nearly parallel to an axis."""
     near = np.geomspace(NEAREST, 0.5, 12)
     errors = []
     for x in shapers()[:: POSITIONS // 4]:
@@ -142,7 +143,7 @@ def line_off(form: Line3) -> float:
 def search_off(form: Line3) -> float:
     """Return the share of positions at which Newton's method, starting 5 degrees before, does not find B.
 
-    The shaper is taken as drawn, its lever near the vertical, and laid on its side, its lever near the horizontal.
+    The shaper stands as drawn, with its lever near the vertical, and lies on its side, with its lever near the horizontal.
     """
     return sum(count_lost(form, [x.turn(angle) for x in shapers()]) for angle in (0.0, np.pi / 2)) / (2 * POSITIONS)
 
@@ -174,9 +175,9 @@ def from_before() -> float:
 
 
 def starts_off(form: Callable[[], float]) -> float:
-    """Return the share of random starts from which Gauss-Newton or Levenberg-Marquardt, whichever is worse, misses the assembly.
+    """Return the share of random starts from which the worse of Gauss-Newton and Levenberg-Marquardt misses the assembly.
 
-    A form returns how far [m] the starts are spread about the assembly.
+    A form returns the largest distance [m] of the starts from the assembly.
     """
     searches = basins(load_shaper(), [form()], STARTS, SEED)
     return worst([1 - basin.right for basin in searches if basin.method != "newton_raphson"])

@@ -2,9 +2,8 @@
 
     M a + f = Q - J^T lambda,   J a = g
 
-f, g and Q are separate, as in the paper. The sign of lambda is this project's; many books have the opposite one. Random problems
-are solved by the saddle-point system. The accelerations of the crank-slider's problems come from its motion in the crank angle,
-which uses neither J nor lambda.
+f, g and Q are separate, as in the paper. Many books have the opposite sign of lambda. Random problems are solved by the
+saddle-point system. The accelerations of the crank-slider come from its motion in the crank angle, without J and lambda.
 """
 
 from collections.abc import Sequence
@@ -19,7 +18,7 @@ from gauss_bench.papers import crank_slider
 from gauss_bench.terms import Array, Terms
 
 SEED = 2016
-SIZES = ((7, 4, 0), (5, 1, 0), (9, 6, 0), (7, 4, 2), (6, 3, 1))  # coordinates, independent rows, rows that repeat those
+SIZES = ((7, 4, 0), (5, 1, 0), (9, 6, 0), (7, 4, 2), (6, 3, 1))  # numbers of coordinates, independent rows and dependent rows
 EACH = 6  # random problems of each size
 CRANK = 2  # index of the crank angle in the example's coordinates
 MILLIMETRES = np.array([1e3, 1e3, 1.0, 1e3, 1e3, 1.0, 1e3])
@@ -100,7 +99,7 @@ def all_problems() -> tuple[Problem, ...]:
 
 
 class Trial(NamedTuple):
-    """A problem p, and the source of the random numbers with which it is tried; all trials of a list draw from one source."""
+    """A problem p, and a source of random numbers, which all trials of a list share."""
 
     p: Problem
     rng: np.random.Generator
@@ -122,9 +121,9 @@ def all_trials() -> list[Trial]:
 
 @cache
 def special_problems(kind: str) -> tuple[Problem, ...]:
-    """Return random problems in which the Euclidean metric gives the right accelerations.
+    """Return random problems of a kind in which the Euclidean metric gives the right accelerations.
 
-    Kinds: "even" has M = mu I; "full" as many rows as coordinates; "idle" no constraint force; in "aligned" M maps range(J^T) to
+    "even" has M = mu I, "full" as many rows as coordinates, and "idle" no constraint force. In "aligned" M maps range(J^T) to
     itself.
     """
     rng = np.random.default_rng(SEED + 1)
@@ -161,5 +160,5 @@ def relative(x: Array, true: Array) -> float:
 
 
 def count_off(factors: Sequence[int], numbers: Sequence[int], true: int) -> float:
-    """Return the error of a claimed count, the sum of `factors` times `numbers`, against the right one."""
+    """Return the error of a claimed count, the sum of `factors` times `numbers`, against the right count."""
     return float(abs(sum(k * x for k, x in zip(factors, numbers, strict=True)) - true))

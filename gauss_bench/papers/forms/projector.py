@@ -24,7 +24,7 @@ Accelerations = Callable[[Problem], Array]
 
 
 def rank_off(form: list[int], p: Problem) -> float:
-    """Return the error of a claimed rank of N, a sum of multiples of n coordinates, m rows and their rank r."""
+    """Return the error of a claimed rank of N, given by factors on the number of coordinates, that of rows, and the rows' rank."""
     sizes = np.linalg.svd(projector(p), compute_uv=False)  # a projector's singular values are 0 or at least 1
     return count_off(form, (p.n, len(p.J), p.rank), int((sizes > 0.5).sum()))
 
