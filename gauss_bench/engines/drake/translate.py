@@ -163,7 +163,7 @@ class Built:
         return self.plant.GetPositions(context)[self.order], self.plant.GetVelocities(context)[self.order]
 
     def reported_acceleration(self, context: Any) -> Array:
-        """Return the y'' (n,) of Drake's output port; for a discrete plant, the change of speeds in the next step over its length."""
+        """Return the y'' (n,) of Drake's output port; of a discrete plant, the change of speeds in the next step over the step."""
         accelerations: Array = np.array(self.plant.get_generalized_acceleration_output_port().Eval(context))[self.order]
         return accelerations
 
