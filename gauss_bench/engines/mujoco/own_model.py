@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.base import Choice
+from gauss_bench.engines.base import Choice, sample_arrays
 from gauss_bench.engines.mjcf.across_releases import find_integrator
+from gauss_bench.engines.mjcf.settings import copy_to_evaluate
 from gauss_bench.engines.mujoco.adapter import collect_warnings
 from gauss_bench.integrate.fixed_step import stretches
 from gauss_bench.terms import Array
