@@ -82,7 +82,7 @@ def angles_of(q: Array, bars: Sequence[Bar]) -> Array:
 def relative(absolute: Array, bars: Sequence[Bar]) -> Array:
     """Return each bar's angle or angular speed (bars,) minus its parent's; the ground's is zero."""
     with_ground = np.append(absolute, 0.0)  # the index -1 of the ground is the last entry
-    return absolute - with_ground[[bar.parent for bar in bars]]
+    return np.asarray(absolute - with_ground[[bar.parent for bar in bars]])
 
 
 def sum_up(turns: Array, bars: Sequence[Bar]) -> Array:

@@ -38,7 +38,7 @@ End = TypeVar("End")
 class LibraryEngine:
     """The members that adapters to libraries have in common.
 
-    A subclass passes the content of its `variants.toml`: class Dart(LibraryEngine, file=VARIANTS).
+    A subclass passes the content of its `variants.toml`: class Adapter(LibraryEngine, file=VARIANTS).
     """
 
     stabilizations: tuple[str, ...] = ("none",)

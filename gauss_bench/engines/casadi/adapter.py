@@ -129,7 +129,7 @@ class CasadiModel:
         return finite_acceleration(t, np.array(self.solve(t, q, v)[0])[:, 0], "CasADi")
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start and make an integrator for each length of interval; `native` has no effect: SUNDIALS takes the steps."""
+        """Reset to the start and make an integrator for each length of interval; `native` has no effect, as SUNDIALS steps."""
         self.times, self.steps, self.evaluations = times, 0, 0
         (self.x,) = sample_arrays(times, np.concatenate([self.mechanism.q0, self.mechanism.v0]))
         grids: dict[float, list[float]] = {}  # length of an interval -> times [s] at which its integrator returns states

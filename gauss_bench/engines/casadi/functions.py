@@ -1,4 +1,4 @@
-"""Return the equations of a linkage as casadi.Function objects, which users can evaluate, differentiate, save or turn into C code."""
+"""The equations of a linkage as casadi.Function objects, which users can evaluate, differentiate, save or turn into C code."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

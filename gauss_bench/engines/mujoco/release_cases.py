@@ -135,7 +135,7 @@ def reference_pose(bars: Sequence[Bar]) -> list[float]:
     meeting = end + (share * across + height * np.array([-across[1], across[0]])) / distance
     angles = {"crank": crank, "rod": _angle(meeting - end), "rocker": _angle(meeting - ground)}
     theta = np.array([angles["rod" if bar.name == "twin" else bar.name] for bar in bars])
-    return relative(theta, bars).tolist()
+    return [float(x) for x in relative(theta, bars)]
 
 
 def _angle(x: Array) -> float:
