@@ -10,7 +10,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mjcf.draft import Draft
 from gauss_bench.engines.mjcf.settings import configure
 from gauss_bench.engines.mujoco import forces
-from gauss_bench.engines.mujoco.adapter import AGREEMENT, INTEGRATORS, VARIANTS, Mujoco, MujocoModel
+from gauss_bench.engines.mujoco.adapter import AGREEMENT, VARIANTS, Mujoco, MujocoModel
 from gauss_bench.engines.shared import open_tree
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.engines.tree_model import comparison, verify
@@ -115,7 +115,7 @@ def test_accelerations_do_not_depend_on_integrator_step_or_history():
     mechanism = linkage("loaded")  # with dampers, which MuJoCo's Euler method takes implicitly
     (q, other_q), (v, other_v) = (getattr(random_states(mechanism, 2), x) for x in "qv")
     expected = ENGINE.build(mechanism, Choice("rigid")).acceleration(0.0, q, v)
-    for integrator in INTEGRATORS:
+    for integrator in ENGINE.integrators:
         model = ENGINE.build(mechanism, Choice("rigid", integrator, "none", 1e-2))
         model.acceleration(0.0, other_q, other_v)
         assert (model.acceleration(0.0, q, v) == expected).all()
@@ -152,7 +152,7 @@ def test_free_flight_is_a_parabola():
     np.testing.assert_allclose(found.a, np.tile(a, (4, 1)), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("integrator", ENGINE.integrators)
 def test_both_loops_give_the_same_bits(integrator):
     mechanism, times = linkage("four_bar"), [0.0, 0.05, 0.0777, 0.1]
     a, b = (trajectory(mechanism, times, "tuned", integrator=integrator, native=native) for native in (True, False))
