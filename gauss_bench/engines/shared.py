@@ -212,7 +212,7 @@ def open_tree(evaluator: Evaluator, tree: Tree, y: Array, dy: Array) -> OpenTree
 
 def unit_speeds(tree: Tree, y: Array) -> Array:
     """Return V^T (n, 3 links): row k holds the absolute speeds if tree rate k is 1 and all others are 0, at y (n,)."""
-    return tree.absolute(np.tile(y, (tree.n, 1)), np.eye(tree.n), np.zeros((tree.n, tree.n)))[1]
+    return tree.absolute(np.tile(y, (tree.n, 1)), np.eye(tree.n), np.zeros((tree.n, tree.n))).v
 
 
 def require_agreement(pairs: Mapping[str, tuple[Array, Array, float]], tolerance: float) -> None:

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from heapq import heappop, heappush
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -73,6 +73,14 @@ class Branch:
         return near, far, base, axis
 
 
+class AbsoluteState(NamedTuple):
+    """Positions q, velocities v and accelerations a of all links, (..., 3 links) each."""
+
+    q: Array
+    v: Array
+    a: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Tree:
     """A spanning tree.
@@ -89,7 +97,7 @@ class Tree:
     n: int
     links: int
 
-    def absolute(self, y: Array, dy: Array, ddy: Array) -> tuple[Array, Array, Array]:
+    def absolute(self, y: Array, dy: Array, ddy: Array) -> AbsoluteState:
         """Map tree states y, y', y'' (..., n) to absolute q, v, a (..., 3 links), link by link from the ground outwards."""
         exp = exponential(y)
         Y, dY, ddY = columns(y), columns(dy), columns(ddy)
@@ -118,7 +126,7 @@ class Tree:
             v[i] = (u + 1j * w * arm + slide - 1j * w_i * r, w_i)
             a[i] = (c + turning - (1j * alpha_i - w_i * w_i) * r, alpha_i)
         shape = y.shape[:-1]
-        return self._stack(q, shape), self._stack(v, shape), self._stack(a, shape)
+        return AbsoluteState(self._stack(q, shape), self._stack(v, shape), self._stack(a, shape))
 
     def _stack(self, states: dict[int, Any], shape: tuple[int, ...]) -> Array:
         """Return the complex vectors and the angles of all links as an array (*shape, 3 links) in the order of q."""
@@ -145,7 +153,7 @@ class Tree:
         y, _ = self.relative(q, np.zeros_like(q))
         same, rest = np.broadcast_to(y[..., None, :], (*y.shape, self.n)), np.zeros((*y.shape, self.n))
         # speeds (..., n, 3 links): row k is the motion of all links if tree coordinate k alone moves, at unit rate
-        speeds = self.absolute(same, rest + np.eye(self.n), rest)[1]
+        speeds = self.absolute(same, rest + np.eye(self.n), rest).v
         return np.asarray((speeds @ Q[..., None])[..., 0])
 
 

@@ -62,7 +62,7 @@ class TreeModel(ABC):
             RunFailure: the library finds no accelerations at that state, or they are not finite.
         """
         with np.errstate(all="ignore"):  # numpy need not warn of values that are not finite: they are refused here
-            return finite_acceleration(t, self.tree.absolute(y, dy, self.tree_acceleration(t, y, dy))[2], self.library)
+            return finite_acceleration(t, self.tree.absolute(y, dy, self.tree_acceleration(t, y, dy)).a, self.library)
 
     def accelerate_sample(self, t: float, y: Array, dy: Array) -> Array:
         """Return the accelerations (3 links,) of a sample at time t [s] with the tree state y, dy (n,); by default `accelerate`."""

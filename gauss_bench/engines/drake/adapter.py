@@ -208,6 +208,6 @@ class DrakeModel(TreeModel):
             if k == 0:
                 return self.accelerate(float(self.times[0]), y, dy)
             ddy = steppers[runners[k]].reported_acceleration(y, dy)
-            return self.tree.absolute(y, dy, ddy)[2]
+            return self.tree.absolute(y, dy, ddy).a
 
         return with_accelerations(self.times, q, v, acceleration_of_sample, self.count_steps())

@@ -214,9 +214,17 @@ class Builder:
         bodies = [self.bodies[i] for i in range(len(self.mechanism.links))]
         winds = [self._spatial_force(*wind) for wind in self.winds]
         thrusts = np.array([float(np.linalg.norm(force)) for _, _, force in self.thrusts])
-        port = self.plant.get_applied_spatial_force_input_port()
-        if not self.thrusts:
-            return Built(self.plant, self.plant, bodies, np.array(order), pins, self.forces, winds, thrusts, port)
+        system, wind_port, thrust_port = self.plant, self.plant.get_applied_spatial_force_input_port(), None
+        if self.thrusts:
+            system, wind_port, thrust_port = self._add_propellers(wind_port)
+        return Built(self.plant, system, bodies, np.array(order), pins, self.forces, winds, thrusts, wind_port, thrust_port)
+
+    def _add_propellers(self, port: Any) -> tuple[Any, Any, Any]:
+        """Return a diagram of the plant and propellers, its input port for winds, and its input port for thrusts.
+
+        Args:
+            port: the plant's input port for forces at points, which gets winds and thrusts together.
+        """
         builder = self.drake.framework.DiagramBuilder()
         builder.AddSystem(self.plant)
         propellers = builder.AddSystem(self.drake.plant.Propeller([self._propeller(*thrust) for thrust in self.thrusts]))
@@ -224,10 +232,7 @@ class Builder:
         both = builder.AddSystem(self.drake.plant.ExternallyAppliedSpatialForceMultiplexer(2))
         builder.Connect(propellers.get_spatial_forces_output_port(), both.get_input_port(0))
         builder.Connect(both.get_output_port(), port)
-        system, thrust_port = builder.Build(), propellers.get_command_input_port()
-        return Built(
-            self.plant, system, bodies, np.array(order), pins, self.forces, winds, thrusts, both.get_input_port(1), thrust_port
-        )
+        return builder.Build(), both.get_input_port(1), propellers.get_command_input_port()
 
     def _add_body(self, name: str, mass: float, unit_inertia: float) -> Any:
         """Add a body with equal moments of inertia about all axes, `unit_inertia` [m^2] times the mass [kg], and return it."""

@@ -10,7 +10,7 @@ the joint coordinates, which are right even if soft closures are open:
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,6 +46,15 @@ class Seen:
     plane: Array
     angles: Array
     turns: Array
+
+
+class LinkStates(NamedTuple):
+    """Positions q, velocities v and accelerations a (n,) of all links, and the Jacobian dq/dy (n, nv) by joint coordinates."""
+
+    q: Array
+    v: Array
+    a: Array
+    jacobian: Array
 
 
 def settings_as_they_stand(path: str) -> dict[str, Any]:
@@ -137,8 +146,8 @@ class OwnModelRun:
         self.mujoco.mj_forward(self.still, self.still_data)
         return self.still_data
 
-    def absolute(self, y: Array, dy: Array) -> tuple[Array, Array, Array, Array]:
-        """Return q, v, a (n,) of the links at joint coordinates and rates y, dy (nv,), and the Jacobian dq/dy (n, nv)."""
+    def absolute(self, y: Array, dy: Array) -> LinkStates:
+        """Return the states of all links at joint coordinates and rates y, dy (nv,)."""
         data, model, seen = self.forward(y, dy), self.still, self.seen
         q: list[float] = []
         jacobian: list[Array] = []
@@ -153,7 +162,7 @@ class OwnModelRun:
             jacobian += [*(seen.plane[:2] @ point), seen.plane[2] @ turn]
             bias += [*(seen.plane[:2] @ point_rate @ dy), seen.plane[2] @ turn_rate @ dy]
         J = np.array(jacobian)
-        return np.array(q), J @ dy, J @ np.array(data.qacc) + np.array(bias), J
+        return LinkStates(np.array(q), J @ dy, J @ np.array(data.qacc) + np.array(bias), J)
 
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the joint coordinates and rates (nv,) of a state q, v (n,), by Newton's method from the start.
@@ -163,15 +172,15 @@ class OwnModelRun:
         """
         y = self.y0.copy()
         for _ in range(ITERATIONS):
-            here, _, _, J = self.absolute(y, np.zeros_like(y))
-            change = np.linalg.lstsq(J, q - here, rcond=None)[0]
+            here = self.absolute(y, np.zeros_like(y))
+            change = np.linalg.lstsq(here.jacobian, q - here.q, rcond=None)[0]
             y += change
             if np.abs(change).max() < CLOSE:
-                return y, np.linalg.lstsq(self.absolute(y, np.zeros_like(y))[3], v, rcond=None)[0]
+                return y, np.linalg.lstsq(self.absolute(y, np.zeros_like(y)).jacobian, v, rcond=None)[0]
         raise RunFailure(Status.ERROR, "the joints of the model cannot take a state of its linkage")
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        return self.absolute(*self.relative(q, v))[2]
+        return self.absolute(*self.relative(q, v)).a
 
     def prepare(self, times: Array, native: bool = True) -> None:
         self.times, self.plan = times, list(stretches(times, self.choice.step))
@@ -189,8 +198,8 @@ class OwnModelRun:
 
     def read(self) -> Trajectory:
         with collect_warnings(self.mujoco, []):
-            states = [self.absolute(*state)[:3] for state in zip(self.y, self.dy, strict=True)]
-        q, v, a = (np.array(x) for x in zip(*states, strict=True))
+            states = [self.absolute(*state) for state in zip(self.y, self.dy, strict=True)]
+        q, v, a, _ = (np.array(x) for x in zip(*states, strict=True))
         return Trajectory(self.times, q, v, a, sum(stretch.steps for stretch in self.plan))
 
 

@@ -15,7 +15,7 @@ Traps: Newton computes in single precision only. For models without shapes, Kami
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,16 +32,23 @@ PLANE = slice(0, 2)  # x and y of a position, velocity or force
 TURN = 5  # index of the rotation about z in a velocity or force (6,); a pose (7,) has sin and cos of half the angle at 5 and 6
 
 
-def joint_frames(joint: Joint) -> tuple[tuple[Array, float], tuple[Array, float]]:
-    """Return the origin (2,) [m] and angle [rad] of a joint's frame in the first link, and those of its frame in the second.
+class Frame(NamedTuple):
+    """A frame in the plane: its origin (2,) [m] and its angle [rad]."""
+
+    origin: Array
+    angle: float
+
+
+def joint_frames(joint: Joint) -> tuple[Frame, Frame]:
+    """Return a joint's frame in the first link, and its frame in the second link.
 
     A pin lets the second frame turn about the first, and a slide lets it move along the first one's x axis.
     """
     first, second = joint.ends
     if not isinstance(joint, Prismatic):
-        return (first.local, 0.0), (second.local, 0.0)
+        return Frame(first.local, 0.0), Frame(second.local, 0.0)
     on_the_line = first.local + joint.offset * unit(joint.angle, across=True)
-    return (on_the_line, joint.angle), (second.local, joint.angle - joint.turn)
+    return Frame(on_the_line, joint.angle), Frame(second.local, joint.angle - joint.turn)
 
 
 class World:

@@ -114,7 +114,7 @@ class PinocchioModel(OwnSteps, TreeModel):
 
     def accelerate_sample(self, t: float, y: Array, dy: Array) -> Array:
         # mapped in numpy as a batch of one, as the states of the samples are; Python numbers would differ in the last digit
-        return np.asarray(self.tree.absolute(y[None], dy[None], self.plain(t, y, dy)[None])[2][0])
+        return np.asarray(self.tree.absolute(y[None], dy[None], self.plain(t, y, dy)[None]).a[0])
 
     def bare_calls(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
         """Return two functions: Pinocchio's solver at the start, and a trivial one of Pinocchio, which shows the cost of a call."""

@@ -104,7 +104,7 @@ class DrivingTorques:
             return self.rows, x, bias
         R = self.rows.copy()
         q, T = self.forces.motion(y)
-        at_rest = self.forces.tree.absolute(y, dy, np.zeros_like(dy))[2]
+        at_rest = self.forces.tree.absolute(y, dy, np.zeros_like(dy)).a  # accelerations if y'' = 0
         joints = self.constraints(t, q, T @ dy)
         for k in self.lengths:
             row, law = self.constraints.joint_rows + k, self.laws[k](t)
@@ -149,7 +149,7 @@ class Motion:
         self.model, self.data, self.jacobians = body.model, body.model.createData(), body.pin.computeJointJacobians
         self.centres = [(joint, np.array(own.translation)) for joint, own in (body.carriers[i] for i in range(tree.links))]
         states = np.vstack([np.zeros(tree.n), np.eye(tree.n)])
-        theta = tree.absolute(states, states, states)[0][:, 2::3]
+        theta = tree.absolute(states, states, states).q[:, 2::3]
         self.theta0, self.turns = theta[0], (theta[1:] - theta[0]).T  # theta = theta0 + turns . y
         self.carried = np.zeros((tree.links + 1, tree.n))  # 1 where a joint moves a link; the last row is the ground
         for b in tree.branches:

@@ -20,7 +20,7 @@ def prepare_solver(variant: str, mechanism: Mechanism, q: Array, v: Array) -> Li
     model = PinocchioModel(mechanism, Choice(variant, "rk4"))
     y, dy = model.tree.relative(q, v)
     call = model.plain.bare(y, dy)
-    return LibraryCall(call, model.tree.absolute(y, dy, np.array(call()))[2])
+    return LibraryCall(call, model.tree.absolute(y, dy, np.array(call())).a)
 
 
 CALLS = {
