@@ -1,4 +1,4 @@
-"""An engine as someone else would bring it: a library with an integrator, and the adapter that translates."""
+"""An engine by somebody else, as sources: a library with an integrator, and an adapter to the library."""
 
 LIBRARY = '''"""A library that knows nothing of linkages: Heun's method."""
 

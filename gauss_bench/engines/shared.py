@@ -60,8 +60,10 @@ class LibraryEngine:
 
 def unsteady(mechanism: Mechanism, library: str) -> str | None:
     """Return the reason why an adapter that gives its library only steady forces cannot model the mechanism, or None if it can."""
+    if not mechanism.varying:
+        return None
     names = ", ".join(f.name for f in mechanism.varying)
-    return f"force {names} varies with time or direction, which {library} is not given here" if names else None
+    return f"force {names} varies with time or direction, and the adapter of {library} supports constant forces only"
 
 
 def common_refusal(mechanism: Mechanism, library: str) -> str | None:
@@ -77,11 +79,12 @@ def common_refusal(mechanism: Mechanism, library: str) -> str | None:
         if factor_of(force):  # a force that varies is no sum of constant loads
             continue
         if any(isinstance(x, Law) and x.inverse_square for x in loads([force])):
-            return f"force {force.name} falls with the square of a distance, for which {library} is given no element here"
+            return f"force {force.name} falls with the square of a distance, which the adapter of {library} does not support"
     if mechanism.couplings:
-        return f"{library} is given no {type(mechanism.couplings[0]).__name__} ({mechanism.couplings[0].name}) here"
+        coupling = mechanism.couplings[0]
+        return f"the adapter of {library} does not support a {type(coupling).__name__} ({coupling.name})"
     if mechanism.has_friction:
-        return f"dry friction in proportion to the load of a joint is not modelled in {library} here"
+        return f"the adapter of {library} does not support dry friction, which grows with the load of a joint"
     return None
 
 
@@ -105,11 +108,11 @@ def undriven(mechanism: Mechanism, tree: Tree, library: str, any_law: bool = Tru
     """
     for driver in mechanism.drivers:
         if isinstance(driver, LengthDriver):
-            return f"{library} prescribes coordinates of joints, not the length {driver.name}"
+            return f"{library} can prescribe coordinates of joints, not the length {driver.name}"
         if not any_law and driver.law.name != "constant":
-            return f"{library} is given no motion law {driver.law.name} here"
+            return f"the adapter of {library} supports drivers of constant speed only, not the motion law {driver.law.name}"
     if None in driven_coordinates(mechanism, tree):
-        return f"{library} prescribes coordinates of the tree of joints, and the driven angle is none"
+        return f"{library} can prescribe single coordinates of the tree of joints, and the driven angle is a sum of them"
     return None
 
 

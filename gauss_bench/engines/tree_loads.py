@@ -181,7 +181,7 @@ def sort_load(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Tu
         case Distance():
             return [OtherLoad(name, load)]
         case Weighted():
-            raise TypeError(f"force {name}: a law on a sum of coordinates is not given to engines of joint trees here")
+            raise TypeError(f"force {name}: engines of joint trees do not support a law on a sum of coordinates")
         case _:
             assert_never(load.coordinate)
 

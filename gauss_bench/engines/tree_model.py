@@ -119,7 +119,7 @@ class OpenModel:
 
     def __post_init__(self) -> None:
         if (self.mass is None or self.forces is None) and self.accelerations is None:
-            raise TypeError("neither the mass matrix with the forces nor the accelerations are told: they determine the motion")
+            raise TypeError("give the mass matrix and the forces, or the accelerations: they determine the motion")
 
 
 def verify(mechanism: Mechanism, tree: Tree, describe: Callable[[Array, Array], OpenModel], tolerance: float) -> None:

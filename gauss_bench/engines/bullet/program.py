@@ -52,10 +52,10 @@ def write(mechanism: Mechanism, choice: Choice, variants: Variants) -> str:
     tree = joint_tree(mechanism, options)
     forces = joint_forces(mechanism, tree)
     if options["coordinates"] == "bodies":
-        raise RunFailure(Status.SKIP, "the program holds trees of joints, and with coordinates=bodies every link is a free body")
+        raise RunFailure(Status.SKIP, "a program needs a tree of joints, and with coordinates=bodies every link is a free body")
     if forces.others is not None:
         raise RunFailure(
-            Status.SKIP, "Bullet has no springs, and the program holds forces of joints alone, not those between points"
+            Status.SKIP, "Bullet has no springs, and a program can compute forces of joints only, not those between points"
         )
     script = Script(STATEMENTS)
     world = TreeWorld(script.stand_in("pybullet"), mechanism, tree, options)

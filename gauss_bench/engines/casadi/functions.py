@@ -101,9 +101,9 @@ def reason_to_refuse(mechanism: Mechanism) -> str | None:
         return reason
     loads(mechanism.forces)  # raises the TypeError
     if mechanism.has_friction:
-        return "dry friction follows from the multipliers, and these equations do not hold it"
+        return "these equations do not support dry friction, which depends on the multipliers"
     if mechanism.redundant > 0:
-        return f"redundant constraint rows ({mechanism.redundant}) leave the multipliers open, and the equations singular"
+        return f"redundant constraint rows ({mechanism.redundant}) make the equations singular"
     return None
 
 

@@ -63,7 +63,7 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
     forces = forces_of(mechanism, tree, options["joint_forces"])
     if forces.others is not None:
         raise RunFailure(
-            Status.SKIP, "the program holds forces of DART's joints alone, and none at or between points, nor any that varies"
+            Status.SKIP, "a program can compute forces of joints only, none at or between points, and none that varies"
         )
     script = Script(STATEMENTS)
     dartpy = script.stand_in("dartpy")

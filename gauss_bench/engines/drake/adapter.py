@@ -59,7 +59,7 @@ class Drake(LibraryEngine, file=VARIANTS):
         options = VARIANTS.options(choice.settings)
         tree = joint_tree(mechanism, options)
         if tree.closures and options["closure"] == BALL and choice.integrator in SCHEMES:
-            return f"Drake has constraints in discrete plants alone: take the integrator {SAP}, or bushings as closures"
+            return f"Drake supports constraints in discrete plants only: use the integrator {SAP}, or bushings as closures"
         return refusal(mechanism, tree)
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "DrakeModel":

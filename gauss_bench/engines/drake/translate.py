@@ -57,7 +57,7 @@ def load_refusal(load: TreeLoad, tree: Tree, turns: Turning) -> str | None:
                 return f"Drake has no spring on a coordinate of a link that no joint carries ({name})"
         case OtherLoad(name, Law() as law):
             if law.bias or law.rest <= 0:
-                return f"Drake has a spring between points with a positive free length alone ({name})"
+                return f"Drake's spring between points needs a positive free length ({name})"
             if law.k < 0 or law.c < 0:
                 return f"Drake has no spring or damper with a negative constant ({name})"
     return None

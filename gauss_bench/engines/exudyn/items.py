@@ -58,16 +58,16 @@ def reason_to_refuse(mechanism: Mechanism, force: Force) -> str | None:
     """Return the reason why a force has no exact counterpart among Exudyn's items, or None if it has one."""
     if factor := factor_of(force):
         if isinstance(force, PointForce) and factor.share != 1.0:
-            return f"force {force.name} varies with the direction of its point, whose speed Exudyn's loads are not given"
+            return f"force {force.name} varies with the direction of its point's motion, and Exudyn's loads are not given the speed"
         if isinstance(force, PointForce) and force.frame not in (GROUND, force.point.link):
-            return f"force {force.name} varies, fixed in another link than that of its point, which no load of Exudyn's is"
+            return f"force {force.name} varies and is fixed in a third link, for which Exudyn has no load"
         return None
     for load in loads([force]):
         match load:
             case Law(Along(origin, point, angle)) if origin.link != GROUND:
                 if not slides_along(mechanism, origin.link, point.link, angle):
                     return (
-                        f"force {force.name} acts along an axis of a moving link that no slide keeps the point on; "
+                        f"force {force.name} acts along an axis of a moving link, and no slide keeps its point on that axis; "
                         "Exudyn's connectors leave out its torque on that link"
                     )
             case Law(Distance()) if load.c != 0 and value(load.coordinate, mechanism.q0) < COINCIDENT:
@@ -244,7 +244,7 @@ class System:
             case Distance(a, b):
                 self._add_spring(a, b, law)
             case Weighted():
-                raise TypeError("a law on a sum of coordinates is not given to Exudyn here")
+                raise TypeError("the adapter of Exudyn does not support a law on a sum of coordinates")
             case _:
                 assert_never(law.coordinate)
 

@@ -96,7 +96,7 @@ def other_load(other: tree_loads.OtherLoad, mechanism: Mechanism, turns: Turning
         case Distance(a, b):
             return [Tendon(a, b, load)]
         case _:
-            raise TypeError(f"force {other.name}: MuJoCo is given no law on {load.coordinate} here")
+            raise TypeError(f"force {other.name}: the adapter of MuJoCo does not support a law on {load.coordinate}")
 
 
 def point_force(f: PointForce, turns: Turning) -> list[Native]:
