@@ -22,7 +22,7 @@ def same(x: Any) -> Any:
 
 
 class Sound:
-    """An adapter that keeps every rule; subclasses spoil the linkage that it models, the terms that it solves, or its trajectory."""
+    """An adapter that keeps every rule; subclasses spoil the linkage that it models, the terms that it solves or its trajectory."""
 
     integrators, stabilizations, settings = ("rk4",), ("none", "projection"), {"default": dict[str, Any]()}
     native_loop, python_loop = False, True

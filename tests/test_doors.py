@@ -1,4 +1,4 @@
-"""What goes out at the edges: closed and full outputs, characters that they lack, files of another kind."""
+"""Outputs of the command: closed and full streams, characters that a stream lacks, and files that must not be replaced."""
 
 import os
 import shutil

@@ -1,6 +1,6 @@
-"""Drake, in an environment of its own: what it is given and refuses, its errors against certificates, and the findings on it.
+"""Drake's adapter: its forces, closures and accelerations, its refusals, and the findings on Drake.
 
-What needs Drake is skipped without its environment, in CI too.
+Tests that need Drake are skipped without its environment, in CI too.
 """
 
 import subprocess
@@ -145,10 +145,12 @@ def test_a_gap_moves_the_least_mass() -> None:
 
 @dataclass
 class Settling:
-    """Steps that behave as those of SAP: what is missing of the acceleration halves with every step.
+    """Steps that behave like those of SAP: the error of the acceleration halves with every step.
 
     Attributes:
-        blur: change of the acceleration by the length, for lengths below `coarse` [s].
+        length: length of a step [s].
+        acceleration: (2,) limit of the acceleration at length 0.
+        blur: error of the acceleration if the length is below `coarse` [s].
     """
 
     length: float

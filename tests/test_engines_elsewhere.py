@@ -117,7 +117,7 @@ def test_a_driven_link_without_a_hinge_on_the_ground_is_refused(engine: str, lib
 
 
 def refusal_of(engine: str, mechanism: Mechanism, *forces: Any) -> str | None:
-    """What an engine says of a mechanism with these forces alone."""
+    """Return an engine's reason to refuse a mechanism with only these forces; None if it takes the mechanism."""
     alone = replace(mechanism, forces=forces)
     reason: str | None = import_module(f"gauss_bench.engines.{engine}.translate").refusal(alone, spanning_tree(alone))
     return reason

@@ -94,7 +94,7 @@ def test_no_caller_has_a_default_of_its_own() -> None:
 
 
 def test_an_engine_that_has_nothing_optional_is_asked_nothing_else() -> None:
-    """Whatever is asked by name stands in the interface, and everything that stands there is asked somewhere."""
+    """Callers ask for optional members of the interface only, and some caller asks for each of them."""
     sources = [path.read_text(encoding="utf-8") for path in [*rooms(), PACKAGE / "engines" / "base.py"]]
     calls = [x for source in sources for x in calls_of(source) if ast.unparse(x.func) == "ask"]
     asked = {x.args[1].value for x in calls if len(x.args) == 2 and isinstance(x.args[1], ast.Constant)}
@@ -114,7 +114,7 @@ def test_the_page_of_engines_has_every_optional_member_with_its_default() -> Non
 
 
 class Bare:
-    """An engine with what is required alone."""
+    """An engine with the required members only."""
 
     name, integrators, stabilizations, settings, native_loop, python_loop = "bare", ("a",), ("none",), {"default": {}}, False, True
 

@@ -1,4 +1,4 @@
-"""What adapters to libraries of joint trees share, shown on a stand-in that needs no library."""
+"""The common parts of adapters to libraries of joint trees, tested on a stand-in for a library."""
 
 from dataclasses import replace
 from typing import Any
@@ -176,7 +176,7 @@ def test_an_implicit_damper_loses_its_first_orders_in_the_step() -> None:
 
 
 class Bead:
-    """A mass on a ring of radius 1 in the plane, whose steps keep the ring as it is where they begin."""
+    """A mass on a ring of radius 1 in the plane; a step constrains the velocity along the ring at its beginning."""
 
     weight = np.array([0.0, -9.81])
 

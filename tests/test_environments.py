@@ -1,4 +1,4 @@
-"""Engines of users in environments of their own: what they can import, what they offer, and which are refused."""
+"""Engines of users in environments of their own: their imports, their offers, and environments that are refused."""
 
 import shutil
 import venv

@@ -297,10 +297,10 @@ def _write_file(text: str, tables: dict[str, object]) -> None:
     """Replace the text of the user's file of engines; remove the file if the text is empty.
 
     Args:
-        tables: what the text must mean; comments and order are the user's.
+        tables: the tables that the text must hold, in any order and with any comments.
 
     Raises:
-        InstallationFault: the text means something else; the file stays as it is.
+        InstallationFault: the text does not hold exactly these tables; the file stays as it is.
     """
     path = Path(os.path.realpath(file_of_engines()))  # the target, if the file is a link
     try:

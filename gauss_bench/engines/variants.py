@@ -47,7 +47,7 @@ class Knob:
     """An option of an engine.
 
     Attributes:
-        meaning: what it changes.
+        meaning: its effect, in a few words.
         source: address of its documentation, or OWN_SEARCH and the reason to try it.
         values: words that it may have besides those that settings and variants use.
         range: least and largest number that it may be; for a list, that every entry may be.

@@ -32,7 +32,7 @@ class Libraries:
 
 
 def load_libraries() -> Libraries:
-    """Import JAX and MJX, in double precision on the processor; JAX must be told both before it makes its first array.
+    """Import JAX and MJX, in double precision on the processor; both must be set before JAX makes its first array.
 
     Raises:
         ImportError: one of them is not installed.

@@ -211,7 +211,7 @@ def acts_beside_loops(path: str, key: int, until: float) -> dict[str, Any]:
         until: time [s] at which the run ends.
 
     Returns:
-        A table of "what", a sentence that names what acts, or an empty text, and "at", the time [s].
+        A table of "what", a sentence that names the element that acts, or an empty text, and "at", the time [s].
     """
     import mujoco
 
