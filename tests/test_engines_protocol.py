@@ -75,30 +75,26 @@ def asks_an_engine(call: ast.Call) -> bool:
     return named or "engine" in ast.unparse(whom) or ast.unparse(whom).startswith(("get(", "model", "adapter"))
 
 
-def rooms() -> list[Path]:
-    """The files that ask engines: all but base.py, and the adapters' own folders."""
-    folders = [x for x in (PACKAGE / "engines").iterdir() if x.is_dir()]
-    return [
-        path
-        for path in sorted(PACKAGE.rglob("*.py"))
-        if path != PACKAGE / "engines" / "base.py" and not any(x in path.parents for x in (*folders, PAGES))
-    ]
+@pytest.fixture(scope="module")
+def calls() -> list[ast.Call]:
+    """All calls of functions by name in files that ask engines: base.py, and all files outside the adapters' own folders."""
+    folders = [PAGES, *(x for x in (PACKAGE / "engines").iterdir() if x.is_dir())]
+    files = [path for path in PACKAGE.rglob("*.py") if not any(x in path.parents for x in folders)]
+    return [x for path in files for x in calls_of(path.read_text(encoding="utf-8"))]
 
 
-def test_no_caller_has_a_default_of_its_own() -> None:
-    for path in rooms():
-        found = [ast.unparse(x) for x in calls_of(path.read_text(encoding="utf-8")) if asks_an_engine(x)]
-        assert not found, f"{path}: ask(engine, member) of engines/base.py knows the default"
-    callers = "getattr(x, 'first', ()), hasattr(engine, 'name'), getattr(get(x), y, {}), getattr(reference, 'q')"
-    assert [asks_an_engine(x) for x in calls_of(callers) if ast.unparse(x.func) != "get"] == [True, True, True, False]
+def test_no_caller_has_a_default_of_its_own(calls: list[ast.Call]) -> None:
+    """Only base.py itself, by `ask` and `has_own`, looks for members of engines and models."""
+    found = sorted(ast.unparse(x) for x in calls if asks_an_engine(x))
+    assert found == ["getattr(engine, x, None)"], "ask(engine, member) of engines/base.py knows the default"
+    callers = calls_of("getattr(x, 'first', ()), hasattr(engine, 'name'), getattr(get(x), y, {}), getattr(reference, 'q')")
+    assert [asks_an_engine(x) for x in callers if ast.unparse(x.func) != "get"] == [True, True, True, False]
 
 
-def test_an_engine_that_has_nothing_optional_is_asked_nothing_else() -> None:
+def test_an_engine_that_has_nothing_optional_is_asked_nothing_else(calls: list[ast.Call]) -> None:
     """Callers ask for optional members of the interface only, and some caller asks for each of them."""
-    sources = [path.read_text(encoding="utf-8") for path in [*rooms(), PACKAGE / "engines" / "base.py"]]
-    calls = [x for source in sources for x in calls_of(source) if ast.unparse(x.func) == "ask"]
-    asked = {x.args[1].value for x in calls if len(x.args) == 2 and isinstance(x.args[1], ast.Constant)}
-    assert asked == {*OPTIONAL}
+    asked = [x.args[1] for x in calls if ast.unparse(x.func) == "ask" and len(x.args) == 2]
+    assert {x.value for x in asked if isinstance(x, ast.Constant)} == {*OPTIONAL}
 
 
 def test_the_page_of_engines_has_every_optional_member_with_its_default() -> None:
@@ -156,16 +152,15 @@ def test_what_an_engine_lacks_is_the_default_inherited_or_not() -> None:
 # Steps that are not counted
 
 
-@pytest.mark.parametrize("name", ["Uncounted", "Chooser"])
-def test_a_run_whose_steps_nobody_counts_has_none_and_no_cost_a_step(name: str) -> None:
-    run = gauss_bench.simulate("four_bar", f"{FAULTY}:{name}", at=[0.0, 0.05])
+def test_a_run_whose_steps_nobody_counts_has_none_and_no_cost_a_step() -> None:
+    run = gauss_bench.simulate("four_bar", f"{FAULTY}:Chooser", at=[0.0, 0.05])
     assert run.status is Status.OK
     assert run.metrics["steps"] is None
     assert run.metrics["step_time"] is None
     text = render("simulate", run)
     assert re.search(r"^steps +- \(the engine does not count them\)$", text, re.MULTILINE)
     assert "step_time" not in text
-    row = measure(Case("four_bar", "torque", f"{FAULTY}:{name}", "default", run.integrator, "none", 1e-3, 0.05), "nowhere")["row"]
+    row = measure(Case("four_bar", "torque", f"{FAULTY}:Chooser", "default", run.integrator, "none", 1e-3, 0.05), "nowhere")["row"]
     assert (row["status"], row["steps"]) == ("ok", None)
 
 

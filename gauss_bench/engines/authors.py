@@ -199,7 +199,7 @@ def _read_candidate(place: str, line: Line, engine: Any, variants: Variants, own
 
 
 def _read_value(place: str, key: str, value: Any, variants: Variants) -> Any:
-    """Return the value of the knob `key`, with whole numbers as floats where the knob's values are floats.
+    """Return the value of the knob `key`; a whole number becomes a float if the knob's values are floats.
 
     Raises:
         SettingsFault: the value has not the type of the knob, or is not in its range.

@@ -48,7 +48,7 @@ class Variant:
     """A candidate of a search: a setting without its step size or tolerance, which the search chooses.
 
     Attributes:
-        name: how tables and users call it.
+        name: name in tables and on the command line.
         integrator, stabilization: names, as in `Choice`.
         options: knob -> value, for every knob except `integrator` and `stabilization`.
         owner: names of the engine's authors if they wrote the setting; empty if the suite's authors did.

@@ -162,7 +162,7 @@ def acceleration_by_steps(rates: TwoSteps, t: float, y: Array, dy: Array, steps:
     If a library treats springs and dampers implicitly, that changes b, not a. If it rounds the rates by e, the error of a is some
     e / h.
 
-    In a library whose constraints act on velocities, the velocities v' after a step have J v' = 0, with J at the step's beginning.
+    In a library whose constraints act on velocities, the velocities v1 after a step have J v1 = 0, with J at the step's beginning.
     From a state with J v = 0, one step would therefore give J a = 0 in place of J a = gamma. So D is taken from the second of two
     steps, of which the first begins one step before, at y - h dy. The library must not close the gaps there, which have the size
     h^2: the impulse that closes them does not vanish with h.

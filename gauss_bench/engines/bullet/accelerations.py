@@ -8,8 +8,8 @@ limit of short steps, velocities change at the rate
 
 The first term is the change of v in one step at y, divided by its length, which may have any value. The second term is found by
 fourth-order differences of steps so short that they only project. So the result has no error of a time step, and no error of
-closing gaps (erp = 0). The solver iterates until it has converged. With Bullet's own limits, as in runs, it would end before; the
-shorter the step, the sooner.
+closing gaps (erp = 0). The solver iterates until it has converged. With Bullet's own limits, which runs use, it ends before it has
+converged, and earlier for shorter steps.
 
 `tree_model.acceleration_by_steps` would not do: it divides the error of the iterated solver by the length of a step, which is much
 shorter than the distance between the points of the differences here.

@@ -32,7 +32,7 @@ def list_probes() -> list[dict[str, str]]:
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of the case with that name at absolute states q, v (k, n)."""
+    """Return the absolute accelerations (k, n) of the case `name` at absolute states q, v (k, n)."""
     closure, _, solver = name.rpartition(", ")
     exu, items = library()
     settings = exu.SimulationSettings()
