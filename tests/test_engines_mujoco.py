@@ -11,9 +11,8 @@ from gauss_bench.engines.mjcf.draft import Draft
 from gauss_bench.engines.mjcf.settings import configure
 from gauss_bench.engines.mujoco import forces
 from gauss_bench.engines.mujoco.adapter import AGREEMENT, VARIANTS, Mujoco, MujocoModel
-from gauss_bench.engines.shared import open_tree
 from gauss_bench.engines.tree import spanning_tree
-from gauss_bench.engines.tree_model import comparison, verify
+from gauss_bench.engines.tree_model import verify
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -30,18 +29,6 @@ NAMES = [*LINKAGES, "loaded"]  # the last one is a four-bar with every force
 
 def trajectory(mechanism, times, settings="rigid", **choice):
     return ran(ENGINE, mechanism, times, settings=settings, **choice)
-
-
-@pytest.mark.parametrize("name", [*NAMES, "slides", "puck"])
-def test_masses_forces_and_gaps_are_those_of_the_mechanism_far_from_the_start(name):
-    mechanism = linkage(name)
-    model, random = ENGINE.build(mechanism, Choice()), np.random.default_rng(7)
-    assert (model.model.qpos0 == model.y0).all()  # loops are closed where MuJoCo computes its weights
-    for _ in range(20):
-        y, dy = model.y0 + random.normal(0, 2, model.tree.n), random.normal(0, 10, model.tree.n)
-        own = open_tree(Evaluator(mechanism), model.tree, y, dy)
-        for what, (found, expected, scale) in comparison(model.describe(y, dy), own).items():
-            assert np.abs(found - expected).max(initial=0.0) <= 1e-13 * scale, what  # rounding: some hundred times 2e-16
 
 
 @pytest.mark.parametrize(
@@ -73,7 +60,9 @@ def compare(model: MujocoModel) -> None:
 def test_default_is_what_mujoco_ships():
     mechanism = load("six_bar")
     shipped = Draft(mujoco, mechanism, spanning_tree(mechanism)).spec.compile()
-    built = ENGINE.build(mechanism, Choice("default")).model
+    model = ENGINE.build(mechanism, Choice("default"))
+    built = model.model
+    assert (built.qpos0 == model.y0).all()  # loops are closed in the pose in which MuJoCo computes inverse weights
     for name in ("eq_solref", "eq_solimp", "body_invweight0"):
         assert (getattr(built, name) == getattr(shipped, name)).all()
     assert (built.opt.tolerance, built.opt.iterations) == (shipped.opt.tolerance, shipped.opt.iterations)
