@@ -222,7 +222,6 @@ RUNS = [  # runs with chosen steps end where the program's rows end, so that the
     ("opensim", "crank_slider", "driven", Choice("default", "verlet"), 1e-9),
     ("mjx", "four_bar", "torque", Choice("tuned", "rk4"), 1e-9),
     ("mjx", "crank_slider", "driven", Choice("default", "rk4"), 1e-6),
-    ("mjx", "squeezer", "squeeze", Choice("tuned", "rk4"), 1e-6),  # with a tendon, for which MJX returns other integers
 ]
 
 

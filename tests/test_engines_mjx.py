@@ -159,11 +159,38 @@ print(device._take_steps._cache_size(), float(device.tree_state(state)[0][0]))
 """
 
 
+TENDON = """
+import numpy as np
+from gauss_bench.engines.mjx.xla import Device, load_libraries
+
+libraries = load_libraries()
+model = libraries.mujoco.MjModel.from_xml_string(
+    "<mujoco><worldbody><site name='a' pos='1 1 0'/><body><joint axis='0 0 1'/><site name='b' pos='1 0 0'/>"
+    "<inertial pos='1 0 0' mass='1' diaginertia='1 1 1'/></body></worldbody>"
+    "<tendon><spatial stiffness='10' springlength='0.5'><site site='a'/><site site='b'/></spatial></tendon></mujoco>"
+)
+device, data = Device(libraries, model, np.zeros(1)), libraries.mujoco.MjData(model)
+state = device.take_steps(device.with_step(1e-3), device.start(np.zeros(1), np.zeros(1), 0.0), 100)
+model.opt.timestep = 1e-3
+for _ in range(100):
+    libraries.mujoco.mj_step(model, data)
+print(float(device.tree_state(state)[0][0]), data.qpos[0])
+"""
+
+
 def printed_there(python: str, script: str) -> list[str]:
     """Words that a script prints in the environment of MJX."""
     root = str(Path(gauss_bench.__file__).parents[1])
     command, where = [python, "-c", script], os.environ | {"PYTHONPATH": root}
     return subprocess.run(command, env=where, capture_output=True, text=True, check=True).stdout.split()
+
+
+@pytest.mark.slow
+def test_a_spring_between_points_is_stepped_as_mujoco_steps_it(elsewhere: str) -> None:
+    """Without the types of the state kept, JAX refuses the loop."""
+    angle, of_mujoco = map(float, printed_there(elsewhere, TENDON))
+    assert angle == pytest.approx(of_mujoco, abs=1e-12)
+    assert angle > 0.01
 
 
 @pytest.mark.slow
