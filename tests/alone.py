@@ -1,4 +1,4 @@
-"""Running exported files where the package cannot be imported, and reading what they print."""
+"""Run exported files in processes that cannot import this package, and read the tables that they print."""
 
 import csv
 import io
@@ -28,7 +28,7 @@ runpy.run_path(sys.argv[0], run_name="__main__")
 
 
 def python_alone(file: Path, *arguments: object) -> str:
-    """What a script prints in a process that cannot import gauss_bench and has nothing on its path but what is installed."""
+    """Return the output of a script in a process that cannot import gauss_bench, and has only installed packages on its path."""
     command = [sys.executable, "-I", "-c", BLOCKED, str(file), *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT, cwd=file.parent, env=ENVIRONMENT, check=False)
     assert done.returncode == 0, done.stderr
@@ -36,7 +36,7 @@ def python_alone(file: Path, *arguments: object) -> str:
 
 
 def c_alone(file: Path, *arguments: object) -> str:
-    """What a program in C prints."""
+    """Compile a program in C without warnings, and return its output."""
     program = file.with_suffix(".exe")
     warnings = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-unused-parameter", "-Wno-unused-variable"]
     subprocess.run([str(compiler()), "-O0", *warnings, str(file), "-o", str(program), "-lm"], check=True)
@@ -46,6 +46,6 @@ def c_alone(file: Path, *arguments: object) -> str:
 
 
 def rows_of(printed: str) -> tuple[list[str], Array]:
-    """Heading and numbers of a printed table."""
+    """Return the headings and the numbers (rows, columns) of a printed table."""
     heading, *rows = csv.reader(io.StringIO(printed))
     return heading, np.array(rows, dtype=float)

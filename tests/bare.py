@@ -1,7 +1,7 @@
-"""An environment with the wheel and what it requires, and nothing else: as after `pip install gauss-bench` without extras.
+"""Make an environment with the wheel and the packages that it requires, as after `pip install gauss-bench` without extras.
 
-Nothing is downloaded: the required packages are links to those of the running environment, found by following the requirements
-that the packages state themselves.
+Nothing is downloaded. The required packages are links to those of the running environment; their own requirements tell which
+packages are needed.
 """
 
 import os
@@ -21,19 +21,19 @@ ENVIRONMENT = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")
 
 @dataclass(frozen=True)
 class Bare:
-    """The environment's python, and a folder to work in."""
+    """An environment: its interpreter `python`, and a `folder` in which commands run."""
 
     python: Path
     folder: Path
 
     def run(self, *arguments: str, limit: float = 300.0) -> subprocess.CompletedProcess[str]:
-        """`gauss-bench ARGUMENTS` there."""
+        """Run `gauss-bench ARGUMENTS` in the environment, for `limit` [s] at most."""
         command = [str(self.python), "-I", "-m", "gauss_bench", *arguments]
         return subprocess.run(command, capture_output=True, text=True, timeout=limit, cwd=self.folder, env=ENVIRONMENT, check=False)
 
 
 def wheel(folder: Path) -> Path:
-    """The project's wheel, built from this tree."""
+    """Build the project's wheel into a folder, and return its path."""
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
     subprocess.run(command, check=True, capture_output=True, cwd=ROOT, env=ENVIRONMENT)
     (found,) = folder.glob("*.whl")
@@ -41,7 +41,12 @@ def wheel(folder: Path) -> Path:
 
 
 def required(lines: list[str], known: set[str]) -> Iterator[Distribution]:
-    """The distributions that requirements need, and those that these need; extras that nobody asks for are left out."""
+    """Yield the distributions that requirements need, directly or through others; extras that nobody asks for are left out.
+
+    Args:
+        lines: requirements.
+        known: names that were yielded before; it is extended.
+    """
     for line in lines:
         requirement = Requirement(line)
         name = requirement.name.lower().replace("_", "-")
@@ -56,12 +61,13 @@ def required(lines: list[str], known: set[str]) -> Iterator[Distribution]:
 
 
 def _wanted(line: str, extra: str) -> bool:
+    """Tell whether a requirement applies in this environment with an extra."""
     marker = Requirement(line).marker
     return marker is None or marker.evaluate({**default_environment(), "extra": extra})
 
 
 def bare(folder: Path) -> Bare:
-    """The environment, made in an empty folder."""
+    """Make the environment in an empty folder, and return it."""
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder / "venv")], check=True, env=ENVIRONMENT)
     (site,) = (folder / "venv" / "lib").glob("python*/site-packages")
     built = wheel(folder)
@@ -79,6 +85,7 @@ def bare(folder: Path) -> Bare:
 
 
 def _base(info: Path) -> list[str]:
+    """Return the requirements in the metadata of a distribution that apply without any extra."""
     lines = (info / "METADATA").read_text(encoding="utf-8").split("\n\n")[0].splitlines()
     stated = [line.removeprefix("Requires-Dist: ") for line in lines if line.startswith("Requires-Dist: ")]
     return [line for line in stated if _wanted(line, "")]

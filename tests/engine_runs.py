@@ -1,4 +1,4 @@
-"""What the tests of single engines share: linkages, runs, and errors against Gauss's principle."""
+"""Functions that tests of single engines share: linkages, runs, and errors against Gauss's principle."""
 
 import tomllib
 from collections.abc import Iterable
@@ -31,12 +31,12 @@ def document(name: str) -> dict[str, Any]:
 
 
 def table_of_faults(kind: str) -> list[list[Any]]:
-    """Rows of `data/faults/engines.toml`."""
+    """Return the values of each row of the table `kind` in `data/faults/engines.toml`."""
     return [[*row.values()] for row in document("faults/engines")[kind]]
 
 
 def linkage(name: str, scenario: str | None = None) -> Mechanism:
-    """A linkage of the tests' own, or a built-in one."""
+    """Return a linkage of the tests' data, or a built-in one."""
     own = (DATA / f"{name}.toml").exists()
     return load_document(document(name), scenario) if own else load(name, scenario or LINKAGES.get(name))
 
@@ -57,7 +57,7 @@ def relative_error(found: Array, expected: Array) -> float:
 
 
 def acceleration_errors(engine: Engine, mechanism: Mechanism, settings: str, states: TrueStates) -> Array:
-    """Largest error relative to the largest true acceleration, at every state."""
+    """Return for each state the largest error of accelerations, relative to the largest true acceleration."""
     model = engine.build(mechanism, Choice(settings, engine.integrators[0]))
     pairs = zip(states.t, states.q, states.v, states.a, strict=True)
     return np.array([relative_error(model.acceleration(t, q, v), a) for t, q, v, a in pairs])
@@ -65,13 +65,13 @@ def acceleration_errors(engine: Engine, mechanism: Mechanism, settings: str, sta
 
 @lru_cache(maxsize=1)
 def true_torques(mechanism: Mechanism) -> tuple[Array, Array]:
-    """Times [s] of one turn, and the driving forces there; worked out once for all ways in which a linkage is run."""
+    """Return the times [s] of one turn and the true driving forces at these times; computed once for all runs of a linkage."""
     exact = build_reference(mechanism, mechanism.duration)
     return exact.t, metrics.driving_forces(Evaluator(mechanism), Trajectory(exact.t, exact.q, exact.v, exact.a, 0))
 
 
 def torque_error(engine: Engine, mechanism: Mechanism, settled: float = 0.0, **choice: Any) -> float:
-    """Largest error of the driving torque over one turn, from the time `settled` [s] on, relative to the largest torque."""
+    """Return the largest error of the driving torque after the time `settled` [s], relative to the largest torque of one turn."""
     t, true = true_torques(mechanism)
     found = ran(engine, mechanism, t, **choice)
     error = np.abs(metrics.driving_forces(Evaluator(mechanism), found) - true)[t >= settled]

@@ -22,7 +22,7 @@ def same(x: Any) -> Any:
 
 
 class Sound:
-    """An adapter that keeps every rule, to be spoilt: by the linkage that is modelled, the terms that are solved, what is told."""
+    """An adapter that keeps every rule; subclasses spoil the linkage that it models, the terms that it solves or its trajectory."""
 
     integrators, stabilizations, settings = ("rk4",), ("none", "projection"), {"default": dict[str, Any]()}
     native_loop, python_loop = False, True
@@ -50,7 +50,7 @@ class Sound:
 
 
 class Wrapped:
-    """A model whose adapter may touch what goes out."""
+    """A model whose adapter may change its accelerations and its trajectory."""
 
     def __init__(self, adapter: Sound, model: Model, choice: Choice | None = None) -> None:
         self.adapter, self.model, self.choice, self.ran = adapter, model, choice, 0
@@ -71,7 +71,7 @@ class Wrapped:
 
 
 class Remembers(Sound):
-    """A run begins where the last one left something."""
+    """Every run adds an error to the positions of later runs."""
 
 
 def in_degrees(x: Trajectory) -> Trajectory:
@@ -86,7 +86,7 @@ def with_links(mechanism: Mechanism, **factors: float) -> Mechanism:
 
 
 def with_entry(terms: Terms) -> Terms:
-    """One entry of the Jacobian, a thousandth too large."""
+    """Return terms with one entry of the Jacobian a thousandth too large."""
     J = terms.J.copy()
     J[1, 2] *= 1.001
     return replace(terms, J=J)
@@ -111,21 +111,21 @@ globals().update({name: type(name, (Sound,), {k: staticmethod(x) for k, x in par
 
 
 class Unsure(Sound):
-    """Asked for accelerations, it has none."""
+    """Has no accelerations at given states."""
 
     def asked(self, model: Any, t: float, q: Array, v: Array) -> Array:
         return np.full_like(q, np.nan)
 
 
 class Excused(Sound):
-    """Declares its loops soft, which they are not, to hide inertias."""
+    """Declares its rigid loops soft, to hide wrong inertias."""
 
     modelled = staticmethod(partial(with_links, inertia=1.01))
     soft: ClassVar = {"default": "an excuse that is long enough to be read"}
 
 
 class Regular(Sound):
-    """Constraint forces are regularised, J a = gamma + e lambda, and nothing says so."""
+    """Regularises constraint forces, J a = gamma + e lambda, and does not declare it."""
 
     def asked(self, model: Any, t: float, q: Array, v: Array) -> Array:
         terms = model.evaluator.terms(t, q, v)
@@ -134,7 +134,7 @@ class Regular(Sound):
 
 
 class Springs(Regular):
-    """The same, as declared; it runs by these accelerations."""
+    """Regularises constraint forces, declares it, and runs by these accelerations."""
 
     stabilizations = ("none",)
     soft: ClassVar = {"default": "constraint forces are regularised by half a kilogram"}
@@ -186,7 +186,7 @@ class Trapped(Wrapped):
 
 
 class TwoFaced(Sound):
-    """Answers for the linkage that is asked about, and runs another."""
+    """Returns the accelerations of the given linkage, and runs another linkage."""
 
     def build(self, mechanism: Mechanism, choice: Choice) -> Any:
         runs = super().build(with_links(mechanism, inertia=1.01), choice)
@@ -195,7 +195,7 @@ class TwoFaced(Sound):
 
 
 class Deaf(Sound):
-    """Chooses its steps by a tolerance of its own, whatever is asked for."""
+    """Chooses its steps by a tolerance of its own, and ignores the tolerance of the choice."""
 
     integrators, stabilizations = ("dop853",), ("none",)
 
@@ -204,7 +204,7 @@ class Deaf(Sound):
 
 
 class Uncounted(Sound):
-    """Sound, but it does not tell how many steps it took."""
+    """Sound, but does not count its steps."""
 
     told = staticmethod(lambda x: replace(x, steps=None))
 
@@ -216,7 +216,7 @@ class Chooser(Uncounted):
 
 
 class Reacting(Sound):
-    """Tells the forces of its joints itself."""
+    """Returns the forces of its joints."""
 
     sign = 1.0
 
@@ -232,6 +232,6 @@ class Reacting(Sound):
 
 
 class Opposed(Reacting):
-    """Tells the forces on the first links of its joints, not on the second."""
+    """Returns the forces on the first links of its joints, not those on the second links."""
 
     sign = -1.0

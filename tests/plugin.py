@@ -1,11 +1,16 @@
-"""A package with engines of others, as an installation leaves it."""
+"""Install a package with engines of others, as pip would leave it."""
 
 import os
 from pathlib import Path
 
 
 def installed(folder: Path, package: str, names: tuple[str, ...]) -> dict[str, str]:
-    """The environment of a process that has the package, in this folder; an engine's class has its name with a capital."""
+    """Write a package into a folder, and return the variables of a process that can import it.
+
+    Args:
+        package: source of the module `others`.
+        names: names of its engines; the class of an engine is its name with a capital letter.
+    """
     (folder / "others.py").write_text(package, encoding="utf-8")
     made = folder / "others-1.0.dist-info"
     made.mkdir()

@@ -141,7 +141,7 @@ def test_rows_are_at_most_a_hundred_and_no_step_is_longer_than_asked() -> None:
 
 
 def table(mechanism: Mechanism) -> str:
-    """A program that prints what a library prints, then a heading and two rows: zeros, and all coordinates at 2."""
+    """Return a program that prints a library's greeting, then a heading and two rows: zeros, and all coordinates at 2."""
     heading = ",".join(["t", *coordinates(mechanism), *rates(mechanism)])
     rows = [[0.0] * (1 + 2 * mechanism.n), [1.0, *[2.0] * (2 * mechanism.n)]]
     return f"print('library 1.0')\nprint({heading!r})\nfor row in {rows}:\n    print(*row, sep=',')\n"

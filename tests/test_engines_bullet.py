@@ -1,30 +1,27 @@
-"""Bullet, in an environment of its own: what it is given and refuses, its accelerations, and its errors against certificates.
+"""Bullet's adapter, with stand-ins that take the steps of PyBullet; see also `test_engines_elsewhere.py`.
 
-What needs PyBullet is skipped without its environment, in CI too. Its steps are then taken by stand-ins.
+Tests that need PyBullet are skipped without its environment, in CI too.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pytest
 
 import gauss_bench
-from gauss_bench.bench.agreement import KINDS
 from gauss_bench.engines.bullet.accelerations import Accelerations
 from gauss_bench.engines.bullet.adapter import VARIANTS, step_through
 from gauss_bench.engines.bullet.bodies import BodyWorld
 from gauss_bench.engines.bullet.joints import TreeWorld, list_joints
 from gauss_bench.engines.bullet.translate import BodyForces, joint_forces
 from gauss_bench.engines.bullet.world import STRONGEST
-from gauss_bench.engines.shared import drivers_by_coordinate, open_tree
+from gauss_bench.engines.shared import drivers_by_coordinate, open_tree, unit_speeds
 from gauss_bench.engines.tree import Tree, spanning_tree, turning
 from gauss_bench.integrate.fixed_step import Stretch
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import rotate
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.spaces import angles, places
@@ -72,26 +69,6 @@ def test_the_joints_of_the_tree_put_every_link_where_the_linkage_has_it(name: st
     np.testing.assert_allclose(turned, angles(q)[links], atol=1e-14)
 
 
-@pytest.mark.parametrize("name", ["crank_slider", "four_bar", "loaded", "everything", "pushed", "kinds"])
-def test_the_forces_of_joints_do_the_work_of_the_linkages_forces(name: str, rng: np.random.Generator) -> None:
-    mechanism = load(KINDS, "loaded") if name == "kinds" else everything() if name == "everything" else linkage(name)
-    tree = spanning_tree(mechanism)
-    forces = joint_forces(mechanism, tree)
-    applied = AppliedForces(replace(mechanism, gravity=np.zeros(2)))
-    for t in (0.0, 0.3):
-        y, dy = rng.uniform(-1.0, 1.0, (2, tree.n))
-        q, v, _ = tree.absolute(y, dy, dy)
-        expected = tree.forces(q, applied.generalised(q, v, t))
-        found = forces(t, y, dy) - forces.joint_damping * dy
-        np.testing.assert_allclose(found, expected, atol=1e-12 * max(1.0, float(np.abs(expected).max())))
-
-
-def test_forces_that_never_change_are_told_apart() -> None:
-    for name, scenario, constant in (("eight_bar", "torque", True), ("crank_slider", "paper", False)):
-        mechanism = load(name, scenario)
-        assert joint_forces(mechanism, spanning_tree(mechanism)).are_constant is constant
-
-
 class StandIn:
     """Steps on velocities as Bullet takes them, computed in numpy from the suite's own terms."""
 
@@ -119,7 +96,7 @@ class StandIn:
         """Let velocities follow from the forces, and project them onto those that closures and motors allow: J v = b."""
         tree, own = self.tree, open_tree(self.evaluator, self.tree, self.y, self.dy)
         v = self.dy + self.h * np.linalg.solve(own.mass, own.forces)
-        speeds = tree.absolute(np.tile(self.y, (tree.n, 1)), np.eye(tree.n), np.zeros((tree.n, tree.n)))[1]  # (n, 3 links)
+        speeds = unit_speeds(tree, self.y)  # (n, 3 links)
         rows = [self.evaluator.constraints(0.0, own.q, 0 * own.q).J[: self.joint_rows] @ speeds.T]
         rows += [np.eye(tree.n)[[joint]] for joint in self.rates]
         J, b = np.vstack(rows), np.concatenate([np.zeros(self.joint_rows), [*self.rates.values()]])
@@ -137,30 +114,21 @@ def test_steps_on_velocities_alone_show_the_accelerations_of_closed_loops(name: 
     laws = {at: driver.law for at, driver in drivers_by_coordinate(mechanism, tree).items()}
     world: Any = StandIn(mechanism, tree)
     found = Accelerations(world, joint_forces(mechanism, tree), laws)
-    states = random_states(mechanism, 5)
+    states = random_states(mechanism, 3)
     for t, q, v, a in zip(states.t, states.q, states.v, states.a, strict=True):
         y, dy = tree.relative(q, v)
         assert relative_error(tree.absolute(y, dy, found(t, y, dy))[2], a) < 1e-9
 
 
-class Clock:
-    """A world of one joint, which moves at the rate of its motor."""
+class Clock(StandIn):
+    """A world of one joint, which moves at the rate of its motor; `seen` lists the forces that it is given."""
 
     def __init__(self) -> None:
-        self.y, self.rate, self.h = np.zeros(1), 0.0, 0.0
-        self.seen: list[float] = []
-
-    def set_step(self, step: float) -> None:
-        self.h = step
-
-    def drive(self, joint: int, rate: float) -> None:
-        self.rate = rate
-
-    def state(self) -> tuple[Array, Array]:
-        return self.y, np.array([self.rate])
+        self.rates, self.seen = {0: 0.0}, list[float]()
+        self.y = self.dy = np.zeros(1)
 
     def step(self, tau: Sequence[float]) -> None:
-        self.y = self.y + self.h * self.rate
+        self.y = self.y + self.h * self.rates[0]
         self.seen += tau
 
 
@@ -209,31 +177,23 @@ def tree_world(recorder: Any) -> TreeWorld | BodyWorld:
     return TreeWorld(recorder, mechanism, spanning_tree(mechanism), VARIANTS.settings["default"])
 
 
-def body_world(recorder: Any) -> TreeWorld | BodyWorld:
-    return BodyWorld(recorder, load("four_bar", "torque"), VARIANTS.settings["default"])
-
-
-@pytest.mark.parametrize("build", [tree_world, body_world])
-def test_masses_are_set_in_calls_that_set_nothing_which_would_send_them_to_the_base(
-    build: Callable[[Any], TreeWorld | BodyWorld],
-) -> None:
-    recorder = Recorder()
-    build(recorder)
-    changes = recorder.of("changeDynamics")
-    for keyword in ("linearDamping", "angularDamping", "maxJointVelocity"):
-        assert any(keyword in x for x in changes)
-        assert not any(keyword in x and "mass" in x for x in changes)
-    assert sum("mass" in x for x in changes) == 3  # one call for each link
+def test_masses_are_set_in_calls_that_set_nothing_which_would_send_them_to_the_base() -> None:
+    for build in (tree_world, lambda x: BodyWorld(x, load("four_bar", "torque"), VARIANTS.settings["default"])):
+        recorder = Recorder()
+        build(recorder)
+        changes = recorder.of("changeDynamics")
+        for keyword in ("linearDamping", "angularDamping", "maxJointVelocity"):
+            assert any(keyword in x for x in changes)
+            assert not any(keyword in x and "mass" in x for x in changes)
+        assert sum("mass" in x for x in changes) == 3  # one call for each link
 
 
 def test_closures_may_exert_the_same_impulse_in_a_step_of_any_length() -> None:
     recorder = Recorder()
     world = tree_world(recorder)
     for step in (1e-3, 1e-15):
-        recorder.calls.clear()
         world.set_step(step)
-        (change,) = recorder.of("changeConstraint")
-        assert change["maxForce"] * step == pytest.approx(STRONGEST)
+        assert recorder.of("changeConstraint")[-1]["maxForce"] * step == pytest.approx(STRONGEST)
 
 
 def test_free_bodies_are_given_the_linkages_forces_without_gravity() -> None:

@@ -1,4 +1,4 @@
-"""CasADi: what its integrators make of a linkage, what they refuse, and the functions it gives away."""
+"""CasADi: motions by its integrators, linkages that it refuses, and its functions for users."""
 
 from dataclasses import replace
 

@@ -1,6 +1,6 @@
-"""Drake, in an environment of its own: what it is given and refuses, its errors against certificates, and the findings on it.
+"""Drake's adapter: its forces, closures and accelerations, its refusals, and the findings on Drake.
 
-What needs Drake is skipped without its environment, in CI too.
+Tests that need Drake are skipped without its environment, in CI too.
 """
 
 import subprocess
@@ -102,7 +102,7 @@ def test_the_findings_on_drake_are_as_told(elsewhere: str) -> None:
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"rest": 0.0}, "Drake has a spring between points with a positive free length alone (stretch)"),
+        ({"rest": 0.0}, "Drake's spring between points needs a positive free length (stretch)"),
         ({"k": -1.0}, "Drake has no spring or damper with a negative constant (stretch)"),
         ({"c": -1.0}, "Drake has no spring or damper with a negative constant (stretch)"),
     ],
@@ -118,7 +118,7 @@ def test_a_spring_between_points_beyond_drakes_is_refused_by_name(change: dict[s
 def test_only_discrete_plants_have_constraints() -> None:
     four_bar = load("four_bar", "torque")
     assert Drake().skip(four_bar, Choice(integrator="sap")) is None
-    assert "in discrete plants alone" in str(Drake().skip(four_bar, Choice(integrator="radau3")))
+    assert "in discrete plants only" in str(Drake().skip(four_bar, Choice(integrator="radau3")))
     assert Drake().skip(four_bar, Choice("bushing", "radau3")) is None
     open_chain = replace(four_bar, joints=four_bar.joints[:3])
     assert Drake().skip(open_chain, Choice(integrator="radau3")) is None
@@ -145,10 +145,12 @@ def test_a_gap_moves_the_least_mass() -> None:
 
 @dataclass
 class Settling:
-    """Steps that behave as those of SAP: what is missing of the acceleration halves with every step.
+    """Steps that behave like those of SAP: the error of the acceleration halves with every step.
 
     Attributes:
-        blur: change of the acceleration by the length, for lengths below `coarse` [s].
+        length: length of a step [s].
+        acceleration: (2,) limit of the acceleration at length 0.
+        blur: error of the acceleration if the length is below `coarse` [s].
     """
 
     length: float

@@ -1,8 +1,9 @@
-"""What all engines in environments of their own share: how they are found, what they refuse, and how far they are off certificates.
+"""Engines in environments of their own: how they are found, what they refuse, and their errors against certificates.
 
-What needs an engine's library is skipped without its environment, in CI too; what is special to one stands in that engine's file.
+Tests that need an engine's library are skipped without its environment, in CI too.
 """
 
+import os
 import re
 from dataclasses import replace
 from importlib import import_module
@@ -14,14 +15,23 @@ import numpy as np
 import pytest
 
 import gauss_bench
+from gauss_bench.compiler import user_cache
 from gauss_bench.engines import ELSEWHERE, FILE, UnknownEngine, all_names, get, names
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.bullet.translate import joint_forces
+from gauss_bench.engines.dart.translate import EXPLICIT, IMPLICIT, forces_of
+from gauss_bench.engines.given_forces import GivenForces, on_one_joint
+from gauss_bench.engines.newton import kernels
 from gauss_bench.engines.tree import spanning_tree
+from gauss_bench.engines.tree_loads import OnJoints
 from gauss_bench.linkage.load import load
+from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
-from gauss_bench.reference.certificate import certificate_path, read_certificate
+from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.offers import NOT_TOLD, in_python, offers
-from tests.conftest import everything
+from gauss_bench.terms import Array
+from tests.conftest import USERS_CACHE, everything
+from tests.engine_runs import linkage
 
 
 def test_without_its_environment_an_engine_is_not_listed_and_told_how_to_install(
@@ -78,11 +88,13 @@ REFUSED = [  # engine, linkage, scenario, settings -> words of the refusal; None
     ("bullet", "crank_slider", "paper", BODIES, "no slide between free bodies (guide)"),
     ("bullet", "four_bar", "cycloid", BODIES, "none between free bodies"),
     ("bullet", "four_bar", "torque", BODIES, None),
-    ("mjx", "four_bar", "cycloid", "", "MJX is given no motion law sine here"),
-    ("opensim", "four_bar", "cycloid", "", "no motion law sine"),
+    *((x, "four_bar", "cycloid", "", "not the motion law sine") for x in ("mjx", "opensim")),
     *((x, "four_bar", "cycloid", "", None) for x in ("bullet", "dart")),
     *((x, "crank_slider", "paper", "", None) for x in ELSEWHERE),
     *(("mjx", x, None, "", None) for x in ("eight_bar", "parallelogram", "jansen", "shaper")),
+    *(("newton", x, y, "", "would not follow its law") for x, y in (("four_bar", "driven"), ("excavator", None))),
+    ("newton", "sleigh", None, "", "Newton has no constraint on velocities alone"),
+    *(("newton", x, None, "", None) for x in ("parallelogram", "jansen")),
 ]
 
 
@@ -94,23 +106,18 @@ def test_what_an_engine_cannot_have_is_refused_by_name(
     assert reason is None if words is None else words in str(reason)
 
 
-@pytest.mark.parametrize(
-    ("engine", "refusal"),
-    [
-        ("bullet", "Bullet prescribes coordinates of the tree of joints, and the driven angle is none"),
-        ("dart", "DART prescribes coordinates of the tree of joints, and the driven angle is none"),
-    ],
-)
-def test_a_driven_link_without_a_hinge_on_the_ground_is_refused(engine: str, refusal: str) -> None:
+@pytest.mark.parametrize(("engine", "library"), [("bullet", "Bullet"), ("dart", "DART")])
+def test_a_driven_link_without_a_hinge_on_the_ground_is_refused(engine: str, library: str) -> None:
     mechanism = load("four_bar", "driven")
     (driver,) = mechanism.drivers
     assert isinstance(driver, AngleDriver)
     assert adapter(engine).skip(mechanism, Choice()) is None
-    assert adapter(engine).skip(replace(mechanism, drivers=(replace(driver, link=1),)), Choice()) == refusal
+    refusal = adapter(engine).skip(replace(mechanism, drivers=(replace(driver, link=1),)), Choice())
+    assert refusal == f"{library} can prescribe single coordinates of the tree of joints, and the driven angle is a sum of them"
 
 
 def refusal_of(engine: str, mechanism: Mechanism, *forces: Any) -> str | None:
-    """What an engine says of a mechanism with these forces alone."""
+    """Return an engine's reason to refuse a mechanism with only these forces; None if it takes the mechanism."""
     alone = replace(mechanism, forces=forces)
     reason: str | None = import_module(f"gauss_bench.engines.{engine}.translate").refusal(alone, spanning_tree(alone))
     return reason
@@ -129,7 +136,59 @@ def test_a_force_without_an_exact_element_is_refused_by_name(engine: str, librar
     assert refusal_of(engine, whole, far) == f"{library} has no spring or damper on a sum of coordinates (coil)"
 
 
-# errors of the crank after 1 s [rad]: linkage, scenario, settings, step [s], and what was measured
+def forces_of_joints(forces: GivenForces, y: Array, dy: Array) -> Array:
+    """Return the forces (n,) of the springs and dampers that are elements of the library."""
+    found = np.zeros_like(y)
+    for x in forces.own:
+        found += (x.k * (x.rest - x.row @ y - x.constant) - x.c * x.row @ dy) * x.row
+    return found
+
+
+def dampers_of_joints(forces: GivenForces, y: Array, dy: Array) -> Array:
+    """Return the forces (n,) of Bullet's joint damping, its only element."""
+    return -forces.joint_damping * dy
+
+
+@pytest.mark.parametrize("name", ["crank_slider", "loaded", "everything", "pushed"])
+@pytest.mark.parametrize(
+    ("sort", "own_forces", "has_own"),
+    [
+        (joint_forces, dampers_of_joints, True),
+        (lambda mechanism, tree: forces_of(mechanism, tree, IMPLICIT), forces_of_joints, True),
+        (lambda mechanism, tree: forces_of(mechanism, tree, EXPLICIT), forces_of_joints, False),
+    ],
+    ids=["bullet", "dart implicit", "dart explicit"],
+)
+def test_forces_that_a_library_has_and_is_given_are_all_forces(
+    name: str, sort: Any, own_forces: Any, has_own: bool, rng: np.random.Generator
+) -> None:
+    """As forces on the tree coordinates, at random states and two times."""
+    mechanism = everything() if name == "everything" else linkage(name)
+    tree = spanning_tree(mechanism)
+    forces = sort(mechanism, tree)
+    assert name != "everything" or bool(forces.own) == has_own
+    whole = AppliedForces(replace(mechanism, gravity=np.zeros(2)))
+    for t in (0.0, 0.3):
+        y, dy = rng.uniform(-1.0, 1.0, (2, tree.n))
+        q, v, _ = tree.absolute(y, dy, dy)
+        expected = tree.forces(q, whole.generalised(q, v, t))
+        found = forces(t, y, dy) + own_forces(forces, y, dy)
+        np.testing.assert_allclose(found, expected, atol=1e-12 * max(1.0, float(np.abs(expected).max())))
+
+
+def test_libraries_have_springs_on_one_coordinate_of_the_tree_alone() -> None:
+    assert on_one_joint(OnJoints(np.array([0.0, -1.0, 0.0]), 0.0, 1.0, 0.0, 0.0))
+    assert not on_one_joint(OnJoints(np.array([1.0, -1.0, 0.0]), 0.0, 1.0, 0.0, 0.0))
+
+
+def test_python_code_of_a_run_is_named() -> None:
+    dart = adapter("dart")
+    assert dart.in_python(load("parallelogram", "torque"), Choice("default")) == ""
+    assert "forces" in dart.in_python(load("crank_slider", "paper"), Choice("explicit"))
+    assert dart.in_python(load("four_bar", "cycloid"), Choice("default")).startswith("motion laws")
+
+
+# errors of the crank after 1 s, Newton's after 0.1 s [rad]: linkage, scenario, settings, step [s], and the measured error
 MEASURED = {
     "bullet": [  # damping=0.04 is Bullet's own, which slows every link
         ("crank_slider", "paper", "default", 1e-3, 0.0935),
@@ -154,6 +213,11 @@ MEASURED = {
         ("crank_slider", "paper", "bushing_runge_kutta_adaptive/0.003", 1e-3, 1.423e-3),
     ],
     "mjx": [("crank_slider", "paper", "tuned", 1e-3, 6.4e-3), ("eight_bar", "torque", "tuned", 1e-3, 1.7e-2)],
+    "newton": [
+        ("crank_slider", "paper", "default", 1e-3, 4.6e-3),
+        ("crank_slider", "paper", "dvi", 1e-3, 4.8e-3),
+        ("four_bar", "torque", "dvi", 1e-3, 3.8e-3),
+    ],
     "opensim": [  # on redundant rows (the parallelogram) the error of the default is noise, 4e-8 to 2e-6
         ("crank_slider", "paper", "default", 1e-3, 1.5e-8),
         ("eight_bar", "torque", "default", 1e-3, 9.0e-8),
@@ -163,10 +227,20 @@ MEASURED = {
     ],
 }
 SHARE = {"bullet": (0.9, 1.1), "dart": (0.8, 1.2), "drake": (0.99, 1.01), "mjx": (0.5, 2.0), "opensim": (0.5, 1.2)}
+SHARE["newton"] = (0.9, 1.1)
+
+
+@pytest.fixture
+def kept_kernels(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The user's machine code of Newton, which takes minutes to compile."""
+    if request.node.callspec.params["engine"] == "newton":
+        monkeypatch.setenv("XDG_CACHE_HOME", os.environ[USERS_CACHE])
+        if not [*(user_cache.folder() / kernels.FOLDER).glob(kernels.MADE.format("*"))]:
+            pytest.skip("Newton's kernels are not compiled here")
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("elsewhere")
+@pytest.mark.usefixtures("kept_kernels", "elsewhere")
 @pytest.mark.parametrize(
     ("engine", "name", "scenario", "settings", "step", "measured"), [(x, *row) for x, rows in MEASURED.items() for row in rows]
 )
@@ -174,15 +248,14 @@ def test_the_crank_is_off_the_certificate_by_what_was_measured(
     engine: str, name: str, scenario: str, settings: str, step: float, measured: float
 ) -> None:
     mechanism = load(name, scenario)
-    path = certificate_path(mechanism)
-    assert path is not None
-    certificate = read_certificate(path)
-    (at,) = np.flatnonzero(certificate.t == 1.0)
-    run = gauss_bench.simulate(name, engine, scenario, settings, step=step, at=[0.0, 1.0])
-    assert run.status == "ok" or (engine in ("bullet", "dart", "drake") and run.status == "invalid"), run.message
+    certified = find_certified(mechanism, 1.0)
     crank = mechanism.crank
+    assert certified is not None
     assert crank is not None
-    error = abs(run.links[mechanism.link_name(crank)]["theta"][-1] - certificate.q[at, 3 * crank + 2])
+    at = int(np.abs(certified.t - (0.1 if engine == "newton" else 1.0)).argmin())
+    run = gauss_bench.simulate(name, engine, scenario, settings, step=step, at=[0.0, float(certified.t[at])])
+    assert run.status == "ok" or (engine in ("bullet", "dart", "drake", "newton") and run.status == "invalid"), run.message
+    error = abs(run.links[mechanism.link_name(crank)]["theta"][-1] - certified.q[at, 3 * crank + 2])
     low, high = SHARE[engine]
     assert low * measured < error < high * measured
 

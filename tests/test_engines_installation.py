@@ -1,4 +1,4 @@
-"""`gauss-bench engines`: environments that are installed and removed, and what is left if that fails, is refused or interrupted.
+"""`gauss-bench engines` installs and removes environments, and leaves nothing if that fails or is interrupted.
 
 Nothing is downloaded: pip gets a folder with one small wheel, or an index that never answers.
 """
@@ -8,14 +8,16 @@ import fcntl
 import hashlib
 import io
 import os
+import shutil
 import signal
 import socket
 import subprocess
 import sys
 import time
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -95,9 +97,30 @@ def left() -> list[str]:
     return sorted(x.name for x in installation.home().iterdir()) if installation.home().exists() else []
 
 
+@pytest.fixture(scope="module")
+def made_environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An environment of venv with pip, which takes seconds to make."""
+    folder = tmp_path_factory.mktemp("made") / "environment"
+    subprocess.run([sys.executable, "-I", "-m", "venv", str(folder)], check=True)
+    return folder
+
+
+@pytest.fixture
+def quick_venv(made_environment: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Environments are copies of one that venv has made; pip runs in them as it does for users."""
+    run = installation.run_program
+
+    def run_quickly(command: Sequence[str], *rest: Any) -> None:
+        if "venv" not in command:
+            return run(command, *rest)
+        shutil.copytree(made_environment, command[-1], symlinks=True, dirs_exist_ok=True)
+
+    monkeypatch.setattr(installation, "run_program", run_quickly)
+
+
 @pytest.mark.slow
 def test_an_engine_is_installed_used_and_removed_and_other_entries_stay(
-    engines: Path, twin: Path, capsys: pytest.CaptureFixture[str]
+    engines: Path, twin: Path, quick_venv: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["engines", "install", "twin", "--yes"]) == 0
     said = capsys.readouterr()
@@ -114,27 +137,24 @@ def test_an_engine_is_installed_used_and_removed_and_other_entries_stay(
 
 
 @pytest.mark.slow
-def test_what_pip_refuses_or_cannot_find_leaves_nothing(
-    engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("fault", ["hash", "wheel", "adapter"])
+def test_an_installation_that_fails_leaves_nothing_and_says_why(
+    fault: str, engines: Path, twin: Path, quick_venv: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    requirements = (twin / "requirements.txt").read_text()
-    (twin / "requirements.txt").write_text(f"twin==1.0 --hash=sha256:{'0' * 64}\n")
+    match fault:
+        case "hash":  # pip refuses the wheel
+            (twin / "requirements.txt").write_text(f"twin==1.0 --hash=sha256:{'0' * 64}\n")
+        case "wheel":  # pip finds none
+            monkeypatch.setenv("PIP_FIND_LINKS", os.devnull)
+        case _:  # the engine that is installed cannot be used
+            monkeypatch.setitem(ELSEWHERE, "twin", "stand_in:Nobody")
     assert main(["engines", "install", "twin", "--yes"]) == 2
-    assert "hash" in capsys.readouterr().err.lower().rpartition("error: twin 1.0 cannot be installed")[2]
-    (twin / "requirements.txt").write_text(requirements)
-    monkeypatch.setenv("PIP_FIND_LINKS", os.devnull)
-    assert main(["engines", "install", "twin", "--yes"]) == 2
-    assert "error: Twin 1.0 cannot be installed (there are wheels for every Python): ERROR: " in capsys.readouterr().err
-    assert (engines.read_text(), left()) == (OWN, [])
-
-
-@pytest.mark.slow
-def test_an_engine_that_cannot_be_used_is_removed_again(
-    engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(ELSEWHERE, "twin", "stand_in:Nobody")
-    assert main(["engines", "install", "twin", "--yes"]) == 2
-    assert "cannot be used" in capsys.readouterr().err
+    error = capsys.readouterr().err.rpartition("error: ")[2]
+    if fault == "adapter":
+        assert error.startswith("twin was installed and cannot be used, so it was removed: ")
+    else:
+        assert error.startswith("Twin 1.0 cannot be installed (there are wheels for every Python): ERROR: ")
+        assert fault == "wheel" or "hash" in error.lower()
     assert (engines.read_text(), left()) == (OWN, [])
 
 
@@ -149,7 +169,7 @@ def silent_index(monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
         yield server
 
 
-@pytest.mark.long("2-130")
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.parametrize(("end", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
 def test_an_interrupted_installation_leaves_nothing_and_a_killed_one_nothing_after_the_next_call(
@@ -189,17 +209,20 @@ def test_an_interrupt_at_any_step_leaves_nothing(
     assert (engines.read_text(), left()) == (OWN, [])
 
 
-def test_an_installation_killed_before_it_was_entered_is_replaced(
-    engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_killed_installations_left_is_replaced_and_removed(engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(installation, "run_program", lambda *_: None)
     old = installation.home() / "twin"
     old.mkdir(parents=True)
     (old / installation.MADE).touch()
     (old / "half").touch()
+    hidden = old.with_name(".twin.part-x")
+    hidden.mkdir()  # of an installation that was killed before
     installation.install("twin", lambda _: "", lambda _: None)
     assert installation.is_installed_here("twin")
     assert (left(), (old / "half").exists()) == (["twin"], False)
+    hidden.mkdir()
+    assert main(["engines"]) == 0
+    assert left() == ["twin"]
 
 
 def test_without_a_terminal_nothing_is_installed_unless_yes_is_given(
@@ -236,7 +259,10 @@ def test_what_was_not_installed_here_is_neither_removed_nor_replaced(
     assert (engines.read_text(), left()) == (entry, ["elsewhere"])
 
 
-def test_two_installations_at_once_are_refused(engines: Path, twin: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_installation_is_refused_beside_another_and_with_a_faulty_file_of_engines(
+    engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(installation, "run_program", lambda *_: pytest.fail("it began"))
     installation.home().mkdir(parents=True)
     other = os.open(installation.home(), os.O_RDONLY)
     try:
@@ -246,12 +272,6 @@ def test_two_installations_at_once_are_refused(engines: Path, twin: Path, capsys
         assert main(["engines"]) == 0
     finally:
         os.close(other)
-
-
-def test_a_faulty_file_of_engines_stops_an_installation_before_it_begins(
-    engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(installation, "run_program", lambda *_: pytest.fail("it began"))
     engines.write_text("[heun]\n")
     assert main(["engines", "install", "twin", "--yes"]) == 2
     assert str(engines) in capsys.readouterr().err
@@ -261,17 +281,8 @@ def test_a_faulty_file_of_engines_stops_an_installation_before_it_begins(
 PYTHON = Path('/home/me/it\'s "here"/bin/python')
 
 
-@pytest.mark.parametrize(
-    ("before", "after"),
-    [
-        ("", ""),
-        (OWN, OWN),
-        (OWN.rstrip("\n"), OWN),
-        ("# nothing yet\n", "# nothing yet\n"),
-        (OWN + "\n# an end\n", OWN + "\n# an end\n"),
-    ],
-)
-def test_an_entry_comes_and_goes_and_the_rest_of_the_file_stays(before: str, after: str, engines: Path, twin: Path) -> None:
+@pytest.mark.parametrize("before", ["", OWN, OWN.rstrip("\n"), "# nothing yet\n", OWN + "\n# an end\n"])
+def test_an_entry_comes_and_goes_and_the_rest_of_the_file_stays(before: str, engines: Path, twin: Path) -> None:
     engines.write_text(before) if before else engines.unlink()
     installation._enter("twin", PYTHON)
     environment = environment_of("twin")
@@ -279,20 +290,21 @@ def test_an_entry_comes_and_goes_and_the_rest_of_the_file_stays(before: str, aft
     assert (environment.python, environment.class_name) == (str(PYTHON), "stand_in:Twin")
     assert before in engines.read_text()
     installation._take_out("twin")
-    assert (engines.read_text() if engines.exists() else "") == after
+    assert (engines.read_text() if engines.exists() else "").strip() == before.strip()
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("old", "new"),
     [
-        lambda text: text + "\n# later\n" + OWN.replace("heun", "later"),
-        lambda text: text.replace("[twin]", '  [ "twin" ]  # moved'),
-        lambda text: text.replace("python = ", "memory = 3\npython = ", 1) if "memory" not in text else text,
+        ("[twin]", '  [ "twin" ]  # moved'),
+        ("python = ", "memory = 3\npython = "),
+        ("[twin]", OWN.replace("heun", "later") + "[twin]"),
     ],
 )
-def test_an_entry_that_the_user_has_edited_goes_alone(change: Callable[[str], str], engines: Path, twin: Path) -> None:
+def test_an_entry_that_the_user_has_edited_goes_alone(old: str, new: str, engines: Path, twin: Path) -> None:
     installation._enter("twin", PYTHON)
-    engines.write_text(change(engines.read_text()))
+    before, entry, after = engines.read_text().rpartition("[twin]")
+    engines.write_text(before + (entry + after).replace(old, new))
     others = {name: x for name, x in read_environments().items() if name != "twin"}
     installation._take_out("twin")
     assert read_environments() == others

@@ -134,13 +134,3 @@ def test_driving_torques_over_a_turn(name: str, kind: str, scenario: str) -> Non
     for engine, choice, limit in ACCURACY:
         if engine == name:
             assert torque_error(get(name), mechanism, **choice) < limit, choice
-
-
-@pytest.mark.parametrize(
-    ("name", "settings", "integrator", "fall"),
-    [("exudyn", "tuned", "trapezoidal_index2", 3.0), ("mujoco", "rigid", "rk4", 8.0)],  # of orders two and four
-)
-def test_errors_of_driving_torques_fall_with_half_the_step(name: str, settings: str, integrator: str, fall: float) -> None:
-    mechanism = load("four_bar", "cycloid")
-    coarse, fine = (torque_error(get(name), mechanism, settings=settings, integrator=integrator, step=h) for h in (1e-3, 5e-4))
-    assert coarse / fine > fall

@@ -1,7 +1,4 @@
-"""OpenSim, in an environment of its own: what it is given and refuses, and its errors against certificates.
-
-What needs OpenSim is skipped without its environment, in CI too.
-"""
+"""OpenSim in its environment: its joint forces, and redundant rows; skipped without the environment, in CI too."""
 
 import re
 import subprocess
@@ -16,12 +13,11 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.metrics import compare_joint_forces, joint_forces, relative_acceleration_error
-from gauss_bench.reference.build import random_states
+from gauss_bench.metrics import compare_joint_forces, joint_forces
 from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs import questions
 from gauss_bench.runs.apart import Request, run_of
-from gauss_bench.runs.one_run import Asked, sampling_at
+from gauss_bench.runs.one_run import sampling_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
 from tests.conftest import redundant
@@ -59,15 +55,6 @@ def test_the_finding_on_redundant_rows_is_as_told(elsewhere: str) -> None:
     assert max(map(abs, accelerations[6:])) < 0.01
 
 
-def answer(mechanism: Mechanism, settings: str, question: Asked, count: int) -> Array:
-    """Return OpenSim's answer, of so many numbers, to a question about a mechanism under some settings."""
-    choice, wanted = Choice(settings), sampling_at(1e-3, [0.0, 1e-3])
-    request = Request(mechanism.sha256, mechanism.scenario, "opensim", choice, wanted, question, answers=count)
-    run = run_of(request, mechanism, limit=60.0)
-    assert run.status is Status.OK, run.message
-    return np.asarray(run.answer)
-
-
 def certified(mechanism: Mechanism) -> Trajectory:
     """Return all states of a mechanism's certified motion, over one second at most."""
     reference = find_certified(mechanism, min(mechanism.duration, 1.0))
@@ -79,7 +66,11 @@ def told_forces(mechanism: Mechanism, settings: str, states: Trajectory) -> Arra
     """Return the joint forces (k, joints, 3) that OpenSim tells at states; NaN where it tells none."""
     names = tuple(joint.name for joint in mechanism.joints)
     question = partial(questions.joint_forces, names, states.t, states.q, states.v)
-    return answer(mechanism, settings, question, 3 * len(names) * len(states.t))
+    wanted, count = sampling_at(1e-3, [0.0, 1e-3]), 3 * len(names) * len(states.t)
+    request = Request(mechanism.sha256, mechanism.scenario, "opensim", Choice(settings), wanted, question, answers=count)
+    run = run_of(request, mechanism, limit=60.0)
+    assert run.status is Status.OK, run.message
+    return np.asarray(run.answer)
 
 
 # least depth is another tree: other joints close the loops, and some hang the other way round
@@ -116,14 +107,3 @@ def test_forces_that_redundant_rows_leave_undetermined_are_not_told() -> None:
     assert np.isnan(told[:, 3:]).all()
     sure = np.array([[x["fx"], x["fy"], x["moment"]] for x in true.values()]).transpose(2, 0, 1)[:, :3]
     assert np.abs(told[:, :3] - sure).max() <= EXACT * np.abs(sure).max()
-
-
-@pytest.mark.slow(*SLOW)
-@pytest.mark.usefixtures("elsewhere")
-@pytest.mark.parametrize(("name", "scenario", "settings"), [*FORCED, ("parallelogram", "torque", "default")])
-def test_accelerations_at_certified_and_at_200_random_states_are_exact(name: str, scenario: str, settings: str) -> None:
-    mechanism = load(name, scenario)
-    for states in (certified(mechanism), random_states(mechanism)):
-        question = partial(questions.accelerations, states.t, states.q, states.v)
-        told = answer(mechanism, settings, question, states.a.size)
-        assert relative_acceleration_error(told, states.a).max() <= EXACT

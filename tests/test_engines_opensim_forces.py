@@ -1,6 +1,6 @@
 """Joint forces read from OpenSim's reactions and records, shown on a stand-in that follows OpenSim's conventions.
 
-OpenSim's reaction on a child is what moves all links beyond the joint, less the forces that it has on bodies:
+OpenSim's reaction on a child moves all links beyond the joint, together with the forces that OpenSim has on these bodies:
 
     force = sum of (m a - F),    moment = sum of (I alpha - T + arm x (m a - F)) about the origin of the child's frame
 """
@@ -74,7 +74,7 @@ def true_forces(mechanism: Mechanism, t: float, q: Array, v: Array, a: Array) ->
 
 
 def compare(mechanism: Mechanism, on_bodies: tuple[str, ...]) -> None:
-    """Hold what is read from the stand-in against Newton's laws, at random states."""
+    """Compare the joint forces that are read from the stand-in with those by Newton's laws, at random states."""
     tree, motion = spanning_tree(mechanism), AbsoluteCoordinates(mechanism)
     bodily = Evaluator(replace(mechanism, forces=tuple(f for f in mechanism.forces if f.name in on_bodies)))
     for t, q, v in zip(*moving_states(mechanism, motion), strict=True):

@@ -60,8 +60,8 @@ FAULTY = "tests.faulty_engines"
 ASKED = {*OPTIONAL, *REQUIRED}
 
 
-def calls_of(path: Path) -> Iterator[ast.Call]:
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+def calls_of(source: str) -> Iterator[ast.Call]:
+    for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
             yield node
 
@@ -75,60 +75,42 @@ def asks_an_engine(call: ast.Call) -> bool:
     return named or "engine" in ast.unparse(whom) or ast.unparse(whom).startswith(("get(", "model", "adapter"))
 
 
-def rooms() -> list[Path]:
-    """The files that ask engines: all but base.py, and the adapters' own folders."""
-    folders = [x for x in (PACKAGE / "engines").iterdir() if x.is_dir()]
-    return [
-        path
-        for path in sorted(PACKAGE.rglob("*.py"))
-        if path != PACKAGE / "engines" / "base.py" and not any(x in path.parents for x in (*folders, PAGES))
-    ]
+@pytest.fixture(scope="module")
+def calls() -> list[ast.Call]:
+    """All calls of functions by name in files that ask engines: base.py, and all files outside the adapters' own folders."""
+    folders = [PAGES, *(x for x in (PACKAGE / "engines").iterdir() if x.is_dir())]
+    files = [path for path in PACKAGE.rglob("*.py") if not any(x in path.parents for x in folders)]
+    return [x for path in files for x in calls_of(path.read_text(encoding="utf-8"))]
 
 
-@pytest.mark.parametrize("path", rooms(), ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_no_caller_has_a_default_of_its_own(path: Path) -> None:
-    found = [ast.unparse(x) for x in calls_of(path) if asks_an_engine(x)]
-    assert not found, "ask(engine, member) of engines/base.py knows the default"
+def test_no_caller_has_a_default_of_its_own(calls: list[ast.Call]) -> None:
+    """Only base.py itself, by `ask` and `has_own`, looks for members of engines and models."""
+    found = sorted(ast.unparse(x) for x in calls if asks_an_engine(x))
+    assert found == ["getattr(engine, x, None)"], "ask(engine, member) of engines/base.py knows the default"
+    callers = calls_of("getattr(x, 'first', ()), hasattr(engine, 'name'), getattr(get(x), y, {}), getattr(reference, 'q')")
+    assert [asks_an_engine(x) for x in callers if ast.unparse(x.func) != "get"] == [True, True, True, False]
 
 
-def test_a_caller_with_a_default_of_its_own_is_seen() -> None:
-    for text in ("getattr(x, 'first', ())", "hasattr(engine, 'name')", "getattr(get(x), y, {})"):
-        (call,) = (x for x in ast.walk(ast.parse(text)) if isinstance(x, ast.Call) and asks_an_engine(x))
-        assert ast.unparse(call)
-    assert not any(asks_an_engine(x) for x in ast.walk(ast.parse("getattr(reference, 'q')")) if isinstance(x, ast.Call))
+def test_an_engine_that_has_nothing_optional_is_asked_nothing_else(calls: list[ast.Call]) -> None:
+    """Callers ask for optional members of the interface only, and some caller asks for each of them."""
+    asked = [x.args[1] for x in calls if ast.unparse(x.func) == "ask" and len(x.args) == 2]
+    assert {x.value for x in asked if isinstance(x, ast.Constant)} == {*OPTIONAL}
 
 
-def test_an_engine_that_has_nothing_optional_is_asked_nothing_else() -> None:
-    """Whatever is asked by name stands in the interface, and everything that stands there is asked somewhere."""
-    calls = (x for path in [*rooms(), PACKAGE / "engines" / "base.py"] for x in calls_of(path) if ast.unparse(x.func) == "ask")
-    asked = {x.args[1].value for x in calls if len(x.args) == 2 and isinstance(x.args[1], ast.Constant)}
-    assert asked == {*OPTIONAL}
-
-
-def rows_of_the_page() -> dict[str, list[str]]:
-    """Member -> default and meaning, as the page of engines has them."""
+def test_the_page_of_engines_has_every_optional_member_with_its_default() -> None:
     page = (PAGES / "engine.md").read_text(encoding="utf-8")
-    lines = re.findall(r"^\| `([a-z_]+)[^|]*\| ([^|]+) \| ([^|]+) \|$", page, re.MULTILINE)
-    return {name: list(more) for name, *more in lines}
-
-
-@pytest.mark.parametrize("member", OPTIONAL)
-def test_every_optional_member_is_on_the_page_of_engines_with_its_default(member: str) -> None:
-    default, meaning = rows_of_the_page()[member]
-    assert len(meaning) > 10
-    value = getattr(OPTIONAL[member], member)
-    if not callable(value):
+    rows = {name: more for name, *more in re.findall(r"^\| `([a-z_]+)[^|]*\| ([^|]+) \| ([^|]+) \|$", page, re.MULTILINE)}
+    assert {*OPTIONAL} <= rows.keys() <= {*OPTIONAL} | {x for x in dir(Engine) if not x.startswith("_")}
+    for member in OPTIONAL:
+        default, meaning = rows[member]
+        assert len(meaning) > 10
+        value = getattr(OPTIONAL[member], member)
         shown = "none" if value in ((), {}) else repr(value).replace("'", '"')
-        assert default.strip("`") == shown
-
-
-def test_the_page_names_no_member_that_is_not_asked() -> None:
-    required = {x for x in dir(Engine) if not x.startswith("_")}
-    assert set(rows_of_the_page()) <= {*OPTIONAL, *required}
+        assert callable(value) or default.strip("`") == shown
 
 
 class Bare:
-    """An engine with what is required alone."""
+    """An engine with the required members only."""
 
     name, integrators, stabilizations, settings, native_loop, python_loop = "bare", ("a",), ("none",), {"default": {}}, False, True
 
@@ -170,16 +152,15 @@ def test_what_an_engine_lacks_is_the_default_inherited_or_not() -> None:
 # Steps that are not counted
 
 
-@pytest.mark.parametrize("name", ["Uncounted", "Chooser"])
-def test_a_run_whose_steps_nobody_counts_has_none_and_no_cost_a_step(name: str) -> None:
-    run = gauss_bench.simulate("four_bar", f"{FAULTY}:{name}", at=[0.0, 0.05])
+def test_a_run_whose_steps_nobody_counts_has_none_and_no_cost_a_step() -> None:
+    run = gauss_bench.simulate("four_bar", f"{FAULTY}:Chooser", at=[0.0, 0.05])
     assert run.status is Status.OK
     assert run.metrics["steps"] is None
     assert run.metrics["step_time"] is None
     text = render("simulate", run)
     assert re.search(r"^steps +- \(the engine does not count them\)$", text, re.MULTILINE)
     assert "step_time" not in text
-    row = measure(Case("four_bar", "torque", f"{FAULTY}:{name}", "default", run.integrator, "none", 1e-3, 0.05), "nowhere")["row"]
+    row = measure(Case("four_bar", "torque", f"{FAULTY}:Chooser", "default", run.integrator, "none", 1e-3, 0.05), "nowhere")["row"]
     assert (row["status"], row["steps"]) == ("ok", None)
 
 
@@ -198,9 +179,6 @@ def test_work_of_unknown_steps_is_infinite_unless_evaluations_are_counted() -> N
     assert work("rk4", Trial(1e-3, {}, 100)) == 400
     assert work("rk4", Trial(1e-6, {}, None)) == math.inf
     assert work("rk4", Trial(1e-6, {}, None, evaluations=70)) == 70
-
-
-def test_answers_and_orders_need_no_count_of_steps() -> None:
     wanted = Requirement("position", 1e-6)
     uncounted = [Trial(x, {"position": 1e-3}, None) for x in (1e-3, 1e-4, 1e-5, 1e-6)]
     assert reach([uncounted], [wanted]).words == "not reached"
@@ -327,9 +305,11 @@ def trees(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return where | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
 
 
-def command(where: dict[str, str], *arguments: object) -> subprocess.CompletedProcess[str]:
-    line = [sys.executable, "-m", "gauss_bench", *map(str, arguments)]
-    return subprocess.run(line, capture_output=True, text=True, timeout=600, check=False, env=where)
+def command(where: dict[str, str], *arguments: object) -> Any:
+    """Return the JSON that a command prints, or its last line of errors."""
+    line = [sys.executable, "-m", "gauss_bench", *map(str, arguments), "--json"]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=600, check=False, env=where)
+    return json.loads(done.stdout) if done.stdout else done.stderr
 
 
 def test_the_template_asks_the_suite_for_no_equations() -> None:
@@ -342,17 +322,15 @@ def test_the_template_asks_the_suite_for_no_equations() -> None:
 
 
 def test_the_template_is_simulated_and_listed(trees: dict[str, str], tmp_path: Path) -> None:
-    calls = (("simulate", "four_bar", "--engine", x, "--at", "0.2", "--json") for x in ("trees", "lagrange"))
-    found = [json.loads(command(trees, *x).stdout) for x in calls]
-    assert found[0]["status"] == "ok", found[0]["message"]
+    found, own = (
+        command(trees, "simulate", "four_bar", "--engine", "trees", "--at", "0.2"),
+        gauss_bench.simulate("four_bar", at=[0.2]),
+    )
+    assert found["status"] == "ok", found["message"]
     for key in ("x", "theta", "omega", "alpha"):
-        np.testing.assert_allclose(*(x["links"]["coupler"][key] for x in found), rtol=1e-6, atol=1e-6)
-    refused = command(trees, "export", "four_bar", "--engine", "nobody", "--out", tmp_path / "x")
-    assert refused.returncode == 2
-    assert "mujoco, pinocchio, exudyn, casadi, c, trees" in refused.stderr
+        np.testing.assert_allclose(found["links"]["coupler"][key], own.links["coupler"][key], rtol=1e-6, atol=1e-6)
     refused = command(trees, "export", "four_bar", "--scenario", "cycloid", "--engine", "trees", "--out", tmp_path / "x")
-    assert refused.returncode == 2
-    assert "cannot become a Python program: driven motions are not modelled" in refused.stderr
+    assert "cannot become a Python program: driven motions are not modelled" in refused
     assert not list(tmp_path.iterdir())
 
 
@@ -360,16 +338,13 @@ def test_the_template_is_simulated_and_listed(trees: dict[str, str], tmp_path: P
 @pytest.mark.slow
 def test_the_template_writes_a_program_that_moves_as_its_run(trees: dict[str, str], tmp_path: Path) -> None:
     file = tmp_path / "four_bar.py"
-    told = command(trees, "export", "four_bar", "--engine", "trees", "--step", "0.002", "--out", file, "--json")
-    assert told.returncode == 0, told.stderr
-    error = json.loads(told.stdout)["error"]
+    error = command(trees, "export", "four_bar", "--engine", "trees", "--step", "0.002", "--out", file)["error"]
     text = file.read_text(encoding="utf-8")
     assert f"off by {error['position']:.1e} m at most" in text.splitlines()[5]
     done = subprocess.run([sys.executable, "-I", str(file)], capture_output=True, text=True, check=True, cwd=tmp_path)
     head, *rows = csv.reader(done.stdout.splitlines())
     assert head[:4] == ["t", "crank.x", "crank.y", "crank.theta"]
-    run = command(trees, "simulate", "four_bar", "--engine", "trees", "--step", "0.002", "--at", rows[-1][0], "--json")
-    links = json.loads(run.stdout)["links"]
+    links = command(trees, "simulate", "four_bar", "--engine", "trees", "--step", "0.002", "--at", rows[-1][0])["links"]
     wanted = [links[name][key][0] for name in links for key in ("x", "y", "theta")]
     np.testing.assert_allclose([float(x) for x in rows[-1][1:]], wanted, rtol=0, atol=1e-9)
     assert len(rows) > 50
@@ -401,15 +376,7 @@ def test_a_whole_run_whose_steps_nobody_counts_is_one_repetition() -> None:
 
 
 def test_pages_sort_and_name_settings_whose_steps_nobody_counts() -> None:
-    numbers = {
-        "step": math.nan,
-        "tolerance": 1e-6,
-        "low": math.nan,
-        "high": math.nan,
-        "position": 1e-7,
-        "force": math.nan,
-        "until": 1.0,
-    }
+    numbers = dict.fromkeys(("step", "low", "high", "force"), math.nan) | {"tolerance": 1e-6, "position": 1e-7, "until": 1.0}
     names = {"mechanism": "four_bar", "scenario": "torque", "engine": "x", "integrator": "i", "stabilization": "none"}
     uncounted, counted, timed = (
         Setting(**names, **numbers, settings=name, steps=steps, seconds=seconds, estimated=False)

@@ -1,4 +1,4 @@
-"""What adapters to libraries of joint trees share, shown on a stand-in that needs no library."""
+"""The common parts of adapters to libraries of joint trees, tested on a stand-in for a library."""
 
 from dataclasses import replace
 from typing import Any
@@ -17,10 +17,9 @@ from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.spaces import angles, places
-from gauss_bench.reference.build import random_states
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
-from tests.engine_runs import DRIVEN, acceleration_errors, by_gauss, linkage
+from tests.engine_runs import DRIVEN, by_gauss, linkage
 
 TREE = {"tree": "file order"}
 
@@ -51,13 +50,6 @@ class StandIn(TreeModel):
                 self.y[row], self.dy[row] = y, dy
 
 
-class Engine:
-    name, integrators = "stand-in", ("dop853_fixed",)
-
-    def build(self, mechanism: Mechanism, choice: Choice) -> StandIn:
-        return StandIn(mechanism, choice)
-
-
 @pytest.mark.parametrize("name", ["crank_slider", "four_bar", "swinging_block"])
 def test_a_motion_in_tree_coordinates_is_that_in_absolute_ones(name: str) -> None:
     mechanism, times = linkage(name), np.linspace(0.0, 0.1, 6)
@@ -68,25 +60,6 @@ def test_a_motion_in_tree_coordinates_is_that_in_absolute_ones(name: str) -> Non
     assert np.abs(found.q - expected.q).max() < 1e-9  # DOP853 with a tolerance of 1e-10, along a tenth of a second
     assert np.abs(found.a - expected.a).max() < 1e-8 * np.abs(expected.a).max()
     assert found.steps == 5 * 4  # five intervals of 20 ms
-
-
-def test_accelerations_at_given_states_are_translated_there_and_back() -> None:
-    mechanism = load("four_bar", "torque")
-    errors = acceleration_errors(Engine(), mechanism, "default", random_states(mechanism, 10))  # type: ignore[arg-type]
-    assert errors.max() < 1e-10
-
-
-def test_a_run_begins_at_the_start_and_can_be_repeated() -> None:
-    mechanism, times = load("four_bar", "torque"), np.array([0.0, 0.01])
-    model = StandIn(mechanism, Choice(step=5e-3))
-    runs = []
-    for _ in range(2):
-        model.prepare(times)
-        assert np.isnan(model.y[1:]).all()
-        model.run()
-        runs.append(model.read())
-    np.testing.assert_allclose(runs[0].q[0], mechanism.q0, atol=1e-15)
-    np.testing.assert_array_equal(runs[0].q, runs[1].q)
 
 
 def test_accelerations_that_are_not_finite_name_the_library_and_leave_the_samples_before() -> None:
@@ -203,7 +176,7 @@ def test_an_implicit_damper_loses_its_first_orders_in_the_step() -> None:
 
 
 class Bead:
-    """A mass on a ring of radius 1 in the plane, whose steps keep the ring as it is where they begin."""
+    """A mass on a ring of radius 1 in the plane; a step constrains the velocity along the ring at its beginning."""
 
     weight = np.array([0.0, -9.81])
 

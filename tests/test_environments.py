@@ -1,10 +1,6 @@
-"""Engines in environments of their own: what they see, what they are asked, and what is said of those that are not fit."""
+"""Engines of users in environments of their own: their imports, their offers, and environments that are refused."""
 
-import json
-import os
 import shutil
-import subprocess
-import sys
 import venv
 from pathlib import Path
 
@@ -12,6 +8,7 @@ import numpy as np
 import pytest
 
 import gauss_bench
+from gauss_bench.bench.conformance import conformance
 from gauss_bench.bench.measurements.growth import exact_state
 from gauss_bench.bench.provenance import package_versions
 from gauss_bench.cli import main
@@ -80,38 +77,29 @@ def engines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The user's file of engines."""
     path = tmp_path / "engines.toml"
     monkeypatch.setenv(FILE, str(path))
+    monkeypatch.setattr("gauss_bench.runs.offers._known", {})
     return path
-
-
-def command(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """`gauss-bench ARGUMENTS` in a process, which asks every engine anew."""
-    line = [sys.executable, "-m", "gauss_bench", *arguments]
-    return subprocess.run(line, capture_output=True, text=True, timeout=300, check=False, env=dict(os.environ))
 
 
 def test_an_engine_of_another_environment_runs_there_and_sees_nothing_of_this_one(python: Path, engines: Path) -> None:
     engines.write_text(f'[twin]\nclass = "stand_in:Twin"\npython = "{python}"\n')
     assert "twin" in names()
-    listed = json.loads(command("list", "--json").stdout)["engines"]["twin"]
-    assert listed["version"].endswith("with numpy alone")
-    runs = [
-        json.loads(command("simulate", "four_bar", "--engine", x, "--at", "0,0.5", "--json").stdout) for x in ("twin", "lagrange")
-    ]
-    assert runs[0]["status"] == "ok", runs[0]["message"]
-    here, there = (np.array(run["links"]["coupler"]["x"]) for run in runs)
-    assert np.abs(here - there).max() < 1e-12
+    assert offer("twin").version.endswith("with numpy alone")
+    there, here = (gauss_bench.simulate("four_bar", x, at=[0.0, 0.5]) for x in ("twin", "lagrange"))
+    assert there.status == "ok", there.message
+    assert np.abs(there.links["coupler"]["x"] - here.links["coupler"]["x"]).max() < 1e-12
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_template_of_joint_trees_conforms_where_numpy_alone_is_installed(python: Path, engines: Path) -> None:
     engines.write_text(f'[trees]\nclass = "my_trees:Trees"\npython = "{python}"\n')
-    told = command("conformance", "trees", "--json")
-    assert told.returncode == 0, told.stdout
-    checks = {x["name"]: x for x in json.loads(told.stdout)["checks"]}
-    assert checks["every kind of force acts as defined"]["passed"]
-    assert checks["joint forces follow from the accelerations"]["passed"]
+    checks = {x.name: x.passed for x in conformance("trees")}
+    assert checks["every kind of force acts as defined"]
+    assert checks["joint forces follow from the accelerations"]
     assert len(checks) > 30
-    assert len([x for x in checks.values() if x["passed"] is None]) == 1  # driven motions
+    assert False not in checks.values()
+    assert [*checks.values()].count(None) == 1  # driven motions
 
 
 def test_an_engine_of_another_environment_offers_all_that_engines_may(
@@ -138,19 +126,22 @@ def test_an_engine_of_another_environment_offers_all_that_engines_may(
 
 def test_an_environment_may_have_another_limit_of_memory(python: Path, engines: Path) -> None:
     engines.write_text(f'[greedy]\nclass = "stand_in:Greedy"\npython = "{python}"\nmemory = 1\n')
-    run = json.loads(command("simulate", "four_bar", "--engine", "greedy", "--at", "0.01", "--json").stdout)
-    assert run["status"] != "ok"
-    assert "MemoryError" in run["message"] or "allocate" in run["message"]
+    run = gauss_bench.simulate("four_bar", "greedy", at=[0.01])
+    assert run.status != "ok"
+    assert "MemoryError" in run.message or "allocate" in run.message
 
 
 def test_an_interpreter_that_is_not_fit_is_told_in_one_sentence(tmp_path: Path, engines: Path) -> None:
     bare = tmp_path / "bare"
     venv.create(bare, with_pip=False)
-    for python, words in ((bare / "bin" / "python", "needs numpy >= 2"), (tmp_path / "none", "cannot be started")):
-        engines.write_text(f'[twin]\nclass = "stand_in:Twin"\npython = "{python}"\n')
-        listed = json.loads(command("list", "--json").stdout)["engines"]["twin"]
-        assert (listed["version"], listed["status"]) == ("cannot be used", "skip")
-        assert words in listed["reason"]
+    for name, python, words in (
+        ("bare", bare / "bin" / "python", "needs numpy >= 2"),
+        ("gone", tmp_path / "none", "cannot be started"),
+    ):
+        engines.write_text(f'[{name}]\nclass = "stand_in:Twin"\npython = "{python}"\n')
+        found = offer(name)
+        assert (found.version, found.status) == ("cannot be used", "skip")
+        assert words in found.reason
 
 
 def test_an_engine_of_this_package_keeps_its_environment(engines: Path) -> None:

@@ -1,4 +1,4 @@
-"""What a missing tool does to a test: a skip that names it on a desk, a failure where everything should be installed."""
+"""A test whose tool is missing is skipped and names the tool; in CI, where all tools must be installed, it fails."""
 
 import shutil
 import sys

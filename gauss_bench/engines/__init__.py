@@ -2,16 +2,16 @@
 
 Adapters are imported when they are first used. If a library is missing, the message names the extra of this package that brings it.
 
-An engine whose library does not go together with those of this environment lives in one of its own. A file of the user's names such
-engines, each by a table:
+Some libraries cannot be installed beside the others. Their engines run in environments of their own, which the user's file of
+engines lists, one table for each engine:
 
     [heun]
-    class = "my_engine:Heun"                     # MODULE:CLASS, as it is imported there; an engine of ELSEWHERE needs none
+    class = "my_engine:Heun"                     # MODULE:CLASS of the adapter; engines of ELSEWHERE do not need it
     python = "/home/me/heun/bin/python"          # the interpreter of the environment
-    memory = 8                                   # GiB that a process may have, where the usual limit does not do
+    memory = 8                                   # [GiB] limit of a process, if the usual limit is too low
 
-It is `gauss-bench/engines.toml` in the user's folder of settings, or the file that GAUSS_BENCH_ENGINES names. The environment needs
-Python >= 3.11 and numpy >= 2 besides the engine's library; it need not have this package.
+The file is `gauss-bench/engines.toml` in the user's folder of settings, or the file that GAUSS_BENCH_ENGINES names. The environment
+needs Python >= 3.11 and numpy >= 2 besides the engine's library. This package need not be installed in it.
 """
 
 import os
@@ -31,14 +31,14 @@ FOREIGN = {
     "mujoco": "gauss_bench.engines.mujoco.adapter:Mujoco",
     "casadi": "gauss_bench.engines.casadi.adapter:Casadi",
 }
-DERIVED = {  # further equations of the suite's own, compiled; like a library, they can model only some linkages
+DERIVED = {  # further equations of this suite, compiled; like libraries, they can model only some linkages
     "minimal": "gauss_bench.engines.minimal.adapter:Minimal",
 }
-RIVALS = {  # used by searches and by users who name them, but not by suites: they need a C compiler, or fit few linkages
+RIVALS = {  # only for searches and for users who name them: suites leave out what needs a C compiler or fits few linkages
     "by_hand": "gauss_bench.engines.by_hand.adapter:ByHand",
     "pinocchio_casadi": "gauss_bench.engines.pinocchio.symbolic:PinocchioCasadi",
 }
-ELSEWHERE = {  # adapters of this package whose library needs an environment of its own; not listed without one
+ELSEWHERE = {  # adapters of this package whose library needs an environment of its own; listed only if it is installed
     "opensim": "gauss_bench.engines.opensim.adapter:OpenSim",
     "dart": "gauss_bench.engines.dart.adapter:Dart",
     "drake": "gauss_bench.engines.drake.adapter:Drake",
@@ -49,7 +49,7 @@ ELSEWHERE = {  # adapters of this package whose library needs an environment of 
 COMPILED = ("gauss-native", "lagrange-native")
 OWN = ("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16")
 OWN_CLASS, COMPILED_CLASS = "gauss_bench.engines.interpreted:Interpreted", "gauss_bench.engines.compiled:Compiled"
-SAFE = (*OWN, *COMPILED, *DERIVED, *FOREIGN, *RIVALS)  # adapters of this package, which import their library only where they build
+SAFE = (*OWN, *COMPILED, *DERIVED, *FOREIGN, *RIVALS)  # adapters of this package: importing one imports no foreign library
 AUTHORED = (*OWN, *COMPILED, *DERIVED, "by_hand")  # written by the suite's authors: a comparison with others must say so
 
 EXTRAS = {  # library -> the extra of the package that brings it
@@ -65,14 +65,14 @@ EXTRAS = {  # library -> the extra of the package that brings it
     "tomlkit": "studio",
 }
 
-FILE = "GAUSS_BENCH_ENGINES"  # environment variable
-LARGEST = 1 << 16  # bytes of the file
+FILE = "GAUSS_BENCH_ENGINES"  # environment variable with the path of the file of engines
+LARGEST = 1 << 16  # [bytes] largest file of engines that is read
 KEYS: dict[str, type | tuple[type, ...]] = {"class": str, "python": str, "memory": (int, float)}
-LEAST, MOST = 0.5, 1024.0  # [GiB] of memory that can be asked for
+LEAST, MOST = 0.5, 1024.0  # [GiB] allowed values of `memory`
 
 
 class UnknownEngine(BadInput, KeyError):
-    """No engine has that name; the message lists the names that exist."""
+    """No engine has the given name; the message lists the names of all engines."""
 
 
 class EnvironmentFault(BadInput, ValueError):
@@ -81,12 +81,13 @@ class EnvironmentFault(BadInput, ValueError):
 
 @dataclass(frozen=True)
 class Environment:
-    """The environment of an engine.
+    """A Python environment in which one engine runs.
 
     Attributes:
-        engine: name of the engine; class_name: MODULE:CLASS of its adapter.
+        engine: name of the engine.
+        class_name: MODULE:CLASS of its adapter.
         python: path of the interpreter.
-        memory: bytes that a process may have; 0 for the usual limit.
+        memory: limit of a process [bytes]; 0 stands for the usual limit.
     """
 
     engine: str
@@ -97,39 +98,39 @@ class Environment:
 
 def is_class(name: str) -> bool:
     """Tell whether a name has the form MODULE:CLASS, by which a user names an adapter that is not registered."""
-    module, colon, class_name = name.partition(":")
-    return bool(colon) and class_name.isidentifier() and all(x.isidentifier() for x in module.split("."))
+    module, _, class_name = name.partition(":")
+    return class_name.isidentifier() and all(x.isidentifier() for x in module.split("."))
 
 
 def names() -> list[str]:
-    """List all engines: formulations, compiled and derived ones, foreign ones, then plug-ins, then those of other environments."""
+    """List all engines but the rivals: those of this package, then plug-ins, then those of the user's file of engines."""
     others = [*(point.name for point in _plug_ins()), *read_environments()]
     return [*OWN, *COMPILED, *DERIVED, *FOREIGN, *dict.fromkeys(others)]
 
 
 def all_names() -> list[str]:
-    """List the engines of `names` and the rivals that suites leave out."""
+    """List the engines of `names`, and then the rivals."""
     return [*names(), *RIVALS]
 
 
 def environment_of(name: str) -> Environment | None:
-    """Return the environment of its own in which an engine lives; None for an engine of this environment."""
+    """Return the environment in which an engine runs, by its name; None if it runs in the environment of this process."""
     return None if name in SAFE or is_class(name) else read_environments().get(name)
 
 
 def get(name: str) -> Engine:
-    """Return a new instance of the engine of that name, or of the class MODULE:CLASS.
+    """Return a new instance of an engine, given its name or the MODULE:CLASS of its adapter.
 
     Raises:
-        KeyError: there is no such engine.
-        ImportError: its adapter cannot be imported. Adapters import their library only when they build.
+        UnknownEngine: no engine has that name.
+        ImportError: its adapter cannot be imported. (Adapters import their library only when they build a model.)
     """
     if name in (*OWN, *COMPILED):
         return resolve_name(OWN_CLASS if name in OWN else COMPILED_CLASS)(name)  # type: ignore[no-any-return]
     registered = {**DERIVED, **FOREIGN, **RIVALS}
     if name in registered or is_class(name):
         return resolve_name(registered.get(name, name))()  # type: ignore[no-any-return]
-    if environment := environment_of(name):  # in a process of that environment
+    if environment := environment_of(name):  # the class can be imported only by a process of that environment
         return resolve_name(environment.class_name)()  # type: ignore[no-any-return]
     for point in _plug_ins():
         if point.name == name:
@@ -138,7 +139,7 @@ def get(name: str) -> Engine:
 
 
 def unknown(name: str) -> UnknownEngine:
-    """Return the error of a name that no engine has."""
+    """Return the error for a name that no engine has."""
     if name in ELSEWHERE:
         return UnknownEngine(f"the engine {name} is not installed; `gauss-bench engines install {name}` installs it")
     return UnknownEngine(f"unknown engine {name!r}; there are {', '.join(all_names())}")
@@ -146,17 +147,17 @@ def unknown(name: str) -> UnknownEngine:
 
 def _plug_ins() -> Iterable[Any]:
     """Return the entry points by which installed packages offer engines."""
-    from importlib.metadata import entry_points  # slow to import, and most processes of an engine do not need it
+    from importlib.metadata import entry_points  # imported late: it takes time that most processes can save
 
     return entry_points(group="gauss_bench.engines")
 
 
 class MissingExtra(BadInput, ImportError):
-    """The library that an engine or a verb needs is not installed; one of the package's extras brings it."""
+    """A library that an engine or a verb needs is not installed; the message names the extra that installs it."""
 
 
 def not_installed(error: ImportError) -> str:
-    """Return a sentence that names the missing module, and the command that installs it if one of the extras does."""
+    """Return a sentence that names the missing module, and the command that installs it if an extra of this package does."""
     if isinstance(error, MissingExtra):
         return str(error)
     library = (error.name or "").partition(".")[0]
@@ -175,7 +176,7 @@ def require(library: str) -> None:
 
 
 def file_of_engines() -> Path:
-    """Return the path of the user's file of engines, which need not exist."""
+    """Return the path of the user's file of engines; the file need not exist."""
     if named := os.environ.get(FILE):
         return Path(named)
     base = os.environ.get("XDG_CONFIG_HOME", "")
@@ -184,11 +185,11 @@ def file_of_engines() -> Path:
 
 
 def read_environments() -> dict[str, Environment]:
-    """Return engine -> environment, in the order of the user's file; empty where there is no file.
+    """Return engine -> environment, in the order of the user's file of engines; empty if there is no file.
 
     Raises:
         EnvironmentFault: the file has a fault.
-        OSError: it cannot be read.
+        OSError: the file cannot be read.
     """
     path = file_of_engines()
     try:
@@ -205,27 +206,28 @@ def read_environments() -> dict[str, Environment]:
 
 
 def _read_table(path: Path, name: str, table: Any) -> Environment:
-    """Return the environment that a table describes."""
+    """Return the environment that the table `name` of the file at `path` describes.
 
-    def fault(key: str, reason: str) -> EnvironmentFault:
-        return EnvironmentFault(f"{path}: {'.'.join(filter(None, (name, key)))}: {reason}")
+    Raises:
+        EnvironmentFault: the table has a fault.
+    """
 
-    if not isinstance(table, dict):
-        raise fault("", "must be a table with class and python")
-    if not name.replace("_", "").replace("-", "").replace(".", "").isalnum():
-        raise fault("", "an engine's name has letters, digits and - _ . alone")
-    if unknown := next((key for key in table if key not in KEYS), None):
-        raise fault(unknown, f"no such key; there are {', '.join(KEYS)}")
-    for key, kind in KEYS.items():
-        if key in table and (not isinstance(table[key], kind) or isinstance(table[key], bool)):
-            raise fault(key, "must be a number" if key == "memory" else "must be a text")
+    def require(good: bool, place: str, otherwise: str) -> None:
+        if not good:
+            raise EnvironmentFault(f"{path}: {place}: {otherwise}")
+
+    require(isinstance(table, dict), name, "must be a table with class and python")
+    is_name = name.replace("_", "").replace("-", "").replace(".", "").isalnum()
+    require(is_name, name, "an engine's name has letters, digits and - _ . alone")
+    for key, value in table.items():
+        require(key in KEYS, f"{name}.{key}", f"no such key; there are {', '.join(KEYS)}")
+        is_right = isinstance(value, KEYS[key]) and not isinstance(value, bool)  # Python's bool is an int
+        require(is_right, f"{name}.{key}", "must be a number" if key == "memory" else "must be a text")
     class_name = table.get("class", ELSEWHERE.get(name, ""))
-    if not is_class(class_name):
-        raise fault("class", "must be MODULE:CLASS")
+    require(is_class(class_name), f"{name}.class", "must be MODULE:CLASS")
     python = os.path.expanduser(table.get("python", ""))
-    if not os.path.isabs(python) or "\0" in python:
-        raise fault("python", "must be the absolute path of an interpreter")
+    require(os.path.isabs(python) and "\0" not in python, f"{name}.python", "must be the absolute path of an interpreter")
     memory = float(table.get("memory", 0.0))
-    if memory and not LEAST <= memory <= MOST:
-        raise fault("memory", f"must be {LEAST:g} to {MOST:g} GiB, not {memory:g}")
+    in_range = memory == 0.0 or LEAST <= memory <= MOST
+    require(in_range, f"{name}.memory", f"must be {LEAST:g} to {MOST:g} GiB, not {memory:g}")
     return Environment(name, class_name, python, int(memory * 2**30))

@@ -1,23 +1,25 @@
-"""Settings that an engine's authors own: a file in the engine's room, or from outside, its reader and its checks.
+"""Settings that an engine's authors own: the reader of their file, and its checks.
+
+The file is `authors.toml` in the engine's folder, or any file that a user names:
 
     format = "gauss-bench-settings/1"
     engine = "mujoco"
     authors = "who answers for these settings"
-    contact = "https://..."           # or an address of e-mail
+    contact = "https://..."           # or an e-mail address
     date = 2026-11-26
 
-    [knobs.iterations]                # of every knob that a setting names
-    source = "https://..."            # the address of its documentation
+    [knobs.iterations]                # a table for every knob that a setting changes
+    source = "https://..."            # the address of the knob's documentation
     why = "why it has this value, in a sentence"
 
-    [settings.fast]                   # a candidate; the search chooses step or tolerance, as for every other candidate
-    base = "rigid"                    # settings of the suite, whose values hold for knobs that are not named; else the first ones
-    integrator = "rk4"                # not needed for an engine that has one
+    [settings.fast]                   # a candidate of searches; the search chooses its step or tolerance
+    base = "rigid"                    # settings of the suite that give all other knobs their values; by default the first ones
+    integrator = "rk4"                # may be left out if the engine has only one
     iterations = 2
 
-The engine's `variants.toml` says which knobs there are, and the type and range of their values. There may be as many settings as
-the search has variants of that engine. A setting is known by the text of its options, from which everybody can run it again:
-"rigid,iterations=2" (`own_options`).
+The engine's `variants.toml` defines the knobs, and the type and range of their values. A file may have at most as many settings as
+the search has variants of that engine. Tables name a setting by the text of its options, such as "rigid,iterations=2", with which
+everybody can run it again (`own_options.py`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,29 +36,29 @@ from gauss_bench.engines.variants import FILE as VARIANTS_FILE
 from gauss_bench.engines.variants import LEAST_WORDS, Variants, read_variants
 from gauss_bench.untrusted import BadInput, harmless, parse_toml, read_bytes
 
-ROOMS = Path(__file__).parent
-FILE = "authors.toml"  # in an engine's room
+ROOMS = Path(__file__).parent  # holds the folders of all engines
+FILE = "authors.toml"
 FORMAT = "gauss-bench-settings/1"
-LARGEST = 1 << 16  # bytes of a file
+LARGEST = 1 << 16  # [bytes] largest file that is read
 LONGEST = 200  # characters of a name, a contact or a reason
-TABLES = ("knobs", "settings")
-FACTS = ("format", "engine", "authors", "contact", "date")
+FIELDS = ("format", "engine", "authors", "contact", "date", "knobs", "settings")
 BASE = "base"
-ONE_DAY = timedelta(days=1)  # their date may be a day ahead of ours
+ONE_DAY = timedelta(days=1)  # time zones: the authors' date may be a day ahead of the date here
 
 Line = Mapping[str, Any]
 
 
 class SettingsFault(BadInput, ValueError):
-    """A file of settings that is refused; the message names file, table and field."""
+    """A file of settings has a fault; the message names file, table and field."""
 
 
 @dataclass(frozen=True)
 class Reason:
-    """Why a knob is set.
+    """The authors' reason for setting a knob.
 
     Attributes:
-        source: the address of its documentation; why: a sentence.
+        source: address of the knob's documentation.
+        why: why it has its value, in a sentence.
     """
 
     source: str
@@ -68,11 +70,14 @@ class AuthorsSettings:
     """A file of settings that has passed all checks.
 
     Attributes:
-        path: of the file; engine: its name.
-        authors, contact, date: who owns the settings, how to reach them, and when they were written.
-        most: the largest number of settings that the file may have: the number of variants of the suite's own search.
-        knobs: name -> reason.
-        candidates: name in the file -> candidate of the search.
+        path: path of the file.
+        engine: name of the engine.
+        authors: names of the owners.
+        contact: address of the owners.
+        date: day on which the owners wrote the settings.
+        most: largest number of settings that the file may have: the number of variants in the suite's own search.
+        knobs: name of a knob -> reason.
+        candidates: name of a setting in the file -> candidate of the search.
     """
 
     path: str
@@ -89,8 +94,8 @@ def read_settings(path: Path) -> AuthorsSettings:
     """Read a file of settings and check it.
 
     Raises:
-        SettingsFault: it has a fault.
-        OSError: it cannot be read.
+        SettingsFault: the file has a fault.
+        OSError: the file cannot be read.
     """
     try:
         return _read(path, parse_toml(read_bytes(path, LARGEST).decode("utf-8")))
@@ -101,26 +106,36 @@ def read_settings(path: Path) -> AuthorsSettings:
 
 
 def candidates_of(engine: str, files: Sequence[str | Path] = ()) -> list[Variant]:
-    """Return the settings that the authors of an engine own, each once: those of the file in its room, then those of `files`.
+    """Return the candidates that the authors of an engine own, each once: first those in its folder, then those of `files`.
 
     Raises:
-        SettingsFault, OSError: as `read_settings`.
+        SettingsFault: a file has a fault.
+        OSError: a file cannot be read.
     """
-    room = ROOMS / engine / FILE
-    read = [read_settings(Path(x)) for x in ([room] if room.is_file() else []) + [*files]]
-    found = [x for settings in read if settings.engine == engine for x in settings.candidates.values()]
-    return [*{(x.name, x.integrator, x.stabilization): x for x in reversed(found)}.values()][::-1]
+    own = ROOMS / engine / FILE
+    known: dict[tuple[str, str, str], Variant] = {}
+    for path in (*([own] if own.is_file() else []), *files):
+        settings = read_settings(Path(path))
+        if settings.engine != engine:
+            continue
+        for x in settings.candidates.values():
+            known.setdefault((x.name, x.integrator, x.stabilization), x)
+    return [*known.values()]
 
 
 def _read(path: Path, file: Line) -> AuthorsSettings:
-    """Check a parsed file table by table."""
+    """Check a parsed file table by table, and return its content.
+
+    Raises:
+        SettingsFault: a table or field has a fault.
+    """
     for key in file:
-        _require(key in (*FACTS, *TABLES), key, f"no such field; there are {', '.join((*FACTS, *TABLES))}")
+        _require(key in FIELDS, key, f"no such field; there are {', '.join(FIELDS)}")
     _require(file.get("format") == FORMAT, "format", f"must be {FORMAT!r}")
     authors, contact = (_read_text(file, key, key) for key in ("authors", "contact"))
     _require(contact.startswith("https://") or "@" in contact, "contact", "must be an address: https://... or of e-mail")
     written = file.get("date")
-    if not isinstance(written, date) or isinstance(written, datetime):
+    if not isinstance(written, date) or isinstance(written, datetime):  # a datetime is a date too
         raise SettingsFault("date: must be a date, as in date = 2026-11-26")
     _require(written <= date.today() + ONE_DAY, "date", f"{written} has not come yet")
     name = _read_text(file, "engine", "engine")
@@ -133,26 +148,38 @@ def _read(path: Path, file: Line) -> AuthorsSettings:
     allowed = f"there may be {most}, as many as the search has variants of {name}"
     _require(len(lines) <= most, "settings", f"{len(lines)} settings; {allowed}")
     candidates = {key: _read_candidate(f"settings.{key}", line, engine, variants, authors) for key, line in lines.items()}
-    named = {key for line in lines.values() for key in line if key != BASE}
+    named: set[str] = set()
     for key, line in lines.items():
-        for knob in line:
-            _require(knob == BASE or knob in knobs, f"settings.{key}.{knob}", f"has no source: there is no table knobs.{knob}")
+        for knob in line.keys() - {BASE}:
+            _require(knob in knobs, f"settings.{key}.{knob}", f"has no source: there is no table knobs.{knob}")
+            named.add(knob)
     for key in knobs:
         _require(key in named, f"knobs.{key}", "no setting names it")
     return AuthorsSettings(str(path), name, authors, contact, str(written), most, knobs, candidates)
 
 
 def _find_engine(name: str) -> tuple[Any, Variants]:
-    """Return the adapter of an engine and its variants; its library need not be installed."""
-    room = ROOMS / name
+    """Return the adapter of an engine, and the content of its `variants.toml`; the library need not be installed.
+
+    Raises:
+        SettingsFault: no engine of that name has a `variants.toml`.
+    """
     there = sorted(x.parent.name for x in ROOMS.glob(f"*/{VARIANTS_FILE}"))
     _require(name in there, "engine", f"{name!r} has no file of knobs; the engines that have one are {', '.join(there)}")
     engine = resolve_name(ELSEWHERE[name])() if name in ELSEWHERE else get(name)
-    return engine, read_variants(room)
+    return engine, read_variants(ROOMS / name)
 
 
 def _read_candidate(place: str, line: Line, engine: Any, variants: Variants, owner: str) -> Variant:
-    """Check one of the settings and return the candidate."""
+    """Check one table of [settings] and return its candidate.
+
+    Args:
+        place: name of the table in messages.
+        owner: names of the authors.
+
+    Raises:
+        SettingsFault: the table has a fault.
+    """
     base = line.get(BASE, next(iter(variants.settings)))
     _require(base in variants.settings, f"{place}.{BASE}", f"no settings {base!r}; there are {', '.join(variants.settings)}")
     offered = engine.integrators
@@ -162,16 +189,21 @@ def _read_candidate(place: str, line: Line, engine: Any, variants: Variants, own
     for key, there in (("integrator", offered), ("stabilization", engine.stabilizations)):
         _require(chosen[key] in there, f"{place}.{key}", f"no {key} {chosen[key]!r}; there are {', '.join(there)}")
     changes = {}
-    for key in (x for x in line if x not in (BASE, *CHOSEN)):
-        _require(key in variants.knobs, f"{place}.{key}", f"{engine.name} has no such knob; it has {', '.join(variants.knobs)}")
-        changes[key] = _read_value(f"{place}.{key}", key, line[key], variants)
+    for key, value in line.items():
+        if key not in (BASE, *CHOSEN):
+            _require(key in variants.knobs, f"{place}.{key}", f"{engine.name} has no such knob; it has {', '.join(variants.knobs)}")
+            changes[key] = _read_value(f"{place}.{key}", key, value, variants)
     _require(bool(changes), place, "changes no knob, so that it is a setting of the suite already")
     text = write_options(base, changes)
     return Variant(text, **chosen, options=variants.options(text), owner=owner)
 
 
 def _read_value(place: str, key: str, value: Any, variants: Variants) -> Any:
-    """Return the value of a knob if it has the knob's type and is in its range."""
+    """Return the value of the knob `key`; a whole number becomes a float if the knob's values are floats.
+
+    Raises:
+        SettingsFault: the value has not the type of the knob, or is not in its range.
+    """
     try:
         checked = variants.table.check_value(key, value, repr(value))
     except OptionError as error:
@@ -182,9 +214,9 @@ def _read_value(place: str, key: str, value: Any, variants: Variants) -> Any:
 
 
 def _read_reason(place: str, line: Line) -> Reason:
-    """Check the table of a knob: it must have the address of its documentation and a sentence why it is set."""
-    for key in line.keys() - {"source", "why"}:
-        raise SettingsFault(f"{place}.{key}: no such field; there are source, why")
+    """Check one table of [knobs]: it must have the address of the knob's documentation, and a sentence why the knob is set."""
+    for key in line:
+        _require(key in ("source", "why"), f"{place}.{key}", "no such field; there are source, why")
     source, why = (_read_text(line, key, f"{place}.{key}") for key in ("source", "why"))
     _require(source.startswith("https://"), f"{place}.source", "must be an address: https://...")
     _require(len(why) >= LEAST_WORDS, f"{place}.why", f"must be a sentence of {LEAST_WORDS} characters at least")
@@ -192,7 +224,7 @@ def _read_reason(place: str, line: Line) -> Reason:
 
 
 def _lines(file: Line, name: str) -> Mapping[str, Line]:
-    """Return a table of tables that is not empty."""
+    """Return the table `name` of a file if it holds tables, and at least one."""
     lines = file.get(name)
     if not (isinstance(lines, dict) and lines and all(isinstance(x, dict) for x in lines.values())):
         raise SettingsFault(f"{name}: a table of tables is wanted")
@@ -200,7 +232,7 @@ def _lines(file: Line, name: str) -> Mapping[str, Line]:
 
 
 def _read_text(line: Line, key: str, place: str) -> str:
-    """Return a printable text that is neither empty nor long."""
+    """Return the text of a field, if it is printable, in one line, not empty and not too long."""
     text = line.get(key)
     good = isinstance(text, str) and len(text.strip()) > 0 and len(text) <= LONGEST and harmless(text) == text and "\n" not in text
     _require(good, place, f"must be a text of 1 to {LONGEST} characters in one line")
@@ -208,6 +240,6 @@ def _read_text(line: Line, key: str, place: str) -> str:
 
 
 def _require(good: bool, place: str, otherwise: str) -> None:
-    """Raise a SettingsFault unless a condition holds."""
+    """Raise a SettingsFault with the place and the text `otherwise`, unless `good`."""
     if not good:
         raise SettingsFault(f"{place}: {otherwise}")

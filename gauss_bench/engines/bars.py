@@ -1,7 +1,7 @@
-"""Bars in a plane, pinned to the ground or to each other: small models by which the releases of a library are told apart.
+"""Bars in a plane, pinned to the ground or to each other: small models whose results are compared between releases of a library.
 
-A bar's frame has its origin at its first pin, and its x axis runs along it. States are absolute: x, y of the centre of mass and the
-angle of every bar, as everywhere in this package. These are the numbers of `releases/linkages`.
+A bar's frame has its origin at its first pin, and its x axis runs along the bar. A state q (n,) holds x, y of the centre of mass
+and the angle of every bar, as everywhere in this package. The linkages in `releases/linkages` have the same numbers.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,13 +16,15 @@ GRAVITY = -9.81  # [m/s^2] along y
 
 @dataclass(frozen=True)
 class Bar:
-    """A bar.
+    """A bar that hangs on a parent by its first pin.
 
     Attributes:
-        name: of the bar; parent: index of the bar to which its first pin belongs, -1 for the ground.
-        at: place of that pin [m] along the parent, or along the ground's x axis.
-        length, centre: [m] from the first pin to the end, and to the centre of mass.
-        mass, inertia: [kg], [kg m^2] about the centre of mass.
+        name: name of the bar; "twin" for the second half of a rod.
+        parent: index of the parent in the list of bars; -1 for the ground.
+        at: place of the first pin [m] along the parent, or along the ground's x axis.
+        length: distance [m] from the first pin to the end.
+        centre: distance [m] from the first pin to the centre of mass.
+        mass: [kg]; inertia: [kg m^2] about the centre of mass.
     """
 
     name: str
@@ -43,7 +45,7 @@ HALVES = (  # the rod as two bodies in one place: one hangs on the crank, one on
     ROCKER,
     Bar("twin", 2, 1.5, -2.0, -1.0, 1.0, 0.3),
 )
-PAIR = (CRANK, Bar("rocker", -1, 2.2, 1.5, 0.75, 1.5, 0.3))
+PAIR = (CRANK, ROCKER)
 CHAIN = (Bar("first", -1, 0.0, 1.0, 0.5, 1.0, 0.1), Bar("second", 0, 1.0, 1.0, 0.5, 2.0, 0.2))
 THREE_CRANKS = (  # a beam on three equal cranks, of which one is redundant, and a pendulum on the middle one
     Bar("left", -1, 0.0, 1.0, 0.5, 1.0, 0.1),
@@ -52,52 +54,57 @@ THREE_CRANKS = (  # a beam on three equal cranks, of which one is redundant, and
     Bar("pendulum", 2, 1.0, 1.0, 0.5, 1.0, 0.1),
     Bar("right", -1, 2.0, 1.0, 0.5, 1.0, 0.1),
 )
-RATIO, CURVE = -0.5, 0.2  # the second bar of CHAIN turns by RATIO x + CURVE x^2 against the first, at x
+RATIO, CURVE = -0.5, 0.2  # if the first bar of CHAIN is at the angle x, the second is at RATIO x + CURVE x^2 against the first
 
 
 def accelerate_states(solve: Callable[[Array, Array], Array], q: Array, v: Array, bars: Sequence[Bar]) -> Array:
-    """Return the absolute accelerations (k, n) of a linkage at absolute states q, v (k, n).
+    """Return the absolute accelerations (k, n) of bars at k absolute states q, v (k, n), which do not hold the twin.
 
     Args:
-        solve: angles and spins (bars,), each against the parent's, -> their accelerations.
+        solve: function of the bars' angles and angular speeds (bars,), each relative to the parent's; it returns the angular
+            accelerations (bars,), also relative to the parent's.
     """
     answers = []
     for state, rates in zip(q, v, strict=True):
         theta, w = angles_of(state, bars), angles_of(rates, bars)
         alpha = sum_up(solve(relative(theta, bars), relative(w, bars)), bars)
-        answers.append(accelerations_of(theta, w, alpha, bars)[: q.shape[1]])  # without a twin
+        with_twin = accelerations_of(theta, w, alpha, bars)
+        answers.append(with_twin[: q.shape[1]])  # a twin is the last bar
     return np.array(answers)
 
 
 def angles_of(q: Array, bars: Sequence[Bar]) -> Array:
-    """Return the angles or spins (bars,) in a state q or v (n,) of a linkage; a twin turns with the rod."""
+    """Return the angles of all bars (bars,) in q (n,), or their angular speeds in v (n,); a twin turns with the rod."""
     by_name = dict(zip((bar.name for bar in bars), q[2::3], strict=False))
     return np.array([by_name["rod" if bar.name == "twin" else bar.name] for bar in bars])
 
 
 def relative(absolute: Array, bars: Sequence[Bar]) -> Array:
-    """Return each bar's angle or spin (bars,) against its parent's."""
-    return np.array([x - (absolute[bar.parent] if bar.parent >= 0 else 0.0) for x, bar in zip(absolute, bars, strict=True)])
+    """Return each bar's angle or angular speed (bars,) minus its parent's; the ground's is zero."""
+    with_ground = np.append(absolute, 0.0)  # the index -1 of the ground is the last entry
+    return np.asarray(absolute - with_ground[[bar.parent for bar in bars]])
 
 
 def sum_up(turns: Array, bars: Sequence[Bar]) -> Array:
-    """Return each bar's angle, spin or acceleration (bars,) from those against its parent."""
-    found: list[float] = []
-    for x, bar in zip(turns, bars, strict=True):
-        found.append(float(x) + (found[bar.parent] if bar.parent >= 0 else 0.0))
-    return np.array(found)
+    """Return the absolute angles, speeds or accelerations (bars,) from those relative to the parents; undoes `relative`."""
+    found = np.zeros(len(bars) + 1)  # the last entry is the ground's
+    for k, bar in enumerate(bars):
+        found[k] = turns[k] + found[bar.parent]
+    return found[:-1]
 
 
 def accelerations_of(theta: Array, w: Array, alpha: Array, bars: Sequence[Bar]) -> Array:
-    """Return the absolute accelerations (3 bars,) at angles, spins and angular accelerations (bars,).
+    """Return the absolute accelerations (3 bars,) at angles, angular speeds and angular accelerations (bars,).
 
-    A point at s along a bar has the acceleration of its pin and s (alpha e' - w^2 e), e along the bar and e' across it.
+    A point at a distance s along a bar has the acceleration of the bar's first pin plus s (alpha e' - w^2 e), where e is the unit
+    vector along the bar and e' the one across it.
     """
     along = np.column_stack([np.cos(theta), np.sin(theta)])
     across = np.column_stack([-np.sin(theta), np.cos(theta)])
-    turning = alpha[:, None] * across - w[:, None] ** 2 * along  # (bars, 2) at 1 m
-    pins: list[Array] = []
-    for bar in bars:
-        pins.append(pins[bar.parent] + bar.at * turning[bar.parent] if bar.parent >= 0 else np.zeros(2))
-    centres = np.array(pins) + np.array([bar.centre for bar in bars])[:, None] * turning
+    turning = alpha[:, None] * across - w[:, None] ** 2 * along  # (bars, 2) at s = 1 m
+    pins = np.zeros((len(bars) + 1, 2))  # the last row is the ground's
+    for k, bar in enumerate(bars):
+        if bar.parent >= 0:
+            pins[k] = pins[bar.parent] + bar.at * turning[bar.parent]
+    centres = pins[:-1] + np.array([bar.centre for bar in bars])[:, None] * turning
     return np.column_stack([centres, alpha]).ravel()

@@ -1,7 +1,7 @@
-"""The interface of every engine: how a mechanism is built, how it is stepped, and how the samples are read.
+"""The interface of every engine: it builds a mechanism as a model, runs the model, and reads the samples of the run.
 
-The bench measures time: it times `run`, and never `prepare` and `read`. An engine alone translates between its own coordinates and
-the absolute coordinates of the mechanism. It reports failures as RunFailure; whether its results are right is judged elsewhere.
+The bench times `run`, and never `prepare` and `read`. Only the engine translates between its own coordinates and the absolute
+coordinates of the mechanism. It reports failures as RunFailure. The bench, not the engine, judges whether results are right.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,18 +14,19 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
-NOT_TOLD = "not told"
+NOT_TOLD = "not told"  # of an engine that does not say which Python code it times
 EMPTY: Mapping[str, Any] = {}
-CHOSEN = ("integrator", "stabilization")  # knobs that are fields of a Choice, so that settings have no value for them
+CHOSEN = ("integrator", "stabilization")  # knobs that are fields of `Choice`: settings give them no value
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The setting of a run: names from the engine's own lists, the step size, and the tolerance of an adaptive integrator.
+    """The setting of a run.
 
     Attributes:
-        settings: name of settings or of a variant, or options as `own_options` describes them.
-        integrator: "" stands for the engine's default.
+        settings: name of settings or of a variant of the engine, or options in the form of `own_options`.
+        integrator: name of an integrator of the engine; "" stands for the engine's default.
+        stabilization: name of a stabilisation of the engine.
         step: step size [s] of a fixed-step integrator.
         tolerance: relative tolerance of an integrator that chooses its own steps; the absolute tolerance is a hundredth of it, in
             SI units. None takes both tolerances from the settings.
@@ -38,17 +39,19 @@ class Choice:
     tolerance: float | None = None
 
     def tolerances(self, relative: float, absolute: float) -> tuple[float, float]:
-        """Return the relative and absolute tolerance of this choice, or the two arguments if it has none."""
+        """Return the relative and absolute tolerance of this choice; if it has none, return the arguments."""
         return (relative, absolute) if self.tolerance is None else (self.tolerance, self.tolerance / 100)
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One candidate of a search: a complete setting, except for the step size or tolerance.
+    """A candidate of a search: a setting without its step size or tolerance, which the search chooses.
 
     Attributes:
+        name: name in tables and on the command line.
+        integrator, stabilization: names, as in `Choice`.
         options: knob -> value, for every knob except `integrator` and `stabilization`.
-        owner: the engine's authors if the setting is theirs; empty if it is the suite's.
+        owner: names of the engine's authors if they wrote the setting; empty if the suite's authors did.
     """
 
     name: str
@@ -59,7 +62,7 @@ class Variant:
 
 
 def sample_arrays(times: Array, *start: Array) -> list[Array]:
-    """Return one array (k, n) for each value (n,) at the start, with this value in the first row and NaN in the others."""
+    """Return an array (k, n) for each value (n,) at the start; its first row is that value, and the others are NaN."""
     arrays = [np.full((len(times), len(value)), np.nan) for value in start]
     for samples, value in zip(arrays, start, strict=True):
         samples[0] = value
@@ -67,51 +70,52 @@ def sample_arrays(times: Array, *start: Array) -> list[Array]:
 
 
 class Model(Protocol):
-    """A mechanism built in an engine; it can run any number of times, each time after `prepare`.
+    """A mechanism built in an engine; it can run many times, each time after a call of `prepare`.
 
-    It may have the further members of `ModelDefaults`.
+    A model may also have the members of `ModelDefaults`.
     """
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Return the engine's accelerations (n,) at a given state q, v (n,), all in absolute coordinates.
+        """Return the engine's accelerations (n,) at time t [s] and a state q, v (n,), all in absolute coordinates.
 
         Raises:
-            RunFailure: the engine has no usable accelerations there.
+            RunFailure: the engine finds no accelerations at that state.
         """
         ...
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to q0, v0 at times[0], and allocate memory for samples at the times (k,); not timed.
+        """Reset to q0, v0 at times[0], and allocate memory for samples at the times (k,) [s]; not timed.
 
-        With `native` the engine's own loop takes the steps between samples; without it, Python calls the engine once per step.
+        Args:
+            native: whether the engine's own loop takes the steps between samples; otherwise Python calls the engine for every step.
         """
         ...
 
     def run(self) -> None:
-        """Step from times[0] to times[-1]; timed, so it only takes steps and stores samples."""
+        """Step from times[0] to times[-1] and store the samples, without any other work, because this call is timed."""
         ...
 
     def read(self) -> Trajectory:
         """Return the samples in absolute coordinates, with their accelerations; not timed.
 
-        The trajectory's `steps` is None if the library does not count the steps that it chooses.
+        The trajectory's `steps` is None if the library chooses its steps and does not count them.
 
         Raises:
-            RunFailure: the samples must not be used; it carries a status and a sentence.
+            RunFailure: the samples must not be used; the failure has a status and a sentence.
         """
         ...
 
 
 class Engine(Protocol):
-    """An engine, which builds models of mechanisms. It may have the further members of `EngineDefaults`.
+    """An engine builds models of mechanisms. It may also have the members of `EngineDefaults`.
 
     Attributes:
         name: its name on the command line and in the tables.
-        integrators: names it offers; the first is its default.
-        stabilizations: names it offers.
-        settings: label -> options, as printed in the report; the first is its default.
-        native_loop: whether it steps in a compiled loop of its own.
-        python_loop: whether single steps can be called from Python.
+        integrators: names of its integrators; the first is its default.
+        stabilizations: names of its stabilisations.
+        settings: label -> options, as printed in the report; the first label is its default.
+        native_loop: whether it has a compiled loop over steps.
+        python_loop: whether Python can call single steps.
     """
 
     @property
@@ -128,15 +132,18 @@ class Engine(Protocol):
     def python_loop(self) -> bool: ...
 
     def version(self) -> str:
-        """Return the name and the version of the library that computes."""
+        """Return the name and the version of the library."""
         ...
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why this mechanism cannot be modelled with this choice, or None; it needs no foreign library."""
+        """Return the reason why the engine cannot model a mechanism with a choice, or None if it can.
+
+        The call must not need the library, so that it also answers where the library is not installed.
+        """
         ...
 
     def build(self, mechanism: Mechanism, choice: Choice) -> Model:
-        """Return the model of a mechanism; the time to build it is measured apart from runs.
+        """Return the model of a mechanism; the bench times this call apart from runs.
 
         Raises:
             RunFailure: the engine refuses the model.
@@ -146,12 +153,12 @@ class Engine(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class LibraryCall:
-    """One evaluation of a library's right-hand side, in its own coordinates, as an expert of the library would call it.
+    """One evaluation of a library's right-hand side, in the library's coordinates, as an expert of the library would call it.
 
     Attributes:
         call: the function that is timed.
         acceleration: (n,) result of the call, translated to absolute coordinates.
-        ready: preparation before every call, not timed; by default it does nothing.
+        ready: function that is called before every `call`, not timed; by default it does nothing.
         count: number of right-hand sides, or implicit steps, in one call.
     """
 
@@ -162,21 +169,21 @@ class LibraryCall:
 
 
 class EngineDefaults:
-    """All optional members of an engine, each as the suite takes it where an engine lacks it; `ask` reads them.
+    """All optional members of an engine, each with its default; `ask` returns the default if an engine lacks the member.
 
     An engine need not inherit from this class.
 
     Attributes:
-        adaptive: integrators that choose their own steps; the tolerance of a choice is meant for them.
-        variants: name -> `Variant`, the candidates of a search; without any, a search tries every setting, integrator and
-            stabilisation.
-        knobs: name -> object with `meaning`, `source` and `values`, as `variants.read_variants` returns them; each can be given by
-            itself (`--settings KNOB=VALUE`).
-        options: names that can be given by themselves, of an engine without knobs.
+        adaptive: integrators that choose their own steps; they use the tolerance of a choice.
+        variants: name -> `Variant`, the candidates of a search; if there are none, a search tries every combination of settings,
+            integrator and stabilisation.
+        knobs: name -> object with `meaning`, `source` and `values`, as `variants.read_variants` returns them; users can set each
+            knob alone (`--settings KNOB=VALUE`).
+        options: names of options that users can set alone, for an engine without knobs.
         first: names of the variants that a search tries first if its time is short.
-        soft: name of settings or of a variant -> why J a = gamma holds only roughly under it.
-        unfinished: name of a variant -> why its solver stops before it has converged.
-        resizable: whether a model takes another step or tolerance if its attribute `choice` is replaced between two runs.
+        soft: name of settings or of a variant -> the reason why J a = gamma holds only roughly under it.
+        unfinished: name of a variant -> the reason why its solver stops before it has converged.
+        resizable: whether a model uses a new step or tolerance after its attribute `choice` was replaced between two runs.
         library_calls: name -> function (mechanism, q, v) -> `LibraryCall`, at a state q, v (n,); `growth` times each.
         packages: names of installed packages whose versions belong to the provenance of a run.
     """
@@ -193,59 +200,66 @@ class EngineDefaults:
     packages: Sequence[str] = ()
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
-        """Name the Python code besides the library that runs inside the timed part of a run; empty if there is none."""
+        """Name the Python code that a timed run executes besides the library; an empty text if there is none."""
         return NOT_TOLD
 
     def unbuilt(self, settings: str) -> str:
-        """Name the code that these settings need and that is not compiled yet; empty if there is none."""
+        """Name the code that these settings need and that is not compiled yet; an empty text if there is none."""
         return ""
 
     def build_once(self) -> None:
-        """Compile, before anything is timed, the code that is stored for all later runs."""
+        """Compile the code that is stored for all later runs; called before anything is timed."""
 
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
-        """Return a program in Python that runs the scenario over its duration with this choice, without this package.
+        """Return a Python program, without this package, that runs the scenario over its duration with this choice.
 
-        `export` and `recommend --out` write it below a head of comments, which they add.
+        `export` and `recommend --out` write the program to a file, below comments of their own.
 
         Raises:
-            RunFailure: no program can be written for this mechanism or choice.
+            RunFailure: the engine cannot write a program for this mechanism or choice.
         """
         raise RunFailure(Status.SKIP, "the engine writes no programs")
 
 
 class ModelDefaults:
-    """All optional members of a model, each as the suite takes it where a model lacks it; `ask` reads them."""
+    """All optional members of a model, each with its default; `ask` returns the default if a model lacks the member."""
 
     def joint_forces(self, t: float, q: Array, v: Array) -> Mapping[str, Array]:
-        """Return name of a joint -> (3,) the engine's own fx, fy [N] on its second link and moment [N m] about its point.
+        """Return name of a joint -> (3,) the engine's fx, fy [N] on the joint's second link and moment [N m] about its point.
 
-        The state q, v (n,) is in absolute coordinates. Joints that the engine cannot tell are left out.
+        Args:
+            t: time [s]; q, v: (n,) state in absolute coordinates.
+
+        Joints whose forces the engine does not know are left out.
 
         Raises:
-            RunFailure: the engine has no forces there.
+            RunFailure: the engine has no forces at that state.
         """
         return {}
 
     def bare_calls(self) -> tuple[Callable[[], object], Callable[[], object]]:
-        """Return the bare library call, and a call that does nothing else; asked of engines that a suite lists as `bare`.
+        """Return two functions: the library's own call alone, and a trivial call, which shows the cost of calling.
+
+        The bench asks the engines that a suite lists as `bare`.
 
         Raises:
-            RunFailure: there are none.
+            RunFailure: the engine has no such functions.
         """
         raise RunFailure(Status.SKIP, "the engine has no bare call of its library")
 
     def batch(self, q: Array, v: Array, steps: int) -> Callable[[], Array]:
-        """Return a call that steps many trajectories at once; asked of engines that a suite lists as `batch`.
+        """Return a function that takes `steps` steps from each of the states q, v (k, n), all in one call.
+
+        The bench asks the engines that a suite lists as `batch`.
 
         Raises:
-            RunFailure: there is none.
+            RunFailure: the engine has no such function.
         """
         raise RunFailure(Status.SKIP, "the engine has no steps of many trajectories at once")
 
 
 def _list_members(defaults: type) -> dict[str, type]:
-    """Return member -> the class that holds its default."""
+    """Return name of a public member -> the class `defaults` that holds its default."""
     return {name: defaults for name in vars(defaults) if not name.startswith("_")}
 
 
@@ -254,24 +268,24 @@ REQUIRED = ("version", "skip", "build")  # methods without which an object is no
 
 
 def ask(asked: object, member: str) -> Any:
-    """Return an optional member of an engine or model, or the default where it has none.
+    """Return an optional member of an engine or model, or the default if it lacks the member.
 
     Raises:
-        KeyError: there is no optional member of that name.
+        KeyError: `member` is not the name of an optional member.
     """
     return getattr(asked, member, getattr(OPTIONAL[member](), member))
 
 
 def has_own(asked: object, member: str) -> bool:
-    """Tell whether an engine or model has an optional member of its own, which is not the inherited default.
+    """Tell whether an engine or model has an optional member other than an inherited default.
 
     Raises:
-        KeyError: there is no optional member of that name.
+        KeyError: `member` is not the name of an optional member.
     """
     default = getattr(OPTIONAL[member], member)
     return hasattr(asked, member) and getattr(type(asked), member, None) is not default
 
 
 def list_lacking(engine: object) -> list[str]:
-    """List the required methods that an object lacks."""
+    """List the methods of REQUIRED that an object lacks."""
     return [x for x in REQUIRED if not callable(getattr(engine, x, None))]

@@ -1,10 +1,10 @@
-"""The forces that a library is given at every step because it has no element for them.
+"""Forces for which a library has no element: the adapter computes them in Python and gives them to the library at every step.
 
-They are computed in Python at the state with which a step begins: as forces on the tree coordinates,
+They are those of the state at which the step begins. Laws on tree coordinates y are forces on these coordinates,
 
     constant - stiffness y - damping y'
 
-and, where they are no laws on those, as forces on links at their centres of mass.
+All other forces act on links at their centres of mass.
 """
 
 from collections.abc import Callable
@@ -25,22 +25,25 @@ def on_one_joint(load: OnJoints) -> bool:
 
 
 def split_load(load: OnJoints) -> list[OnJoints]:
-    """Return the spring and the damper of a load, as far as it has them."""
+    """Return the spring of a load and its damper as loads of their own; a load may have only one of them."""
     return [x for x in (replace(load, c=0.0), replace(load, k=0.0)) if x.k or x.c]
 
 
 class GivenForces:
-    """The forces of a mechanism that a library is given, and the springs and dampers that it has itself.
+    """The forces that an adapter gives to its library, and the springs and dampers that are elements of the library.
 
     Attributes:
-        own: springs and dampers that the library has.
-        constant: (n,); stiffness, damping: (n, n).
-        others: the forces that are no laws on tree coordinates, or that vary; None if there are none.
+        own: springs and dampers that are elements of the library.
+        constant: (n,) constant part of the given forces on tree coordinates.
+        stiffness, damping: (n, n) matrices of the given forces on tree coordinates.
+        others: given forces that vary, or are no laws on tree coordinates; None if there are none.
     """
 
     def __init__(self, mechanism: Mechanism, tree: Tree, is_own: Callable[[OnJoints], bool]):
+        """Sort the forces of a mechanism; `is_own` tells whether the library has an element for a spring or damper."""
         loads = sort_loads(mechanism, tree)
-        beyond = {x.name for x in loads if isinstance(x, OtherLoad)}  # forces that are no laws on tree coordinates
+        # If one part of a force is no law on tree coordinates, the whole force is given as one on links.
+        beyond = {x.name for x in loads if isinstance(x, OtherLoad)}
         within = [x for x in loads if isinstance(x, OnJoints) and x.name not in beyond]
         springs = [part for load in within for part in split_load(load)]
         self.tree, self.own = tree, [x for x in springs if is_own(x)]
@@ -49,7 +52,7 @@ class GivenForces:
             if isinstance(load, Steady) and not beyond & {*load.names}:
                 self.constant += load.value * load.force
         for x in springs:
-            if x not in self.own:
+            if x not in self.own:  # k (rest - L) - c dL/dt along the row, with L = row . y + constant
                 self.stiffness += x.k * np.outer(x.row, x.row)
                 self.damping += x.c * np.outer(x.row, x.row)
                 self.constant += x.k * (x.rest - x.constant) * x.row
@@ -58,27 +61,27 @@ class GivenForces:
 
     @property
     def joint_damping(self) -> Array:
-        """The library's own damping (n,) of the joints."""
+        """The damping (n,) of the joints by elements of the library [N s/m, N m s/rad]."""
         return sum((x.c * np.abs(x.row) for x in self.own), np.zeros(self.tree.n))
 
     @property
     def are_constant(self) -> bool:
-        """Whether they are the same at every state and time."""
+        """Whether the given forces are the same at every state and time."""
         return self.others is None and not self.stiffness.any() and not self.damping.any()
 
     def on_joints(self, y: Array, dy: Array) -> Array:
-        """Return the forces (n,) of laws on tree coordinates, at a tree state y, dy (n,)."""
+        """Return the given forces (n,) of laws on tree coordinates, at a tree state y, dy (n,)."""
         return np.asarray(self.constant - self.stiffness @ y - self.damping @ dy)
 
     def on_links(self, t: float, y: Array, dy: Array) -> Array | None:
-        """Return all other forces as forces and torques on the links (3 links,) at time t [s]; None if there are none."""
+        """Return all other given forces, as forces and torques on the links (3 links,) at time t [s]; None if there are none."""
         if self.others is None:
             return None
         q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
         return self.others.generalised(q, v, t)
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
-        """Return all of them as forces (n,) on the tree coordinates."""
+        """Return the sum of all given forces as forces (n,) on the tree coordinates, at time t [s] and a tree state y, dy (n,)."""
         on_links = self.on_links(t, y, dy)
         if on_links is None:
             return self.on_joints(y, dy)

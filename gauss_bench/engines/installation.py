@@ -1,9 +1,9 @@
-"""Environments of the engines of ELSEWHERE, installed into a folder of the user's data, and removed from it.
+"""Install and remove the environments of the engines of ELSEWHERE, in a folder of the user's data.
 
-An environment is made by venv and pip from the engine's `requirements.txt`, whose hashes pip checks. It is built in a hidden folder
-beside, which is renamed when pip has succeeded, and is then entered in the user's file of engines. An installation that fails or is
-interrupted leaves nothing. A killed one leaves its hidden folder, which the next call removes. Any other folder is removed only if
-it holds the file MADE, and tables of the user's own in the file of engines are left alone.
+venv and pip make an environment from the engine's `requirements.txt`, and pip checks the hashes in it. The environment is built in
+a hidden folder. When pip has succeeded, the folder is renamed and the engine is entered in the user's file of engines. An
+installation that fails or is interrupted leaves nothing. One that is killed leaves its hidden folder, which the next call removes.
+No other folder is removed unless it holds the file MADE, and the user's own tables in the file of engines stay as they are.
 """
 
 import contextlib
@@ -25,25 +25,26 @@ from gauss_bench.engines import ELSEWHERE, KEYS, LARGEST, UnknownEngine, file_of
 from gauss_bench.untrusted import BadInput, parse_toml, read_bytes
 
 ROOMS = Path(__file__).parent
-MADE = "made-by-gauss-bench"  # file in every folder that is made here
+MADE = "made-by-gauss-bench"  # file in every folder that this module makes
 HIDDEN = re.compile(r"\.[\w.-]+\.part-\w+")  # name of a folder in which an environment is built or deleted
 OPTIONS = ("--only-binary", ":all:", "--no-input", "--disable-pip-version-check")  # of pip
-LAST_LINES = 3  # of a program's output that are quoted when it fails
+LAST_LINES = 3  # lines of a program's output that are quoted when it fails
 
-Told = Callable[[str], None]
+Told = Callable[[str], None]  # function that shows the user one line of progress
 
 
 class InstallationFault(BadInput):
-    """An environment that cannot be installed or removed; the message says why."""
+    """An environment cannot be installed or removed; the message says why."""
 
 
 @dataclass(frozen=True)
 class Offered:
-    """An environment as the engine's file `environment.toml` describes it.
+    """The content of an engine's file `environment.toml`.
 
     Attributes:
-        library: name and version; licence: of all that is installed.
-        download, installed: size [MB].
+        library: name and version of the library.
+        licence: licences of all packages that are installed.
+        download, installed: sizes [MB].
         pythons: interpreters and machines for which there are wheels.
     """
 
@@ -58,7 +59,7 @@ def read_offered(name: str) -> Offered:
     """Return the description of an engine's environment.
 
     Raises:
-        UnknownEngine: it is not among those that can be installed.
+        UnknownEngine: no engine of ELSEWHERE has that name.
     """
     if name not in ELSEWHERE:
         raise UnknownEngine(f"{name!r} is no engine that can be installed; there are {', '.join(ELSEWHERE)}")
@@ -66,7 +67,7 @@ def read_offered(name: str) -> Offered:
 
 
 def home() -> Path:
-    """Return the folder of all environments, which need not exist."""
+    """Return the folder of all environments; it need not exist."""
     base = os.environ.get("XDG_DATA_HOME", "")
     data = Path(base) if os.path.isabs(base) else Path.home() / ".local" / "share"
     return data / "gauss-bench" / "engines"
@@ -87,10 +88,11 @@ def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
     """Install the environment of an engine and enter it in the user's file of engines.
 
     Args:
-        why_unusable: is asked at the end for the reason why the engine cannot be used; empty if it can.
+        why_unusable: function of the engine's name, called at the end; it returns the reason why the engine cannot be used, or an
+            empty text.
 
     Raises:
-        InstallationFault: it cannot be installed, or the engine cannot be used.
+        InstallationFault: the environment cannot be installed, or the engine cannot be used.
     """
     offered, place = read_offered(name), home() / name
     home().mkdir(parents=True, exist_ok=True)
@@ -99,9 +101,11 @@ def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
         told(f"{name}: installing {offered.library}, {offered.download:g} MB to download")
         failure = f"{offered.library} cannot be installed (there are wheels for {offered.pythons})"
         requirements = ["--require-hashes", "-r", str(ROOMS / name / "requirements.txt")]
-        make_environment(
-            place, lambda folder: run_program([*pip_of(folder), "install", *OPTIONS, *requirements], failure, told), told
-        )
+
+        def fill(folder: Path) -> None:
+            run_program([*pip_of(folder), "install", *OPTIONS, *requirements], failure, told)
+
+        make_environment(place, fill, told)
         try:
             _enter(name, interpreter_in(place))
             if reason := why_unusable(name):
@@ -112,15 +116,15 @@ def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
 
 
 def make_environment(place: Path, fill: Callable[[Path], object], told: Told, quiet: bool = False) -> None:
-    """Make an environment under a folder that `hold` holds; nothing is left if that fails.
+    """Make an environment in a folder, or leave nothing if that fails; the caller has called `hold` for the folder above.
 
     Args:
-        place: its folder; an environment that is there is replaced.
-        fill: called with the new environment, which is still in a hidden folder, to install what it shall have.
-        quiet: whether the output of the programs is kept from the terminal.
+        place: the folder; an environment in it is replaced.
+        fill: function that installs packages; it gets the hidden folder in which the new environment is built.
+        quiet: whether the programs' output is kept from the terminal.
 
     Raises:
-        InstallationFault: it cannot be made.
+        InstallationFault: the environment cannot be made.
     """
     unfinished = _make_hidden(place)
     try:
@@ -139,7 +143,7 @@ def remove(name: str) -> None:
     """Remove an environment that `install` made, and its entry in the user's file of engines.
 
     Raises:
-        InstallationFault: there is none.
+        InstallationFault: `install` made no environment of that engine.
     """
     read_offered(name)
     place = home() / name
@@ -152,14 +156,14 @@ def remove(name: str) -> None:
 
 
 def _undo(name: str) -> None:
-    """Take an engine out of the file of engines, if it is named there with our environment, and delete that environment."""
+    """Delete the environment of an engine, and take its table out of the file of engines if that names this environment."""
     if is_installed_here(name):
         _take_out(name)
     _delete(home() / name)
 
 
 def remove_leftovers() -> None:
-    """Remove what killed installations left, unless an installation is running."""
+    """Remove the hidden folders of killed installations, unless an installation is running."""
     if home().is_dir():
         with contextlib.suppress(InstallationFault), hold(home()):
             pass
@@ -167,10 +171,10 @@ def remove_leftovers() -> None:
 
 @contextlib.contextmanager
 def hold(environments: Path) -> Iterator[None]:
-    """Hold a folder of environments for this process alone, cleared of what killed installations left.
+    """Lock a folder of environments for this process, and remove the hidden folders of killed installations from it.
 
     Raises:
-        InstallationFault: another process holds it.
+        InstallationFault: another process has locked it.
     """
     folder = os.open(environments, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
@@ -187,29 +191,29 @@ def hold(environments: Path) -> Iterator[None]:
 
 
 def is_ours(folder: Path) -> bool:
-    """Tell whether a folder was made here."""
+    """Tell whether this module made a folder."""
     return not folder.is_symlink() and (folder / MADE).is_file()
 
 
 def _make_hidden(place: Path) -> Path:
-    """Return a new hidden folder beside a place, marked as made here; no pip of a killed installation writes into it."""
+    """Make and return a hidden folder beside a place; its name is new, because the pip of a killed installation may still run."""
     folder = Path(tempfile.mkdtemp(prefix=f".{place.name}.part-", dir=place.parent))
     (folder / MADE).touch()
     return folder
 
 
 def _delete(place: Path) -> None:
-    """Delete an environment; if this is interrupted, the next call deletes the rest."""
+    """Delete an environment; if that is interrupted, the next call deletes the rest."""
     doomed = _make_hidden(place)
     place.rename(doomed / place.name)
     shutil.rmtree(doomed)
 
 
 def require_free(name: str) -> None:
-    """Check that neither the file of engines nor a folder of the user's own is in the way of an installation.
+    """Check that an engine can be installed: it is not installed yet, and the user has neither a table nor a folder of that name.
 
     Raises:
-        InstallationFault: one of them is.
+        InstallationFault: it cannot be installed.
     """
     place = home() / name
     if is_installed_here(name):
@@ -221,17 +225,19 @@ def require_free(name: str) -> None:
 
 
 def pip_of(folder: Path) -> list[str]:
-    """Return the command that starts the pip of an environment, which takes nothing from the environment of this process."""
+    """Return the command that starts the pip of an environment; -I keeps it from importing modules of this process's paths."""
     return [str(interpreter_in(folder)), "-I", "-m", "pip"]
 
 
 def run_program(command: Sequence[str], failure: str, told: Told, quiet: bool = False) -> None:
-    """Run a program to its end; its output goes to the terminal, or is told line by line where there is none.
+    """Run a program to its end. Its output goes to the terminal; if there is no terminal, `told` gets it line by line.
 
-    A `quiet` program does not write to the terminal, so that the message of its failure quotes it.
+    Args:
+        failure: beginning of the message if the program fails.
+        quiet: whether `told` gets the output although there is a terminal; then the message of a failure quotes it.
 
     Raises:
-        InstallationFault: it fails.
+        InstallationFault: the program fails.
     """
     at_terminal = sys.stderr.isatty() and not quiet
     process = subprocess.Popen(
@@ -269,7 +275,7 @@ def _read_file() -> str:
 
 
 def _enter(name: str, python: Path) -> None:
-    """Add the table of an engine to the end of the user's file of engines."""
+    """Add the table of an engine, with the interpreter `python`, to the end of the user's file of engines."""
     before = _read_file()
     gap = "\n" if before.endswith("\n") or not before else "\n\n"
     table = {"class": ELSEWHERE[name], "python": str(python)}
@@ -281,18 +287,22 @@ def _enter(name: str, python: Path) -> None:
 def _take_out(name: str) -> None:
     """Take the table of an engine out of the user's file of engines, with the empty line before it."""
     before = _read_file()
+    # an empty line, [name] with or without quotes, and the lines of the keys below it
     table = rf'(?m)(^[ \t]*\n)?^[ \t]*\[[ \t]*"?{re.escape(name)}"?[ \t]*\].*\n?(^[ \t]*({"|".join(KEYS)})[ \t]*=.*\n?)*'
     others = {key: x for key, x in parse_toml(before).items() if key != name}
     _write_file(re.sub(table, "", before, count=1), others)
 
 
 def _write_file(text: str, tables: dict[str, object]) -> None:
-    """Replace the user's file of engines by a text that holds these tables; without text there is no file.
+    """Replace the text of the user's file of engines; remove the file if the text is empty.
+
+    Args:
+        tables: the tables that the text must hold, in any order and with any comments.
 
     Raises:
-        InstallationFault: the text does not hold them, and the file is left alone.
+        InstallationFault: the text does not hold exactly these tables; the file stays as it is.
     """
-    path = Path(os.path.realpath(file_of_engines()))  # which may be a link
+    path = Path(os.path.realpath(file_of_engines()))  # the target, if the file is a link
     try:
         same = parse_toml(text) == tables
     except ValueError:

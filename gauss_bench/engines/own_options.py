@@ -1,7 +1,7 @@
-"""An engine's own options as a user writes them: NAME, KEY=VALUE,... or NAME,KEY=VALUE,... where NAME is a setting or a variant.
+"""Read an engine's options as a user writes them: NAME, KEY=VALUE,... or NAME,KEY=VALUE,... (NAME: settings or a variant).
 
-Without a name the engine's first settings apply. These settings also define which options exist and their types: a number must stay
-a number, a list must keep its length, and a word must be one that a setting or variant of the engine uses or that its knob lists.
+Without a name the engine's first settings apply. They also define which options exist, and their types: the value of a number must
+be a number, and a list must keep its length. A word must be used by settings or a variant of the engine, or be listed by its knob.
 """
 
 import json
@@ -15,11 +15,11 @@ from typing import Any
 from gauss_bench.untrusted import parse_toml
 
 COMMA = re.compile(r',(?![^\[]*\])(?=(?:[^"]*"[^"]*")*[^"]*$)')  # a comma outside of brackets and quotes
-BARE = re.compile(r"[^\s\"'\[\]=]+( [^\s\"'\[\]=]+)*")  # a word, or several, without quotes
+BARE = re.compile(r"[^\s\"'\[\]=]+( [^\s\"'\[\]=]+)*")  # one or several words without quotes
 
 
 class OptionError(ValueError):
-    """An option that an engine does not have, or a value that an option cannot take; the message lists what is possible."""
+    """An engine does not have an option, or the option does not take a value; the message lists the possible ones."""
 
 
 @dataclass(frozen=True)
@@ -27,18 +27,18 @@ class OptionTable:
     """The settings, variants and options of an engine, by name.
 
     Attributes:
-        labels: name of a setting or variant -> option -> value; the first entry holds the engine's defaults.
-        options: option that a user may give as KEY=VALUE -> further permitted words, if its values are words.
+        labels: name of settings or of a variant -> option -> value; the first entry holds the engine's defaults.
+        options: option that a user may give as KEY=VALUE -> words that it may have besides those in `labels`.
     """
 
     labels: Mapping[str, Mapping[str, Any]]
     options: Mapping[str, Sequence[str]]
 
     def resolve(self, text: str) -> dict[str, Any]:
-        """Return the value of every option under a text: the name of a setting or variant, KEY=VALUE pairs, or both.
+        """Return option -> value for a text: the name of settings or of a variant, KEY=VALUE pairs, or both.
 
         Raises:
-            KeyError: no setting and no variant has that name.
+            KeyError: no settings and no variant have that name.
             OptionError: an option is unknown or given twice, or its value has the wrong type.
         """
         if text in self.labels:
@@ -57,7 +57,7 @@ class OptionTable:
                 raise OptionError(f"no option {key!r}; there are {self.describe() or 'none'}")
             if key in changes:
                 raise OptionError(f"the option {key!r} is given twice")
-            changes[key] = self._read_value(key, value)
+            changes[key] = self.check_value(key, _read(value), value)
         return {**self.labels[name], **changes}
 
     def describe(self) -> str:
@@ -65,19 +65,14 @@ class OptionTable:
         usual = next(iter(self.labels.values()), {})
         return ", ".join(f"{key}={_write(usual[key])}" for key in self.options)
 
-    def _read_value(self, key: str, text: str) -> Any:
-        """Read the value of an option; it must have the type of the option's default.
-
-        Raises:
-            OptionError: it has another type, or is not in the range of the option.
-        """
-        return self.check_value(key, _read(text), text)
-
     def check_value(self, key: str, value: Any, shown: str) -> Any:
-        """Return the value of an option, with its numbers as floats where the default has floats; `shown` is the value as text.
+        """Return the value of the option `key`, with its numbers as floats if the default has floats.
+
+        Args:
+            shown: the value as messages show it.
 
         Raises:
-            OptionError: it has another type than the default, or is not in the range of the option.
+            OptionError: the value has another type than the default, or the option does not take it.
         """
         usual = next(iter(self.labels.values()))[key]
         match usual:
@@ -100,13 +95,13 @@ class OptionTable:
         return value
 
     def _words(self, key: str) -> list[str]:
-        """List the words that an option may take, without repetition."""
+        """List the words that an option may have, each once."""
         used = (options[key] for options in self.labels.values() if key in options)
         return list(dict.fromkeys([*used, *self.options[key]]))
 
 
 def write_options(name: str, changes: Mapping[str, Any]) -> str:
-    """Return the text NAME,KEY=VALUE,... from which `OptionTable.resolve` reads the same values, bit for bit."""
+    """Return the text NAME,KEY=VALUE,... from which `OptionTable.resolve` reads exactly the same values."""
     return ",".join([name, *(f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in changes.items())])
 
 
@@ -116,19 +111,27 @@ def is_assignment(text: str) -> bool:
 
 
 def _read(text: str) -> Any:
-    """Return the value that a text is in TOML, or the text itself if it is plain words, or None if it is neither."""
+    """Return the TOML value of a text; if it is none, return words without quotes as they stand, and None for anything else."""
+    if "\n" in text:  # a second line could hold a second value
+        return None
     try:
-        return parse_toml(f"x = {text}")["x"] if "\n" not in text else None
+        return parse_toml(f"x = {text}")["x"]
     except tomllib.TOMLDecodeError:
         return text if BARE.fullmatch(text) else None
 
 
 def _is_number(x: Any, kind: Any = (int, float)) -> bool:
+    """Tell whether x is a finite number of a kind; Python's bool is an int, but no number here."""
     return isinstance(x, kind) and not isinstance(x, bool) and math.isfinite(x)
 
 
 def _write(value: Any) -> str:
-    """Write a value in the form that `resolve` reads."""
-    if isinstance(value, (list, tuple)):
-        return f"[{','.join(map(_write, value))}]"
-    return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
+    """Return a value as a text that `resolve` reads; numbers are rounded to six digits."""
+    match value:
+        case list() | tuple():
+            return f"[{','.join(map(_write, value))}]"
+        case bool():
+            return str(value).lower()
+        case float():
+            return f"{value:g}"
+    return str(value)

@@ -1,7 +1,8 @@
-"""Programs in Python that run one linkage with a library alone: the parts that all have, and the frame of those of joint trees.
+"""Parts of the Python programs that run one linkage with a library, without this package.
 
 Every program prints t, positions and velocities of the links as CSV. The adapter of an engine builds its model with a stand-in for
-the library (`transcript.py`); the recorded calls are the program's model. Its room adds the lines that take the steps.
+the library (`transcript.py`). The recorded calls build the model in the program, and the engine's `program.py` adds the lines that
+take the steps.
 """
 
 import inspect
@@ -15,12 +16,14 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.transcript import python
+from gauss_bench.engines.given_forces import GivenForces
+from gauss_bench.engines.shared import drivers_by_coordinate
+from gauss_bench.engines.transcript import name_laws, python
 from gauss_bench.engines.tree import Tree, turning
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 
-SAMPLES = 100  # largest number of rows that a program prints after the first
+SAMPLES = 100  # largest number of rows that a program prints after the row of the start
 TITLE = "One linkage: python THIS_FILE [END [STEP]] prints t, positions and velocities as CSV; simulate() returns them."
 MAIN = """if __name__ == "__main__":
     import sys
@@ -32,27 +35,27 @@ MAIN = """if __name__ == "__main__":
 
 
 def plan(end: float, step: float) -> tuple[int, int]:
-    """Return the number of steps until `end`, none longer than `step`, and the number of steps between stored rows."""
+    """Return the number of equal steps until `end` [s], none longer than `step` [s], and the number of steps between two rows."""
     count = max(1, math.ceil(end / step - 1e-9))
     every = math.ceil(count / SAMPLES)
     return every * math.ceil(count / every), every
 
 
-PLAN = inspect.getsource(plan)  # a part of every program
+PLAN = inspect.getsource(plan)  # every program has this function
 
 
 def heading(name: str) -> str:
-    """Return a name as the heading of a CSV column, without characters that would end the column."""
+    """Return a name as the heading of a CSV column, with underscores for characters that could end the column."""
     return "".join(c if c.isalnum() or c in "._- " else "_" for c in name)
 
 
 def coordinates(mechanism: Mechanism, kinds: Sequence[str] = ("x", "y", "theta")) -> list[str]:
-    """Return the names of q in order, LINK.x, LINK.y, LINK.theta, as headings of columns."""
+    """Return the headings of the columns of q (n,): LINK.x, LINK.y, LINK.theta for every link."""
     return [f"{heading(link.name)}.{x}" for link in mechanism.links for x in kinds]
 
 
 def rates(mechanism: Mechanism) -> list[str]:
-    """Return the names of v in order."""
+    """Return the headings of the columns of v (n,): LINK.vx, LINK.vy, LINK.omega for every link."""
     return coordinates(mechanism, ("vx", "vy", "omega"))
 
 
@@ -73,7 +76,7 @@ RISE = """    start, travel, time = $start, $travel, $time
     moving = 0 <= t <= time
 $family    return start + travel * value, travel / time * rate * moving, travel / time**2 * second * moving
 """
-FAMILIES = {  # law of a rise -> value, rate and second rate of s
+FAMILIES = {  # name of a law that rises from 0 to 1 -> its value and first two derivatives by s
     "sine": """    value = s - math.sin(2 * math.pi * s) / (2 * math.pi)
     rate = 1 - math.cos(2 * math.pi * s)
     second = 2 * math.pi * math.sin(2 * math.pi * s)
@@ -90,14 +93,14 @@ FAMILIES = {  # law of a rise -> value, rate and second rate of s
 
 
 def write_law(name: str, law: MotionLaw) -> str:
-    """Return a motion law as a function t -> (value, rate, second rate) of a program, as `mechanism/motion_laws.py` has it."""
+    """Return the source of a function t -> (value, rate, second rate) that is the law of `mechanism/motion_laws.py`."""
     numbers = {key: python(np.asarray(x).tolist()) for key, x in law.numbers.items()}
     body = {"constant": CONSTANT, "table": TABLE}.get(law.name, RISE)
     return f"def {name}(t):\n{Template(body).substitute(numbers, family=FAMILIES.get(law.name, ''))}"
 
 
 def write_laws(mechanism: Mechanism) -> str:
-    """Return the functions law_1, law_2, ... of all drivers, each after two empty lines."""
+    """Return the sources of law_1, law_2, ..., the motion laws of all drivers, each after two empty lines."""
     return "".join(f"\n\n{write_law(f'law_{k}', driver.law)}" for k, driver in enumerate(mechanism.drivers, 1))
 
 
@@ -140,19 +143,29 @@ $main''')
 
 @dataclass(frozen=True)
 class Parts:
-    """The parts of a program that a room supplies.
+    """The parts of a program that differ between engines.
 
     Attributes:
-        imports: statements.
-        numbers: name -> value of further constants.
+        imports: import statements.
+        numbers: name -> value of the engine's constants.
         model: statements that build the library's model for steps of the length `step`.
-        run: statements that append rows [t, *absolute(y, dy, places, speeds)] to `rows`, every `every` steps up to `steps`.
+        run: statements that take `steps` steps, and append [t, *absolute(y, dy, places, speeds)] to `rows` after every `every`.
     """
 
     imports: Sequence[str]
     numbers: dict[str, Any]
     model: Sequence[str]
     run: str
+
+
+def force_numbers(forces: GivenForces, mechanism: Mechanism, tree: Tree) -> dict[str, Any]:
+    """Return the constants of a program that gives its library forces on tree coordinates and follows laws, by their names.
+
+    The forces are constant - STIFFNESS y - DAMPING y'. LAWS pairs the index of a driven tree coordinate with its motion law.
+    """
+    laws = name_laws(mechanism)
+    driven = [[at, laws[id(driver.law)]] for at, driver in drivers_by_coordinate(mechanism, tree).items()]
+    return {"CONSTANT": forces.constant, "STIFFNESS": forces.stiffness, "DAMPING": forces.damping, "LAWS": driven}
 
 
 def write_tree_program(mechanism: Mechanism, tree: Tree, choice: Choice, parts: Parts) -> str:

@@ -1,13 +1,15 @@
-"""What adapters to foreign engines share: reasons to refuse a linkage, and checks of the built model against the linkage."""
+"""Functions that adapters to libraries share: reasons to refuse a linkage, and checks of a library's model against the linkage."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from gauss_bench.engines.base import LibraryCall as LibraryCall  # where plug-ins look for it
+from gauss_bench.engines.base import Choice, Variant
+from gauss_bench.engines.base import LibraryCall as LibraryCall  # plug-ins import it from here
 from gauss_bench.engines.tree import Tree, spanning_tree, turning
+from gauss_bench.engines.variants import Knob, Variants
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import (
@@ -25,72 +27,103 @@ from gauss_bench.mechanism.model import (
 )
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
-from gauss_bench.trajectory import finite as finite  # where plug-ins look for them
+from gauss_bench.trajectory import finite as finite  # plug-ins import these two from here
 from gauss_bench.trajectory import with_accelerations as with_accelerations
 
 SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)  # [rad, m] of random states about the start; speeds spread 10 times as far [1/s]
 PARALLEL = 1e-12  # largest sine of the angle between parallel axes: angles are summed in different orders, which rounds differently
+End = TypeVar("End")
+
+
+class LibraryEngine:
+    """The members that adapters to libraries have in common.
+
+    A subclass passes the content of its `variants.toml`: class Adapter(LibraryEngine, file=VARIANTS).
+    """
+
+    stabilizations: tuple[str, ...] = ("none",)
+    settings: Mapping[str, Mapping[str, Any]]
+    variants: Mapping[str, Variant]
+    knobs: Mapping[str, Knob]
+    first: tuple[str, ...]
+    soft: Mapping[str, str]
+    unfinished: Mapping[str, str]
+
+    def __init_subclass__(cls, file: Variants) -> None:
+        cls.settings, cls.variants, cls.knobs = file.settings, file.space, file.knobs
+        cls.first, cls.soft, cls.unfinished = file.first, file.soft, file.unfinished
+
+    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        """Return an empty text: a timed run executes the library alone."""
+        return ""
 
 
 def unsteady(mechanism: Mechanism, library: str) -> str | None:
     """Return the reason why an adapter that gives its library only steady forces cannot model the mechanism, or None if it can."""
+    if not mechanism.varying:
+        return None
     names = ", ".join(f.name for f in mechanism.varying)
-    return f"force {names} varies with time or direction, which {library} is not given here" if names else None
+    return f"force {names} varies with time or direction, and the adapter of {library} supports constant forces only"
 
 
 def common_refusal(mechanism: Mechanism, library: str) -> str | None:
-    """Return the reason why no adapter to a library can model the mechanism, or None if there is none.
+    """Return the reason why no adapter of this package models the mechanism, or None if there is no such reason.
+
+    Args:
+        library: its name in the reason.
 
     Raises:
         TypeError: a force is of a kind that cannot be expressed by loads.
     """
     for force in mechanism.forces:
-        own = [] if factor_of(force) else loads([force])  # a force that varies is no sum of constant loads
-        if any(isinstance(x, Law) and x.inverse_square for x in own):
-            return f"force {force.name} falls with the square of a distance, for which {library} is given no element here"
+        if factor_of(force):  # a force that varies is no sum of constant loads
+            continue
+        if any(isinstance(x, Law) and x.inverse_square for x in loads([force])):
+            return f"force {force.name} falls with the square of a distance, which the adapter of {library} does not support"
     if mechanism.couplings:
-        return f"{library} is given no {type(mechanism.couplings[0]).__name__} ({mechanism.couplings[0].name}) here"
+        coupling = mechanism.couplings[0]
+        return f"the adapter of {library} does not support a {type(coupling).__name__} ({coupling.name})"
     if mechanism.has_friction:
-        return f"dry friction in proportion to the load of a joint is not modelled in {library} here"
+        return f"the adapter of {library} does not support dry friction, which grows with the load of a joint"
     return None
 
 
 def jointed(mechanism: Mechanism) -> list[AngleDriver | SlideDriver]:
-    """List the drivers that prescribe a link's angle or a slide, in order: a driven length is no coordinate of a tree."""
+    """List the drivers of angles and slides, in the order of the file; a driven length is no coordinate of a tree."""
     return [d for d in mechanism.drivers if not isinstance(d, LengthDriver)]
 
 
 def driven_coordinates(mechanism: Mechanism, tree: Tree) -> list[int | None]:
-    """List for each driver of `jointed` the index of the tree coordinate that it prescribes, or None if it is not just one."""
+    """List for each driver of `jointed` the index of the tree coordinate that it prescribes; None if it prescribes a sum."""
     hinges = {b.link: b.at for b in tree.branches if b.kind == "revolute" and b.parent == GROUND}
     slides = slide_indices(tree)
     return [hinges.get(d.link) if isinstance(d, AngleDriver) else slides.get(d.joint.name) for d in jointed(mechanism)]
 
 
 def undriven(mechanism: Mechanism, tree: Tree, library: str, any_law: bool = True) -> str | None:
-    """Return the reason why an adapter that prescribes single tree coordinates cannot prescribe what is driven, or None if it can.
+    """Return the reason why an adapter that prescribes single tree coordinates cannot follow a driver, or None if it can.
 
     Args:
-        any_law: whether it is given every law; else only constant speeds.
+        any_law: whether the adapter can follow every motion law; otherwise only constant speeds.
     """
     for driver in mechanism.drivers:
         if isinstance(driver, LengthDriver):
-            return f"{library} prescribes coordinates of joints, not the length {driver.name}"
+            return f"{library} can prescribe coordinates of joints, not the length {driver.name}"
         if not any_law and driver.law.name != "constant":
-            return f"{library} is given no motion law {driver.law.name} here"
+            return f"the adapter of {library} supports drivers of constant speed only, not the motion law {driver.law.name}"
     if None in driven_coordinates(mechanism, tree):
-        return f"{library} prescribes coordinates of the tree of joints, and the driven angle is none"
+        return f"{library} can prescribe single coordinates of the tree of joints, and the driven angle is a sum of them"
     return None
 
 
 def drivers_by_coordinate(mechanism: Mechanism, tree: Tree) -> dict[int, AngleDriver | SlideDriver]:
-    """Return index of a tree coordinate -> the driver that prescribes it; without drivers that do not prescribe just one."""
+    """Return index of a tree coordinate -> the driver that prescribes it; drivers of sums of coordinates are left out."""
     pairs = zip(driven_coordinates(mechanism, tree), jointed(mechanism), strict=True)
     return {at: driver for at, driver in pairs if at is not None}
 
 
 def driven_rows(mechanism: Mechanism, tree: Tree) -> tuple[Array, Array]:
-    """Return rows (k, n) and constants (k,) of the drivers of `jointed`: each prescribes x = row . y + constant."""
+    """Return rows (k, n) and constants (k,) of the k drivers of `jointed`: each prescribes x = row . y + constant."""
     drivers, slides, turns = jointed(mechanism), slide_indices(tree), turning(tree)
     rows, constants = np.zeros((len(drivers), tree.n)), np.zeros(len(drivers))
     for k, driver in enumerate(drivers):
@@ -102,12 +135,12 @@ def driven_rows(mechanism: Mechanism, tree: Tree) -> tuple[Array, Array]:
 
 
 def slide_indices(tree: Tree) -> dict[str, int]:
-    """Return name of a slide -> index of its tree coordinate."""
+    """Return name of a slide of the tree -> index of its tree coordinate."""
     return {b.joint.name: b.at for b in tree.branches if b.kind == "prismatic" and b.joint}
 
 
 def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:
-    """Return the reason why a tree of joints whose loops are closed by pins alone cannot model the mechanism, or None if it can."""
+    """Return the reason why a tree of joints whose loops only pins close cannot model the mechanism, or None if it can."""
     if reason := common_refusal(mechanism, library):
         return reason
     if mechanism.knife_edges:
@@ -127,12 +160,21 @@ def joint_tree(mechanism: Mechanism, options: Mapping[str, Any]) -> Tree:
 
 
 def closing_pins(tree: Tree) -> list[tuple[Point, Point]]:
-    """List the pairs of points that must coincide to close the loops: those of the pins that are not in the tree."""
+    """List the pairs of points that must coincide to close the loops: points a and b of the pins that are not in the tree."""
     return [(joint.a, joint.b) for joint in tree.closures if isinstance(joint, Revolute)]
 
 
+def measure_gaps(pins: Iterable[tuple[End, End]], place: Callable[[End], Array]) -> Array:
+    """Return end b minus end a of each pin (pins, 2) [m].
+
+    Args:
+        place: function of an end of a pin; it returns the end's place in the world, (2,) or (3,) [m].
+    """
+    return np.array([(place(b) - place(a))[:2] for a, b in pins]).reshape(-1, 2)
+
+
 def tree_states(tree: Tree, y0: Array, dy0: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield the start and random tree states y, dy (n,) around it, at which loops may be open."""
+    """Yield the start y0, dy0 (n,) and random tree states around it, at which loops may be open."""
     random = np.random.default_rng(0)
     for size in SPREAD:
         yield y0 + size * random.uniform(-1.0, 1.0, tree.n), dy0 + 10.0 * size * random.uniform(-1.0, 1.0, tree.n)
@@ -140,18 +182,17 @@ def tree_states(tree: Tree, y0: Array, dy0: Array) -> Iterator[tuple[Array, Arra
 
 @dataclass(frozen=True, eq=False)
 class OpenTree:
-    """The suite's own terms at a tree state whose loops may be open: the reference for a library's model of the tree.
+    """The suite's own terms of a tree without its closing pins: the reference for a library's model of the tree.
 
-    With V the map from tree rates to absolute speeds, and a0 the absolute acceleration at y'' = 0, a tree without its closing pins
-    obeys
+    V maps tree rates y' to absolute speeds, and a0 is the absolute acceleration at y'' = 0. The tree obeys
 
         V^T M V y'' = V^T (Q - M a0)
 
     Attributes:
-        q: (n_q,) absolute coordinates.
+        q: (3 links,) absolute coordinates.
         mass: (n, n) V^T M V.
         forces: (n,) V^T (Q - M a0).
-        load: size of the terms in `forces`, to which differences are compared.
+        load: largest force in Q plus the largest in M a0: the scale for differences of `forces`.
         gaps: (pins, 2) point b minus point a of each closing pin [m].
     """
 
@@ -163,21 +204,26 @@ class OpenTree:
 
 
 def open_tree(evaluator: Evaluator, tree: Tree, y: Array, dy: Array) -> OpenTree:
-    """Evaluate the suite's own terms at a tree state y, dy (n,)."""
+    """Evaluate the suite's own terms at a tree state y, dy (n,) and t = 0; loops may be open."""
     q, v, a0 = tree.absolute(y, dy, np.zeros(tree.n))
-    # V^T (n, n_q), row by row: the absolute speeds when one tree rate is 1 and all others are 0
-    speeds = tree.absolute(np.tile(y, (tree.n, 1)), np.eye(tree.n), np.zeros((tree.n, tree.n)))[1]
+    speeds = unit_speeds(tree, y)
     Q, inertial = evaluator.applied.generalised(q, v, 0.0), evaluator.mass * a0
-    gaps = np.array([position(q, b) - position(q, a) for a, b in closing_pins(tree)]).reshape(-1, 2)
+    gaps = measure_gaps(closing_pins(tree), lambda point: position(q, point))
     load = float(np.abs(Q).max() + np.abs(inertial).max())
     return OpenTree(q, (speeds * evaluator.mass) @ speeds.T, speeds @ (Q - inertial), load, gaps)
 
 
+def unit_speeds(tree: Tree, y: Array) -> Array:
+    """Return V^T (n, 3 links): row k holds the absolute speeds if tree rate k is 1 and all others are 0, at y (n,)."""
+    return tree.absolute(np.tile(y, (tree.n, 1)), np.eye(tree.n), np.zeros((tree.n, tree.n))).v
+
+
 def require_agreement(pairs: Mapping[str, tuple[Array, Array, float]], tolerance: float) -> None:
-    """Check that a generated model is the linkage.
+    """Check that the model of a library agrees with the linkage.
 
     Args:
-        pairs: quantity -> its value in the model, its value in the linkage, and the scale of a difference.
+        pairs: name of a quantity -> its value in the model, its value in the linkage, and the scale of a difference.
+        tolerance: largest difference that is allowed, divided by the scale.
 
     Raises:
         RunFailure: a quantity differs by more than the tolerance times its scale.
@@ -189,12 +235,12 @@ def require_agreement(pairs: Mapping[str, tuple[Array, Array, float]], tolerance
 
 
 def size(x: Array) -> float:
-    """Return the largest absolute entry, or 1 if all are smaller."""
+    """Return the largest absolute entry of x, but at least 1."""
     return float(np.abs(x).max(initial=1.0))
 
 
 def finite_acceleration(t: float, a: Array, library: str) -> Array:
-    """Return the accelerations (n,) if all are finite.
+    """Return the accelerations a (n,) of a library at time t [s], if all are finite.
 
     Raises:
         RunFailure: some are not finite.
@@ -205,5 +251,5 @@ def finite_acceleration(t: float, a: Array, library: str) -> Array:
 
 
 def spatial(x: Any) -> list[float]:
-    """Return a vector of the plane (2,) as one of space, with z = 0."""
+    """Return a vector (2,) of the plane as a vector of space, with z = 0."""
     return [float(x[0]), float(x[1]), 0.0]

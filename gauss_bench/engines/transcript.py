@@ -1,8 +1,8 @@
 """Record an adapter's calls as a script: the adapter builds its model with a stand-in for the library that records every call.
 
 An adapter takes its library as an argument, so it makes the same calls to the stand-in as to the library. The recorded calls, in
-order, are a script that builds the model without the adapter. So a linkage is translated in one place, and the script cannot
-differ from the model that was compared with the linkage.
+order, are a script that builds the model without the adapter. Therefore the script cannot differ from the model that the adapter
+has compared with the linkage.
 
     mbs = Script({"AddNode": "node_"}).stand_in("mbs")
     mbs.AddNode(items.NodePoint(name="A"))                       records: node_1 = mbs.AddNode(items.NodePoint(name='A'))
@@ -29,22 +29,28 @@ class Script:
         """Begin an empty script.
 
         Args:
-            statements: name of a function or method -> name of the variable that takes its result. A variable that ends with an
-                underscore gets a number; "" records the call without a variable. A call of any other function becomes part of
-                the expression that uses its result.
+            statements: functions and methods whose calls are lines of the script: name -> variable that takes the result. A
+                variable that ends with an underscore gets a number; "" stands for a call without a variable. A call of any other
+                function becomes part of the expression that uses its result.
         """
         self.lines: list[str] = []
         self._statements, self._counts = dict(statements), {prefix: count(1) for prefix in statements.values()}
 
     def stand_in(self, source: str) -> "StandIn":
-        """Return a stand-in for a name of the script, such as an imported module."""
+        """Return a stand-in for an object of the script; `source` is the object's name there, such as that of a module."""
         return StandIn(self, source)
 
     def comment(self, text: str) -> None:
+        """Add a comment to the script."""
         self.lines.append(f"# {in_a_sentence(text)}")
 
     def record_call(self, source: str, text: str) -> "StandIn":
-        """Record a call `text` of the function `source`, and return the stand-in for its result."""
+        """Record a call and return the stand-in for its result.
+
+        Args:
+            source: the expression for the function.
+            text: the expression for the whole call.
+        """
         name = source.rpartition(".")[2]
         if name not in self._statements:
             return StandIn(self, text)
@@ -58,17 +64,18 @@ class Script:
 
 
 class StandIn:
-    """A stand-in for an object of the library; it holds only the expression for that object in the script."""
+    """A stand-in for an object of the library; `_source` is the expression for that object in the script."""
 
     _script: Script
     _source: str
 
     def __init__(self, script: Script, source: str):
+        # not `self._script = script`, which __setattr__ would record
         object.__setattr__(self, "_script", script)
         object.__setattr__(self, "_source", source)
 
     def __getattr__(self, name: str) -> "StandIn":
-        if name.startswith("__"):
+        if name.startswith("__"):  # numpy and others look for such attributes; a stand-in has none of them
             raise AttributeError(name)
         return StandIn(self._script, f"{self._source}.{name}")
 
@@ -114,5 +121,5 @@ def python(x: Any) -> str:
 
 
 def name_laws(mechanism: Mechanism) -> dict[int, StandIn]:
-    """Return the script's functions law_1, law_2, ... for the laws of drivers, by the laws' ids."""
+    """Return id() of a driver's motion law -> the script's function for it: law_1, law_2, ..., in the order of the drivers."""
     return {id(d.law): Script({}).stand_in(f"law_{k}") for k, d in enumerate(mechanism.drivers, 1)}

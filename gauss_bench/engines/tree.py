@@ -1,15 +1,15 @@
 """The spanning tree of a linkage and the joints that close its loops, for engines in relative coordinates.
 
-Each link is connected to its parent by one branch with one coordinate (a free link with three). Vectors of the plane are complex
-numbers, with E = exp(i theta) of the parent, z the centres of mass and r = exp(i theta) anchor of the child:
+A branch connects each link to its parent and has one coordinate y; the branch of a free link has three. Vectors of the plane are
+complex numbers: z is a centre of mass, E = exp(i theta) of the parent, and r = exp(i theta) anchor of the child.
 
     revolute    theta = theta_parent + y,      z + r = z_parent + E parent_anchor
     prismatic   theta = theta_parent + turn,   z + r = z_parent + E (parent_anchor + base + y axis)
     free        x, y, theta of the centre of mass
 
-Slides enter the tree before pins, so that loops are closed by pins wherever possible. Of the pins, the tree takes either the first
-ones of the file or those that keep links near the ground. Branches are listed depth first. A single state (n,) is mapped in plain
-Python numbers, because that is fastest; a batch (..., n) is mapped in numpy.
+Slides enter the tree before pins, so that pins close the loops wherever possible. The tree takes either the first pins of the file
+or those that keep links near the ground. Branches are listed depth first. A single state (n,) is mapped in Python numbers, which is
+fastest; a batch (..., n) is mapped in numpy.
 """
 
 import cmath
@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from heapq import heappop, heappush
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,12 +35,14 @@ class Branch:
     """A link and the joint that connects it to its parent.
 
     Attributes:
-        link, parent: indices; parent may be GROUND.
+        link, parent: indices of links; the parent may be GROUND.
         kind: "revolute", "prismatic" or "free".
-        joint: the joint of the linkage, or None for a free link.
+        joint: the joint of the linkage; None for a free link.
         at: index of the branch's first tree coordinate.
-        parent_anchor, anchor: (2,) in the frames of the centres of mass of parent and link [m].
-        base, axis: (2,) in the parent's frame; turn: constant relative angle [rad]. For prismatic branches.
+        parent_anchor, anchor: (2,) the joint's point in the parent and in the link, from the centre of mass [m].
+        base: (2,) of a slide: offset of its line from parent_anchor, in the parent's frame [m].
+        axis: (2,) of a slide: unit vector along its line, in the parent's frame.
+        turn: of a slide: constant angle of the link relative to the parent [rad].
     """
 
     link: int
@@ -56,7 +58,7 @@ class Branch:
 
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
-        """The branch's tree coordinates, expressed as coordinates of the linkage between parent and link."""
+        """The branch's tree coordinates, as coordinates of the linkage between parent and link."""
         if self.kind == "revolute":
             return (Angle(self.parent, self.link),)
         near, far = Point(self.parent, self.parent_anchor, ""), Point(self.link, self.anchor, "")
@@ -66,9 +68,17 @@ class Branch:
 
     @cached_property
     def vectors(self) -> tuple[complex, complex, complex, complex]:
-        """parent_anchor, anchor, base and axis as complex numbers."""
+        """The vectors parent_anchor, anchor, base and axis as complex numbers."""
         near, far, base, axis = (complex(*x) for x in (self.parent_anchor, self.anchor, self.base, self.axis))
         return near, far, base, axis
+
+
+class AbsoluteState(NamedTuple):
+    """Positions q, velocities v and accelerations a of all links, (..., 3 links) each."""
+
+    q: Array
+    v: Array
+    a: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +97,11 @@ class Tree:
     n: int
     links: int
 
-    def absolute(self, y: Array, dy: Array, ddy: Array) -> tuple[Array, Array, Array]:
-        """Map tree states y, dy, ddy (..., n) to absolute q, v, a (..., 3 links), link by link from the ground outwards."""
+    def absolute(self, y: Array, dy: Array, ddy: Array) -> AbsoluteState:
+        """Map tree states y, y', y'' (..., n) to absolute q, v, a (..., 3 links), link by link from the ground outwards."""
         exp = exponential(y)
         Y, dY, ddY = columns(y), columns(dy), columns(ddy)
+        # link -> complex position and angle of its centre of mass, then the same for velocity and for acceleration
         rest = (0j, 0.0)
         q, v, a = {GROUND: rest}, {GROUND: rest}, {GROUND: rest}
         for b in self.branches:
@@ -101,24 +112,24 @@ class Tree:
             near, far, base, axis = b.vectors
             (z, theta), (u, w), (c, alpha) = q[p], v[p], a[p]
             E = exp(1j * theta)
-            # arm: from the parent's centre to the joint; slide, slide_rate: relative velocity and acceleration along the axis
+            # arm: from the parent's centre of mass to the joint; slide, slide_rate: velocity and acceleration along the axis
             if b.kind == "revolute":
                 arm, slide, slide_rate = E * near, 0.0, 0.0
                 theta_i, w_i, alpha_i = theta + Y[k], w + dY[k], alpha + ddY[k]
             else:
                 arm, slide, slide_rate = E * (near + base + Y[k] * axis), E * axis * dY[k], E * axis * ddY[k]
                 theta_i, w_i, alpha_i = theta + b.turn, w, alpha
-            r = exp(1j * theta_i) * far  # from the child's centre to the joint
-            # acceleration of the joint against the parent's centre: Euler, centripetal, Coriolis and relative terms
+            r = exp(1j * theta_i) * far  # from the child's centre of mass to the joint
+            # acceleration of the joint relative to the parent's centre: Euler, centripetal, Coriolis and relative terms
             turning = (1j * alpha - w * w) * arm + 2j * w * slide + slide_rate
             q[i] = (z + arm - r, theta_i)
             v[i] = (u + 1j * w * arm + slide - 1j * w_i * r, w_i)
             a[i] = (c + turning - (1j * alpha_i - w_i * w_i) * r, alpha_i)
         shape = y.shape[:-1]
-        return self._stack(q, shape), self._stack(v, shape), self._stack(a, shape)
+        return AbsoluteState(self._stack(q, shape), self._stack(v, shape), self._stack(a, shape))
 
     def _stack(self, states: dict[int, Any], shape: tuple[int, ...]) -> Array:
-        """Return the vectors and angles of all links as one array (*shape, 3 links)."""
+        """Return the complex vectors and the angles of all links as an array (*shape, 3 links) in the order of q."""
         out = np.empty((*shape, self.links, 3))
         for i in range(self.links):
             z, theta = states[i]
@@ -127,41 +138,41 @@ class Tree:
 
     @cached_property
     def _coordinates(self) -> Callable[..., list[Array]]:
-        """A generated function (t, q, v) -> tree coordinates and their rates, for `relative`."""
+        """A generated function (t, q, v) -> tree coordinates (..., n), their rates (..., n); `relative` calls it."""
         at = Symbols(SIZE * self.links)
         states = [state(x, at) for b in self.branches for x in b.coordinates]
         return at.generate([x.value for x in states], [x.rate for x in states])
 
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Map absolute states (..., 3 links) to tree coordinates and rates (..., n); gaps at the tree's joints are ignored."""
+        """Map absolute states q, v (..., 3 links) to tree coordinates and rates (..., n); gaps at its joints are ignored."""
         y, dy = self._coordinates(0.0, q, v)
         return y, dy
 
     def forces(self, q: Array, Q: Array) -> Array:
-        """Return the generalised forces (..., n) of the tree that do the same virtual work as Q (..., 3 links) at q."""
+        """Return the forces (..., n) on the tree coordinates that do the virtual work of the forces Q (..., 3 links) at q."""
         y, _ = self.relative(q, np.zeros_like(q))
         same, rest = np.broadcast_to(y[..., None, :], (*y.shape, self.n)), np.zeros((*y.shape, self.n))
         # speeds (..., n, 3 links): row k is the motion of all links if tree coordinate k alone moves, at unit rate
-        speeds = self.absolute(same, rest + np.eye(self.n), rest)[1]
+        speeds = self.absolute(same, rest + np.eye(self.n), rest).v
         return np.asarray((speeds @ Q[..., None])[..., 0])
 
 
 def exponential(x: Array) -> Callable[[Any], Any]:
-    """Return the complex exponential to use: cmath's for a single state (n,), numpy's for a batch."""
+    """Return the complex exponential for a state x: that of cmath for a single state (n,), that of numpy for a batch."""
     return cmath.exp if x.ndim == 1 else np.exp
 
 
 def columns(x: Array) -> Any:
-    """Return the coordinates one by one: plain numbers for a single state (n,), arrays (...) for a batch (..., n)."""
+    """Return the n coordinates of x: Python numbers for a single state (n,), arrays (...) for a batch (..., n)."""
     return x.tolist() if x.ndim == 1 else np.moveaxis(x, -1, 0)
 
 
 @dataclass(frozen=True, eq=False)
 class Turning:
-    """The angles of all links as theta = rows . y + constants.
+    """The angles of all links as sums of tree coordinates: theta = rows . y + constants.
 
     Attributes:
-        rows: (links + 1, n) of zeros and ones; the last row is the ground.
+        rows: (links + 1, n) of zeros and ones; the last row is the ground's.
         constants: (links + 1,) [rad].
     """
 
@@ -173,7 +184,7 @@ class Turning:
         return bool((self.rows[a] == self.rows[b]).all())
 
     def turns_with(self, a: int, b: int) -> bool:
-        """Tell whether every hinge that turns link a turns b as well."""
+        """Tell whether every hinge that turns link a also turns link b."""
         return bool((self.rows[a] <= self.rows[b]).all())
 
     def apart(self, a: int, b: int) -> bool:
@@ -192,7 +203,7 @@ def turning(tree: Tree) -> Turning:
 
 
 def ends(joint: Joint) -> tuple[int, int]:
-    """Return the two links of a joint: guide and block of a slide, a and b of a pin."""
+    """Return the indices of a joint's two links: guide and block of a slide, a and b of a pin."""
     first, second = joint.ends
     return first.link, second.link
 
@@ -200,8 +211,9 @@ def ends(joint: Joint) -> tuple[int, int]:
 def spanning_tree(mechanism: Mechanism, least_depth: bool = False) -> Tree:
     """Return a spanning tree that takes slides first, then pins; links that no joint connects to the ground become free.
 
-    Pins are taken in file order, which makes long chains; with `least_depth` they are taken so that every link is as few joints
-    away from the ground as the slides allow.
+    Args:
+        least_depth: whether the pins are chosen so that every link is as few joints away from the ground as the slides allow;
+            otherwise they are taken in the order of the file, which makes long chains.
     """
     slides = _without_loops(mechanism, mechanism.slides)
     pins = mechanism.pins
@@ -212,7 +224,7 @@ def spanning_tree(mechanism: Mechanism, least_depth: bool = False) -> Tree:
     n = 0
 
     def descend(parent: int) -> None:
-        """Add branches to all links that are reached from `parent`, depth first."""
+        """Add branches to all links that hang on `parent` and are not reached yet, depth first."""
         nonlocal n
         for joint, child in neighbours[parent]:
             if child not in reached:
@@ -235,7 +247,7 @@ def spanning_tree(mechanism: Mechanism, least_depth: bool = False) -> Tree:
 
 def _without_loops(mechanism: Mechanism, joints: Sequence[Joint]) -> list[Joint]:
     """Return the joints, in order, without those that close a loop with earlier ones (Kruskal's algorithm)."""
-    group = {i: i for i in range(GROUND, len(mechanism.links))}
+    group = {i: i for i in range(GROUND, len(mechanism.links))}  # link -> number of the group that joints connect so far
     chosen = []
     for joint in joints:
         a, b = (group[i] for i in ends(joint))
@@ -246,9 +258,10 @@ def _without_loops(mechanism: Mechanism, joints: Sequence[Joint]) -> list[Joint]
 
 
 def _nearest(mechanism: Mechanism, slides: Sequence[Joint], pins: Sequence[Joint]) -> list[Joint]:
-    """Return all slides, and the pins by which links are reached from the ground over the fewest joints (Dijkstra's algorithm).
+    """Return all slides, and the pins that lead from the ground to every link over the fewest joints (Dijkstra's algorithm).
 
-    All links that slides connect to a reached link are reached with it: a pin to one of those would close a loop over a slide.
+    When a link is reached, all links that slides connect to it are reached with it, because a pin to one of them would close a
+    loop over a slide.
     """
     by_slides, by_pins = _neighbours(slides), _neighbours(pins)
     chosen: list[Joint] = []
@@ -256,6 +269,7 @@ def _nearest(mechanism: Mechanism, slides: Sequence[Joint], pins: Sequence[Joint
     waiting: list[tuple[int, int]] = []  # (depth, link), nearest first
 
     def reach(link: int, depth: int) -> None:
+        """Reach a link that is `depth` joints away from the ground, and all links behind its slides."""
         reached.add(link)
         heappush(waiting, (depth, link))
         for joint, other in by_slides[link]:
@@ -276,7 +290,7 @@ def _nearest(mechanism: Mechanism, slides: Sequence[Joint], pins: Sequence[Joint
 
 
 def _neighbours(joints: Iterable[Joint]) -> defaultdict[int, list[tuple[Joint, int]]]:
-    """Return link -> its joints, each with the link at the other end."""
+    """Return link -> pairs of a joint of the link and the link at the joint's other end."""
     neighbours: defaultdict[int, list[tuple[Joint, int]]] = defaultdict(list)
     for joint in joints:
         a, b = ends(joint)
@@ -286,11 +300,11 @@ def _neighbours(joints: Iterable[Joint]) -> defaultdict[int, list[tuple[Joint, i
 
 
 def _branch(joint: Joint, parent: int, child: int, at: int) -> Branch:
-    """Return the branch that connects `child` to `parent`; a joint whose first link is the child is used backwards."""
+    """Return the branch from `parent` to `child`, whose coordinate has the index `at`."""
     none = np.zeros(2)
-    (_, offset), (_, turn) = joint.held
+    (_, offset), (_, turn) = joint.held  # a slide holds its offset [m] and its angle [rad]
     first, second = joint.ends
-    forward = first.link == parent
+    forward = first.link == parent  # otherwise the joint is used backwards
     near, far, sign = (first, second, 1.0) if forward else (second, first, -1.0)
     if not isinstance(way := joint.motion, Along):
         return Branch(child, parent, "revolute", joint, at, near.local, far.local, none, none, 0.0)

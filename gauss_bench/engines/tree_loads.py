@@ -1,8 +1,8 @@
-"""The loads of a linkage for engines in coordinates of a joint tree, sorted by what they act on.
+"""The loads of a linkage for engines in coordinates of a joint tree, sorted into three kinds.
 
 Steady      constant generalised force on tree coordinates: a torque, or a force along a slide with its reaction on the guide
-OnJoints    spring and damper on an angle or a slide, which is a sum of tree coordinates L = e . y + const
-OtherLoad   a force at a point, or a law on a distance or along an axis that is no slide's: the engine translates it or refuses it
+OnJoints    spring and damper on an angle or a slide, which is a sum of tree coordinates L = row . y + constant
+OtherLoad   all others: a force at a point, or a law on a distance or along an axis without a slide
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ from gauss_bench.mechanism.model import (
 )
 from gauss_bench.terms import Array
 
-ALIGNED = 1e-12  # [m] by which rounding may move two points off one line
+ALIGNED = 1e-12  # [m] largest distance by which rounding moves a point off a line
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Steady:
     """The constant generalised force `value` times `force` (n,) on the tree coordinates.
 
     Attributes:
-        names: forces of the linkage that make it: a force along a slide and its reaction are two.
+        names: forces of the linkage that it stands for: one torque, or a force along a slide and its reaction.
     """
 
     force: Array
@@ -47,10 +47,10 @@ class Steady:
 
 @dataclass(frozen=True, eq=False)
 class OnJoints:
-    """Force k (rest - L) - c dL/dt on L = row . y + constant, where row (n,) has entries of 0 and +-1.
+    """The force k (rest - L) - c dL/dt on L = row . y + constant, where row (n,) has entries 0, 1 and -1.
 
     Attributes:
-        name: force of the linkage that makes it.
+        name: force of the linkage that it belongs to.
     """
 
     row: Array
@@ -63,7 +63,7 @@ class OnJoints:
 
 @dataclass(frozen=True, eq=False)
 class OtherLoad:
-    """A load of the force `name` that is no law on tree coordinates."""
+    """A load of the linkage's force `name` that is no law on tree coordinates."""
 
     name: str
     load: PointForce | Law
@@ -73,23 +73,32 @@ TreeLoad = Steady | OnJoints | OtherLoad
 
 
 def sort_loads(mechanism: Mechanism, tree: Tree) -> list[TreeLoad]:
-    """Return all forces that do not vary with time, as loads on a tree."""
+    """Return all forces of a mechanism that do not vary with time, as loads on its tree."""
     turns = turning(tree)
     steady = [f for f in mechanism.forces if not factor_of(f)]
     motors = [Steady(turns.rows[f.link] - turns.rows[f.reaction], f.value, (f.name,)) for f in steady if isinstance(f, Torque)]
     motors += slide_motors([f for f in steady if isinstance(f, PointForce)], mechanism, tree, turns)
     done = {name for motor in motors for name in motor.names}
-    others = [(f.name, load) for f in steady if f.name not in done for load in f.to_loads()]
-    return [*motors, *(x for name, load in others for x in sort_load(name, load, mechanism, tree, turns))]
+    found: list[TreeLoad] = [*motors]
+    for f in steady:
+        if f.name not in done:
+            for load in f.to_loads():
+                found += sort_load(f.name, load, mechanism, tree, turns)
+    return found
 
 
 def slide_motors(forces: Sequence[PointForce], mechanism: Mechanism, tree: Tree, turns: Turning) -> list[Steady]:
-    """Return the forces that act along a slide of the tree alone: on the block, and the opposite one on a guide that moves."""
+    """Return the forces that only act along slides of the tree, as constant forces on the slides' coordinates.
+
+    Such a force acts on the block of a slide. If the guide moves, another one of the forces must be its reaction on the guide.
+    """
     motors: list[Steady] = []
     done: set[str] = set()
     slides = [b for b in tree.branches if b.kind == "prismatic"]
     for f in forces:
-        for b in (b for b in slides if f.name not in done and f.point.link == b.link):
+        for b in slides:
+            if f.name in done or f.point.link != b.link:
+                continue
             value = along_slide(f, b, turns)
             if value is None:
                 continue
@@ -97,24 +106,26 @@ def slide_motors(forces: Sequence[PointForce], mechanism: Mechanism, tree: Tree,
             if b.parent != GROUND and not reactions:
                 continue
             names = (f.name, *reactions[:1])
-            sliding = np.zeros(tree.n)
-            sliding[b.at] = 1.0
-            motors.append(Steady(sliding, value, names))
+            motors.append(Steady(np.eye(tree.n)[b.at], value, names))
             done.update(names)
     return motors
 
 
 def along_slide(f: PointForce, b: Branch, turns: Turning) -> float | None:
-    """Return a force's component along the axis of a slide; None if it is zero or has another direction."""
+    """Return the component [N] of a force along the slide of a branch; None if the force is zero or has another direction."""
     if not turns.together(f.frame, b.parent):
         return None
-    force = rotate(f.value, turns.constants[f.frame] - turns.constants[b.parent])
+    force = rotate(f.value, turns.constants[f.frame] - turns.constants[b.parent])  # (2,) in the parent's frame
     across = b.axis[0] * force[1] - b.axis[1] * force[0]
-    return float(b.axis @ force) if force.any() and abs(across) <= PARALLEL * np.linalg.norm(force) else None
+    is_parallel = abs(across) <= PARALLEL * np.linalg.norm(force)
+    return float(b.axis @ force) if force.any() and is_parallel else None
 
 
 def is_reaction(g: PointForce, f: PointForce, b: Branch, mechanism: Mechanism, turns: Turning) -> bool:
-    """Tell whether g on the guide of a slide is opposite to f on its block, on the same line: else they also turn the links."""
+    """Tell whether g on the guide of a slide is opposite to f on its block and on the same line.
+
+    Opposite forces on different lines would turn the links too.
+    """
     if g.point.link != b.parent or not turns.together(g.frame, b.parent):
         return False
     forces = (rotate(x.value, turns.constants[x.frame] - turns.constants[b.parent]) for x in (f, g))
@@ -122,8 +133,38 @@ def is_reaction(g: PointForce, f: PointForce, b: Branch, mechanism: Mechanism, t
     return bool(np.abs(sum(forces)).max() <= PARALLEL * np.abs(f.value).max() and abs(offset) <= ALIGNED)
 
 
+def refuse_load(load: TreeLoad, turns: Turning, library: str) -> str | None:
+    """Return the reason why a library cannot express a load, or None if it can.
+
+    The library is one that has springs and dampers on single coordinates and between points, and forces at points.
+    """
+    match load:
+        case Steady() | OtherLoad(load=Law(coordinate=Distance())):
+            return None
+        case OnJoints(row, name=name):
+            return f"{library} has no spring or damper on a sum of coordinates ({name})" if np.count_nonzero(row) > 1 else None
+        case OtherLoad(name, PointForce() as force):
+            is_fixed = turns.together(force.frame, GROUND) or turns.together(force.frame, force.point.link)
+            return None if is_fixed else f"{library} cannot turn the force {name} with a third link"
+    return f"{library} has no spring or damper along an axis that is not a slide's ({load.name})"
+
+
+def turn_force(force: PointForce, turns: Turning) -> tuple[bool, Array]:
+    """Tell whether a force is fixed in the world, and return its vector (2,) [N] there, or else in the link of its point.
+
+    The force must be fixed in one of them: `refuse_load` refuses others.
+    """
+    in_world = turns.together(force.frame, GROUND)
+    fixed_in = GROUND if in_world else force.point.link
+    return in_world, rotate(force.value, turns.constants[force.frame] - turns.constants[fixed_in])
+
+
 def sort_load(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Turning) -> list[TreeLoad]:
-    """Return one load of the force `name` as loads on a tree."""
+    """Return one load of the linkage's force `name` as loads on the tree.
+
+    Raises:
+        TypeError: the load acts on a sum of coordinates.
+    """
     match load:
         case PointForce():
             return [OtherLoad(name, load)]
@@ -140,13 +181,13 @@ def sort_load(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Tu
         case Distance():
             return [OtherLoad(name, load)]
         case Weighted():
-            raise TypeError(f"force {name}: a law on a sum of coordinates is not given to engines of joint trees here")
+            raise TypeError(f"force {name}: engines of joint trees do not support a law on a sum of coordinates")
         case _:
             assert_never(load.coordinate)
 
 
 def on_joints(name: str, row: Array, constant: float, law: Law) -> list[TreeLoad]:
-    """Return the loads of a law on L = row . y + constant; the constant part of the law is a generalised force."""
+    """Return the loads of a law on L = row . y + constant; the law's constant part becomes a `Steady` force."""
     found: list[TreeLoad] = []
     if law.bias:
         found.append(Steady(row, law.bias, (name,)))
@@ -156,19 +197,18 @@ def on_joints(name: str, row: Array, constant: float, law: Law) -> list[TreeLoad
 
 
 def slide_coordinate(along: Along, mechanism: Mechanism, tree: Tree) -> tuple[Array, float] | None:
-    """Return the row and constant that express a coordinate along an axis by that of a slide between the same two links.
+    """Return the row (n,) and constant that express a coordinate along an axis by that of a slide between the same two links.
 
-    None if there is no such slide in the tree, or its axis is not parallel to this one.
+    Return None if the tree has no such slide, or if the slide is not parallel to the axis.
     """
     pair = {along.point.link, along.origin.link}
     branch = next((b for b in tree.branches if b.kind == "prismatic" and {b.link, b.parent} == pair), None)
     if branch is None:
         return None
     y, _ = tree.relative(mechanism.q0, mechanism.v0)
-    sliding = np.zeros(tree.n)
-    sliding[branch.at] = 1.0
+    sliding = np.eye(tree.n)[branch.at]
     q, v, _ = tree.absolute(y, sliding, np.zeros(tree.n))
-    # as the slide moves at unit speed, the rates along and across the axis are cosine and sine of the angle between both
+    # while the slide moves at unit speed, the rates along and across the axis are cosine and sine of the angle between both
     cosine, sine = rate(along, q, v), rate(replace(along, across=not along.across), q, v)
     if abs(sine) > PARALLEL:
         return None

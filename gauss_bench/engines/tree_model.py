@@ -1,8 +1,8 @@
-"""What all adapters to libraries of joint trees do alike: states and samples translated, the library's model checked.
+"""The common parts of adapters to libraries of joint trees.
 
-TreeModel               a mechanism in tree coordinates y (n,), with rates dy; the library supplies accelerations and a run
-verify                  the library's model of the tree is compared with the linkage, at states at which loops are open
-acceleration_by_steps   the acceleration of a library that only steps
+TreeModel               base of models in tree coordinates y (n,), with rates dy; it translates states and samples
+verify                  compares a library's model of the tree with the linkage, at states at which loops are open
+acceleration_by_steps   finds the acceleration of a library that only steps
 """
 
 from abc import ABC, abstractmethod
@@ -24,16 +24,16 @@ from gauss_bench.trajectory import Trajectory, with_accelerations
 
 
 class TreeModel(ABC):
-    """A mechanism in a library of joint trees, under one choice: the base of models (`Model` in `base.py`).
+    """A mechanism in a library of joint trees, under one choice: a base class for models (`Model` in `base.py`).
 
-    A subclass builds the library's model after this `__init__`, and supplies `tree_acceleration` and `run`, which steps through
-    `plan` and stores tree states in `y` and `dy`. One with more to prepare or to tell extends `prepare` or `read`.
+    A subclass calls this `__init__` and then builds the library's model. It supplies `tree_acceleration`, and `run`, which steps
+    through `plan` and stores tree states in `y` and `dy`. It may extend `prepare` and `read`.
 
     Attributes:
         library: the library's name in messages.
-        options: value of each knob; "tree" selects the spanning tree.
+        options: knob -> value; "tree" selects the spanning tree.
         y0, dy0: (n,) tree state at the start.
-        plan: stretches of equal steps, from `prepare`.
+        plan: stretches of equal steps; `prepare` sets it.
         y, dy: (k, n) samples of tree states.
     """
 
@@ -46,26 +46,26 @@ class TreeModel(ABC):
 
     @abstractmethod
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the library's accelerations (n,) of the tree coordinates at a tree state y, dy (n,), with closed loops.
+        """Return the library's accelerations y'' (n,) at time t [s] and a tree state y, dy (n,) whose loops are closed.
 
         Raises:
-            RunFailure: it has none there.
+            RunFailure: the library finds no accelerations at that state.
         """
 
     @abstractmethod
     def run(self) -> None: ...
 
     def accelerate(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (3 links,) in absolute coordinates at a tree state y, dy (n,).
+        """Return the library's accelerations (3 links,) in absolute coordinates at time t [s] and a tree state y, dy (n,).
 
         Raises:
-            RunFailure: the library has none there, or they are not finite.
+            RunFailure: the library finds no accelerations at that state, or they are not finite.
         """
-        with np.errstate(all="ignore"):  # no warnings: values that are not finite are found here
-            return finite_acceleration(t, self.tree.absolute(y, dy, self.tree_acceleration(t, y, dy))[2], self.library)
+        with np.errstate(all="ignore"):  # numpy need not warn of values that are not finite: they are refused here
+            return finite_acceleration(t, self.tree.absolute(y, dy, self.tree_acceleration(t, y, dy)).a, self.library)
 
     def accelerate_sample(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (3 links,) of a sample of a run, like `accelerate`."""
+        """Return the accelerations (3 links,) of a sample at time t [s] with the tree state y, dy (n,); by default `accelerate`."""
         return self.accelerate(t, y, dy)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
@@ -80,14 +80,14 @@ class TreeModel(ABC):
         return self.trajectory(self.y, self.dy, self.count_steps())
 
     def count_steps(self) -> int:
-        """Return the number of steps of a run that follows the plan."""
+        """Return the number of steps of a run: that of the plan, unless the library chooses its steps."""
         return sum(stretch.steps for stretch in self.plan)
 
     def trajectory(self, y: Array, dy: Array, steps: int, evaluations: int | None = None, note: str = "") -> Trajectory:
         """Return samples y, dy (k, n) at the prepared times in absolute coordinates, with the library's accelerations.
 
         Raises:
-            RunFailure: an acceleration fails; with the samples before it.
+            RunFailure: the accelerations of a sample fail; the failure has the samples before it.
         """
         q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
 
@@ -99,13 +99,14 @@ class TreeModel(ABC):
 
 @dataclass(frozen=True, eq=False)
 class OpenModel:
-    """What a library says of its model of the tree, without closures and drivers, at a tree state.
+    """Quantities that a library computes for its model of the tree at a tree state, without closures and drivers.
 
-    The mass matrix with the forces, or the accelerations alone, determine the motion. Either may be None, but not both.
+    A library gives the mass matrix and the forces, or the accelerations, or all of them: each pair determines the motion.
 
     Attributes:
         gaps: (pins, 2) point b minus point a of each closing pin [m], by the library's own kinematics.
-        mass: (n, n); forces: (n,) generalised forces and velocity terms, so that mass y'' = forces.
+        mass: (n, n) mass matrix.
+        forces: (n,) generalised forces and velocity terms, so that mass y'' = forces.
         accelerations: (n,) y''.
         positions: (links, 2) centres of mass [m].
     """
@@ -118,15 +119,15 @@ class OpenModel:
 
     def __post_init__(self) -> None:
         if (self.mass is None or self.forces is None) and self.accelerations is None:
-            raise TypeError("neither the mass matrix with the forces nor the accelerations are told: they determine the motion")
+            raise TypeError("give the mass matrix and the forces, or the accelerations: they determine the motion")
 
 
 def verify(mechanism: Mechanism, tree: Tree, describe: Callable[[Array, Array], OpenModel], tolerance: float) -> None:
     """Compare a library's model of the tree with the linkage, at the start and at tree states at which loops are open.
 
     Args:
-        describe: tree state y, dy (n,) -> what the library says of its model there.
-        tolerance: largest difference, relative to the scale of each quantity.
+        describe: function of a tree state y, dy (n,); it returns the library's quantities at that state.
+        tolerance: largest allowed difference, relative to the scale of each quantity.
 
     Raises:
         RunFailure: a quantity differs by more.
@@ -137,8 +138,8 @@ def verify(mechanism: Mechanism, tree: Tree, describe: Callable[[Array, Array], 
 
 
 def comparison(model: OpenModel, own: OpenTree) -> dict[str, tuple[Array, Array, float]]:
-    """Return quantity -> the library's value, the suite's, and the scale of a difference."""
-    extent, load = float(np.abs(own.q).max()), own.load or 1.0  # without any load, rounding of the library is compared with 1
+    """Return name of a quantity -> the library's value, the suite's own value, and the scale of a difference."""
+    extent, load = float(np.abs(own.q).max()), own.load or 1.0  # without any load, the library's rounding is compared with 1
     pairs = {"gaps of open pins": (model.gaps, own.gaps, extent)}
     if model.positions is not None:
         pairs["positions of links"] = (model.positions, places(own.q), extent)
@@ -151,19 +152,20 @@ def comparison(model: OpenModel, own: OpenTree) -> dict[str, tuple[Array, Array,
     return pairs
 
 
-TwoSteps = Callable[[float, Array, Array, float], tuple[Array, Array]]  # time, tree state, step -> rates after one step and two
+TwoSteps = Callable[[float, Array, Array, float], tuple[Array, Array]]  # (t, y, dy, step) -> rates after one step and after two
 
 
 def acceleration_by_steps(rates: TwoSteps, t: float, y: Array, dy: Array, steps: Sequence[float]) -> Array:
-    """Return the acceleration (n,) at time t [s] and a tree state y, dy (n,) that a library shows in steps of several sizes [s].
+    """Return the acceleration (n,) at time t [s] and a tree state y, dy (n,), from steps of several sizes [s] that a library takes.
 
-    The rates change by h D(h) in a step of h, and D(h) = a + b h + ...; the polynomial through D at the sizes gives a = D(0). Where
-    a library treats springs and dampers implicitly, that is part of b, and drops out. Rounding of the rates by e causes errors of
-    some e / h.
+    In a step of size h the rates change by h D(h), with D(h) = a + b h + ... The polynomial through D at all sizes gives a = D(0).
+    If a library treats springs and dampers implicitly, that changes b, not a. If it rounds the rates by e, the error of a is some
+    e / h.
 
-    A library whose constraints act on velocities leaves J v' = 0 with J of where the step began. A step from a state with J v = 0
-    would show J a = 0 and not gamma. Therefore D is taken from the second of two steps, of which the first begins at y - h dy, one
-    step before. Gaps there, of the size h^2, must not be drawn shut: such an impulse does not vanish with the step.
+    In a library whose constraints act on velocities, the velocities v1 after a step have J v1 = 0, with J at the step's beginning.
+    From a state with J v = 0, one step would therefore give J a = 0 in place of J a = gamma. So D is taken from the second of two
+    steps, of which the first begins one step before, at y - h dy. The library must not close the gaps there, which have the size
+    h^2: the impulse that closes them does not vanish with h.
     """
     changes = []
     for h in steps:
@@ -174,7 +176,7 @@ def acceleration_by_steps(rates: TwoSteps, t: float, y: Array, dy: Array, steps:
 
 def extrapolate(steps: Sequence[float], values: Sequence[Array]) -> Array:
     """Return the limit at step 0 of values (n,) at several steps, by the polynomial through them (Aitken and Neville)."""
-    row = list(values)
+    row = list(values)  # row[k] of an order: value at 0 of the polynomial through the steps k to k + order
     for order in range(1, len(steps)):
         row = [(steps[k] * row[k + 1] - steps[k + order] * row[k]) / (steps[k] - steps[k + order]) for k in range(len(row) - 1)]
     return row[0]

@@ -1,19 +1,21 @@
-"""An engine's knobs, settings and variants as data: the file `variants.toml` in the engine's folder, and its reader.
+"""Read an engine's knobs, settings and variants from the file `variants.toml` in the engine's folder.
 
-    [knobs]      NAME = { meaning = "...", source = "https://..." }, or own_search = "why" in the place of source; `values` lists
-                 further words that the knob may take besides those used in the file, `range` the least and the largest number
-    [settings]   LABEL = { KNOB = value, ... }: shown by suites; the first label gives every knob a value, others only differences
-    [[unfinished]] KNOB = value, ... and cause = "...": variants that stop their solver before it has converged, and why
-    [variants]   NAME = { settings = "LABEL", integrator = "...", stabilization = "...", KNOB = value, ... }: tried by searches
-    first = [NAME, ...], above the tables: variants that a search tries first if its time is short
+    first = [NAME, ...]     variants that a search tries first if its time is short; this line stands above the tables
+    [knobs]                 NAME = { meaning = "...", source = "https://..." }; `own_search` = "reason" may replace the source;
+                            `values` lists further words that the knob may have, `range` its least and its largest number
+    [settings]              LABEL = { KNOB = value, ... }, run by suites; the first label gives every knob a value, the others
+                            only the values that differ
+    [[unfinished]]          KNOB = value, ... and cause = "...": which variants stop their solver before it has converged, and why
+    [variants]              NAME = { settings = "LABEL", integrator = "...", stabilization = "...", KNOB = value, ... }, tried by
+                            searches
 
-A variant is one line. A knob that it leaves out has the value of its settings (the first settings if it names none); the
-stabilisation is then "none". A list of values stands for each of its entries: the line then means every combination, and each
-combination is named by the line's name and its own values ("lean/rk4/2"). Settings may carry a `remark` for readers, which is no
-knob, and `soft`: the reason why accelerations under them, and under their variants, satisfy J a = gamma only roughly.
+A knob that a variant leaves out has the value of the variant's settings; without `settings` these are the first ones, and without
+`stabilization` it is "none". If a line lists several values of a knob, it stands for every combination of the values. The name of a
+combination is the line's name and the chosen values ("lean/rk4/2"). Settings may have a `remark` for readers, which is no knob, and
+`soft`: the reason why accelerations under them, and under their variants, satisfy J a = gamma only roughly.
 
-Every knob must give the address of a documentation page, example or tracker, or the reason why the suite's authors try it;
-otherwise the file is refused, as is a value of an unknown knob. So a reader can look up every option that is compared.
+Every knob must have the address of a documentation page, example or tracker, or the reason why the suite's authors try it. The
+file is refused if a knob has neither, or if it uses an unknown knob. So readers can look up every option that is compared.
 """
 
 import math
@@ -29,7 +31,7 @@ from gauss_bench.engines.own_options import OptionTable
 from gauss_bench.untrusted import parse_toml
 
 FILE = "variants.toml"
-LEAST_WORDS = 20  # characters: a shorter text is not accepted as a reason
+LEAST_WORDS = 20  # [characters] a shorter text is not accepted as a reason
 REMARK, SOFT = "remark", "soft"
 OWN_SEARCH = "own search: "
 
@@ -37,17 +39,18 @@ Line = dict[str, Any]
 
 
 class VariantError(ValueError):
-    """A file of variants that cannot be used; the message names file, table and field."""
+    """A file of variants has a fault; the message names file, table and field."""
 
 
 @dataclass(frozen=True)
 class Knob:
-    """An option of an engine that can be chosen.
+    """An option of an engine.
 
     Attributes:
-        source: the address of its documentation, or OWN_SEARCH and the reason to try it.
-        values: further words that it may take besides those used in the file.
-        range: least and largest number that it may be, or that a list may hold.
+        meaning: its effect, in a few words.
+        source: address of its documentation, or OWN_SEARCH and the reason to try it.
+        values: words that it may have besides those that settings and variants use.
+        range: least and largest number that it may be; for a list, that every entry may be.
     """
 
     meaning: str
@@ -56,10 +59,11 @@ class Knob:
     range: tuple[float, float] = (-math.inf, math.inf)
 
     def allows(self, value: Any) -> bool:
-        """Tell whether all numbers of a value are in the range; words always are."""
-        numbers = value if isinstance(value, (list, tuple)) else [value]
+        """Tell whether all numbers in a value are in the range; words and flags are always allowed."""
+        entries = value if isinstance(value, (list, tuple)) else [value]
+        numbers = [x for x in entries if isinstance(x, (int, float)) and not isinstance(x, bool)]  # Python's bool is an int
         least, most = self.range
-        return all(least <= x <= most for x in numbers if isinstance(x, (int, float)) and not isinstance(x, bool))
+        return all(least <= x <= most for x in numbers)
 
 
 @dataclass(frozen=True)
@@ -67,11 +71,12 @@ class Variants:
     """The content of an engine's file of variants.
 
     Attributes:
+        knobs: name -> knob.
         settings: label -> knob -> value.
-        space: the variants that a search tries, by name, in the file's order.
-        first: the variants to try first if time is short.
-        soft: setting or variant that satisfies J a = gamma only roughly -> cause.
-        unfinished: variant that stops its solver before it has converged -> cause.
+        space: name -> variant, in the order of the file; a search tries all of them.
+        first: names of the variants to try first if time is short.
+        soft: name of settings or of a variant that satisfies J a = gamma only roughly -> cause.
+        unfinished: name of a variant that stops its solver before it has converged -> cause.
     """
 
     knobs: Mapping[str, Knob]
@@ -82,17 +87,17 @@ class Variants:
     unfinished: Mapping[str, str] = field(default_factory=dict)
 
     def options(self, name: str) -> Mapping[str, Any]:
-        """Return the options of a setting, of a variant, or of a text in the form that `own_options` describes.
+        """Return knob -> value of the settings or the variant of that name, or of a text in the form of `own_options`.
 
         Raises:
-            KeyError: no setting and no variant has that name.
+            KeyError: no settings and no variant have that name.
             OptionError: an option is unknown, or its value has the wrong type.
         """
         return self.table.resolve(name)
 
     @property
     def table(self) -> OptionTable:
-        """The settings and variants with the options that can be given one by one."""
+        """All settings and variants, and the options that users can set alone."""
         labels = {**self.settings, **{k: x.options for k, x in self.space.items()}}
         return OptionTable(labels, {k: x.values for k, x in self.knobs.items() if k not in CHOSEN})
 
@@ -101,7 +106,7 @@ def read_variants(room: Path) -> Variants:
     """Read the knobs, settings and variants of the engine in a folder.
 
     Raises:
-        VariantError: a table or field is faulty, a knob has no source, or a value is for an unknown knob.
+        VariantError: a table or field has a fault, a knob has no source, or the file uses an unknown knob.
     """
     path = room / FILE
     try:
@@ -113,14 +118,15 @@ def read_variants(room: Path) -> Variants:
 
 
 def _read(file: Mapping[str, Any]) -> Variants:
-    """Check the parsed file table by table, and build its variants."""
-    knob_lines, setting_lines, variant_lines = (_lines(file, name) for name in ("knobs", "settings", "variants"))
-    unfinished_lines = file.get("unfinished", [])
-    _require(isinstance(unfinished_lines, list), "unfinished", "a list of tables is wanted")
-    knobs = {name: _read_knob(f"knobs.{name}", line) for name, line in knob_lines.items()}
-    settings, soft = _read_settings(setting_lines, [name for name in knobs if name not in CHOSEN])
+    """Check a parsed file table by table, and return its content.
+
+    Raises:
+        VariantError: a table or field has a fault.
+    """
+    knobs = {name: _read_knob(f"knobs.{name}", line) for name, line in _lines(file, "knobs").items()}
+    settings, soft = _read_settings(_lines(file, "settings"), [name for name in knobs if name not in CHOSEN])
     space: dict[str, Variant] = {}
-    for name, line in variant_lines.items():
+    for name, line in _lines(file, "variants").items():
         label = line.get("settings", next(iter(settings)))
         for variant in _read_line(name, line, label, settings, knobs):
             taken = variant.name in space or variant.name in settings
@@ -135,7 +141,9 @@ def _read(file: Mapping[str, Any]) -> Variants:
     for name in first:
         _require(name in space, "first", f"there is no variant {name!r}")
     unfinished: dict[str, str] = {}
-    for line in unfinished_lines:
+    lines = file.get("unfinished", [])
+    _require(isinstance(lines, list), "unfinished", "a list of tables is wanted")
+    for line in lines:
         values = {key: x for key, x in line.items() if key != "cause"}
         _require_known(values, tuple(knobs), "unfinished")
         cause = _read_cause(line.get("cause"), "unfinished.cause")
@@ -144,7 +152,7 @@ def _read(file: Mapping[str, Any]) -> Variants:
 
 
 def _lines(file: Mapping[str, Any], name: str) -> dict[str, Line]:
-    """Return a table whose values are inline tables; only the variants may be none."""
+    """Return the table `name` of a file if it holds inline tables; only the table of variants may be empty."""
     lines = file.get(name)
     good = isinstance(lines, dict) and all(isinstance(x, dict) for x in lines.values())
     _require(good and (bool(lines) or name == "variants"), name, "a table of inline tables is wanted")
@@ -152,9 +160,9 @@ def _lines(file: Mapping[str, Any], name: str) -> dict[str, Line]:
 
 
 def _read_knob(place: str, line: Line) -> Knob:
-    """Check one line of [knobs]: it must have a meaning, and either a source or a reason to try it."""
-    for field_name in line.keys() - {"meaning", "source", "own_search", "values", "range"}:
-        raise VariantError(f"{place}: unknown field {field_name}")
+    """Check one line of [knobs]: it must have a meaning, and either a source or a reason to try the knob."""
+    for key in line:
+        _require(key in ("meaning", "source", "own_search", "values", "range"), place, f"unknown field {key}")
     meaning, address, reason = (line.get(x, "") for x in ("meaning", "source", "own_search"))
     _require(isinstance(meaning, str) and bool(meaning.strip()), place, "does not say what it means")
     _require(bool(address) != bool(reason), place, "needs `source`, or `own_search`, why we try it")
@@ -164,7 +172,7 @@ def _read_knob(place: str, line: Line) -> Knob:
 
 
 def _read_range(place: str, line: Line) -> tuple[float, float]:
-    """Return the range of a knob; one without a range takes all numbers."""
+    """Return the least and the largest number that a knob may be; without a `range` all numbers are allowed."""
     match line.get("range", list(Knob.range)):
         case [int() | float() as least, int() | float() as most] if least < most:
             return float(least), float(most)
@@ -172,7 +180,7 @@ def _read_range(place: str, line: Line) -> tuple[float, float]:
 
 
 def _read_settings(lines: Mapping[str, Line], own: Sequence[str]) -> tuple[dict[str, Line], dict[str, str]]:
-    """Return label -> knob -> value for all `own` knobs, and label -> cause of the settings that are declared soft."""
+    """Return label -> knob -> value for all knobs in `own`, and label -> cause for the settings that are declared soft."""
     settings: dict[str, Line] = {}
     soft: dict[str, str] = {}
     defaults: Line = {}
@@ -180,7 +188,7 @@ def _read_settings(lines: Mapping[str, Line], own: Sequence[str]) -> tuple[dict[
         place = f"settings.{label}"
         _require_known(line, (*own, REMARK, SOFT), place)
         options = {**defaults, **line}
-        defaults = defaults or line  # the first label has no defaults and must give every knob a value
+        defaults = defaults or line  # the first label has no defaults, so it must give every knob a value
         lacking = ", ".join(x for x in own if x not in options)
         _require(not lacking, place, f"{lacking} has no value")
         settings[label] = {x: options[x] for x in own}
@@ -192,43 +200,43 @@ def _read_settings(lines: Mapping[str, Line], own: Sequence[str]) -> tuple[dict[
 
 
 def _read_line(name: str, line: Line, label: str, settings: Mapping[str, Line], knobs: Mapping[str, Knob]) -> Iterator[Variant]:
-    """Check one line of [variants] and yield its variants; `label` names its settings."""
+    """Check one line of [variants] and yield its variants; `label` is the label of its settings."""
     place = f"variants.{name}"
     _require(label in settings, place, f"there are no settings {label!r}")
     _require_known(line, (*knobs, "settings"), place)
     _require("integrator" in line, place, "integrator is missing")
-    # a stabilization that the line lists keeps its place in the line, which orders the names of variants
+    # if the line has a stabilization, its place among the keys stays, because the order of keys makes the names of combinations
     yield from _combinations(name, line | {"stabilization": line.get("stabilization", "none")}, settings[label])
 
 
 def _require(good: bool, place: str, otherwise: str) -> None:
-    """Raise a VariantError unless a condition holds."""
+    """Raise a VariantError with the place and the text `otherwise`, unless `good`."""
     if not good:
         raise VariantError(f"{place}: {otherwise}")
 
 
 def _require_known(line: Line, names: tuple[str, ...], place: str) -> None:
     """Refuse a line that has a key besides `names`."""
-    for name in line.keys() - {*names}:
-        raise VariantError(f"{place}: {name} is no knob: nothing says what it is and where it comes from")
+    for name in line:
+        _require(name in names, place, f"{name} is no knob: nothing says what it is and where it comes from")
 
 
 def _read_cause(text: Any, place: str) -> str:
-    """Return a cause if it is a text that is long enough to be one."""
+    """Return a cause if it is a text of LEAST_WORDS characters at least."""
     _require(isinstance(text, str) and len(text) >= LEAST_WORDS, place, f"gives no cause: {text}")
     return str(text)
 
 
 def _combinations(name: str, line: Line, usual: Mapping[str, Any]) -> Iterator[Variant]:
-    """Yield a variant for every combination of the values that a line lists; `usual` are the values of its settings."""
+    """Yield a variant for every combination of the values that a line lists; `usual` holds the values of its settings."""
     values = {k: x for k, x in line.items() if k != "settings"}
     lists = {k: x for k, x in values.items() if _is_choice(x, usual.get(k))}
-    for picked in product(*lists.values()):
-        point = {**values, **dict(zip(lists, picked, strict=True))}
+    for picked in product(*lists.values()):  # a value of each list
+        point = values | dict(zip(lists, picked, strict=True))
         options = {**usual, **{k: x for k, x in point.items() if k not in CHOSEN}}
         yield Variant("/".join([name, *map(str, picked)]), str(point["integrator"]), str(point["stabilization"]), options)
 
 
 def _is_choice(value: Any, usual: Any) -> bool:
-    """Tell whether a value lists several values; for a knob whose default is itself a list, only a list of lists does."""
+    """Tell whether a value lists several values of a knob; if the knob's default is a list, it must be a list of lists."""
     return isinstance(value, list) and (not isinstance(usual, list) or all(isinstance(x, list) for x in value))

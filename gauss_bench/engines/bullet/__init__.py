@@ -1,5 +1,5 @@
-"""The adapter to Bullet, through PyBullet. Its wheel is large and for one Python alone, so it has an environment.
+"""The adapter to Bullet, through PyBullet. Its wheel is large and made for one version of Python, so it has its own environment.
 
-`translate.py` tells what Bullet is given or refused; `joints.py` and `bodies.py` build it in a `world.py`; `accelerations.py` finds
-the accelerations that steps imply; `adapter.py` runs it.
+`translate.py` refuses linkages and sorts forces; `joints.py` and `bodies.py` build a linkage, with `world.py` as their base;
+`accelerations.py` finds accelerations from steps; `adapter.py` runs the linkage; `program.py` writes programs.
 """

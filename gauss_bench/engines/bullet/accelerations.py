@@ -1,17 +1,18 @@
-"""Accelerations that Bullet's steps imply at a given state.
+"""Accelerations at a given state, found from Bullet's steps.
 
-Bullet has no accelerations of closed loops. A step from a state y, v solves for velocities v1 = P(y) (v + h a_free), where P
-projects velocities onto those that the closures at y allow, J(y) v1 = 0, and a_free are the accelerations without closures. In a
-run y moves on, and so does P. From step to step, in the limit of short steps, velocities change at the rate
+Bullet computes no accelerations of closed loops. A step of h [s] from y, v solves for velocities v1 = P(y) (v + h a_free). P
+projects velocities onto those that the closures at y allow, J(y) v1 = 0, and a_free are the accelerations without closures. In the
+limit of short steps, velocities change at the rate
 
     y'' = P(y) a_free + d/de P(y + e v) v        at e = 0
 
-The first term is the change of v in one step at y, whatever its length; the second is found by fourth-order differences of steps
-so short that they only project. So the error of the time step is not in it, nor is that of closures that are drawn shut (erp = 0).
-The solver is iterated until it has converged: in a run with Bullet's own limits it ends before, the sooner the shorter the step.
+The first term is the change of v in one step at y, divided by its length, which may have any value. The second term is found by
+fourth-order differences of steps so short that they only project. So the result has no error of a time step, and no error of
+closing gaps (erp = 0). The solver iterates until it has converged. With Bullet's own limits, which runs use, it ends before it has
+converged, and earlier for shorter steps.
 
-`tree_model.acceleration_by_steps` does not split the rate. It would divide what an iterated solver leaves by the length of a step,
-which is far shorter than the differences here.
+`tree_model.acceleration_by_steps` would not do: it divides the error of the iterated solver by the length of a step, which is much
+shorter than the distance between the points of the differences here.
 """
 
 from collections.abc import Mapping
@@ -27,17 +28,17 @@ from gauss_bench.terms import Array
 
 DIFFERENCE = 1e-3  # [rad, m] between points of the differences: truncation eps^4/30 and rounding 1e-16/eps are both near 1e-13
 CONVERGED = {"iterations": 20_000, "erp": 0.0, "substeps": 0}
-ROUNDING = 1e-15  # of the largest speed: an iteration that changes speeds by less has converged
-STEP = 1e-3  # [s] of the step that tells P a_free
-INSTANT = 1e-15  # [s] of a step that only projects
+ROUNDING = 1e-15  # relative to the largest speed: an iteration that changes speeds by less has converged
+STEP = 1e-3  # [s] length of the step from which P a_free is found
+INSTANT = 1e-15  # [s] length of a step that only projects
 
 
 class Accelerations:
-    """A call (t, y, dy) -> the accelerations (n,) of a world's coordinates, at a state on the constraints.
+    """A function (t, y, dy) -> the accelerations (n,) of a world's coordinates, for a state on the constraints.
 
     Attributes:
         world: a world that no run uses, with the options CONVERGED.
-        laws: index of a driven joint -> its law.
+        laws: index of a driven joint -> its motion law.
     """
 
     def __init__(self, world: TreeWorld | BodyWorld, forces: GivenForces | BodyForces, laws: Mapping[int, MotionLaw]):
@@ -45,19 +46,24 @@ class Accelerations:
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
         tau = self.forces(t, y, dy)
-        rates = {joint: float(dy[joint]) for joint in self.laws}
+        # speeds of the driven joints at the beginning of the step, and at its end by law''(t)
+        before = {joint: float(dy[joint]) for joint in self.laws}
         after = {joint: float(dy[joint] + STEP * law(t)[2]) for joint, law in self.laws.items()}
-        direct: Array = (self._velocities_after(STEP, y, dy, tau, after) - dy) / STEP
+        direct: Array = (self._velocities_after(STEP, y, dy, tau, after) - dy) / STEP  # P a_free
         speed = float(np.abs(dy).max(initial=0.0))
-        if speed == 0.0:
+        if speed == 0.0:  # the second term is quadratic in the speeds
             return direct
         e = DIFFERENCE / speed
         # P(y + k e v) v at four points
-        at = {k: self._velocities_after(INSTANT, y + k * e * dy, dy, tau, rates) for k in (-2, -1, 1, 2)}
+        at = {k: self._velocities_after(INSTANT, y + k * e * dy, dy, tau, before) for k in (-2, -1, 1, 2)}
         return direct + (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * e)
 
     def _velocities_after(self, step: float, y: Array, dy: Array, tau: Array, driven: Mapping[int, float]) -> Array:
-        """Return the velocities (n,) after a step from a state, with the motors of driven joints at these rates."""
+        """Return the velocities (n,) after a step of `step` [s] from y, dy (n,) under the forces tau (n,).
+
+        Args:
+            driven: index of a driven joint -> the speed that its motor reaches in the step.
+        """
         self.world.set_step(step)
         self.world.set_residual((ROUNDING * max(1.0, float(np.abs(dy).max(initial=0.0)))) ** 2)
         self.world.put(y, dy)

@@ -1,11 +1,11 @@
 """Bullet, through PyBullet: a tree of Featherstone's joints or free bodies, closed by point-to-point constraints on velocities.
 
-A step is one of the semi-implicit Euler method: velocities follow from the forces at the beginning of the step and from impulses
-that keep loops closed, and positions from these velocities. Impulses are found one after the other, again and again (sequential
-impulses, a projected Gauss-Seidel method), or by Dantzig's direct method. Velocities belong to the positions at the beginning of
-the step: those of a run miss the constraints at its positions by the change over one step.
+A step follows the semi-implicit Euler method: the forces at the beginning of the step and the impulses that keep loops closed give
+the new velocities, and these give the new positions. Bullet finds the impulses one by one, in many rounds (sequential impulses, a
+projected Gauss-Seidel method), or by Dantzig's direct method. The constraints hold for the new velocities at the old positions, so
+at the new positions the velocities of a run miss them by the change over one step.
 
-The generated model is compared with the suite's own terms before it is used, at states at which loops are open.
+Before a model is used, it is compared with the suite's own terms, at states at which loops are open.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,37 +14,41 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.base import Choice, Model, sample_arrays
+from gauss_bench.engines.base import Choice, Model
+from gauss_bench.engines.body_model import BodyModel
 from gauss_bench.engines.bullet.accelerations import CONVERGED, Accelerations
 from gauss_bench.engines.bullet.bodies import BodyWorld
 from gauss_bench.engines.bullet.joints import TreeWorld
 from gauss_bench.engines.bullet.program import write
 from gauss_bench.engines.bullet.translate import BodyForces, joint_forces, refusal
 from gauss_bench.engines.given_forces import GivenForces
-from gauss_bench.engines.shared import drivers_by_coordinate, finite_acceleration, joint_tree, require_agreement, size
+from gauss_bench.engines.shared import (
+    LibraryEngine,
+    drivers_by_coordinate,
+    finite_acceleration,
+    joint_tree,
+    require_agreement,
+    size,
+)
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.integrate.fixed_step import Stretch, stretches
+from gauss_bench.integrate.fixed_step import Stretch
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Trajectory, with_accelerations
 
 VARIANTS = read_variants(Path(__file__).parent)
-UNDAMPED = {"damping": 0.0, "substeps": 0}
-SHORT = 1e-3  # [s] of a step of free bodies
+UNDAMPED = {"damping": 0.0, "substeps": 0}  # options of worlds that are compared with the linkage
+SHORT = 1e-3  # [s] length of the step that verifies free bodies
 AGREEMENT = 1e-9  # relative: rounding causes about 1e-15, a wrong sign or factor about 1
 
 
-class Bullet:
+class Bullet(LibraryEngine, file=VARIANTS):
     """Bullet with the semi-implicit Euler method, the only one that PyBullet offers."""
 
     name = "bullet"
     integrators = ("semi_implicit_euler",)
-    stabilizations = ("none",)
-    settings = VARIANTS.settings
-    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
     packages = ("pybullet",)
     resizable = True
     native_loop = False
@@ -63,8 +67,8 @@ class Bullet:
         return "a call for every step, and the forces, which Bullet forgets after every step"
 
     def build(self, mechanism: Mechanism, choice: Choice) -> Model:
-        of_bodies = VARIANTS.options(choice.settings)["coordinates"] == "bodies"
-        return BodyModel(mechanism, choice) if of_bodies else JointModel(mechanism, choice)
+        has_bodies = VARIANTS.options(choice.settings)["coordinates"] == "bodies"
+        return FreeBodies(mechanism, choice) if has_bodies else JointModel(mechanism, choice)
 
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
         return write(mechanism, choice, VARIANTS)
@@ -77,11 +81,13 @@ def step_through(
     plan: Sequence[Stretch],
     samples: tuple[Array, Array],
 ) -> None:
-    """Take all steps of a plan, and store the states x, dx (k, n) in the world's coordinates at the samples.
+    """Take all steps of a plan, and store the states at the samples.
 
     Args:
-        laws: index of a driven joint -> its law.
+        laws: index of a driven joint -> its motion law.
+        samples: arrays x and dx (k, n) for the states in the world's coordinates, which are filled.
     """
+    # forces that never change need no call of Python between the steps
     constant = forces.constant.tolist() if forces.are_constant and not laws else None
     length = 0.0
     for begin, count, h, last, row in plan:
@@ -94,7 +100,7 @@ def step_through(
                 continue
             t, (x, dx) = begin + k * h, world.state()
             for joint, law in laws.items():
-                # at this rate the joint is where the law has it at the end of the step
+                # at this rate the joint reaches the law's position at the end of the step
                 world.drive(joint, (float(law(t + h)[0]) - float(x[joint])) / h)
             world.step(forces(min(t, last), x, dx).tolist())
         if row is not None:
@@ -105,7 +111,7 @@ class JointModel(TreeModel):
     """A mechanism as a tree of joints in Bullet under one choice.
 
     Attributes:
-        laws: index of a driven joint -> its law.
+        laws: index of a driven joint -> its motion law.
     """
 
     library = "Bullet"
@@ -121,7 +127,7 @@ class JointModel(TreeModel):
         self.accelerations = Accelerations(self._world({**self.options, **CONVERGED}), self.forces, self.laws)
 
     def _world(self, options: Mapping[str, Any], closed: bool = True) -> TreeWorld:
-        """Return a new world of the linkage under given options."""
+        """Return a new world of the linkage under given options; without `closed` its loops are open."""
         world = TreeWorld(self.pybullet, self.mechanism, self.tree, options, closed)
         world.damp(self.forces.joint_damping)
         return world
@@ -133,7 +139,7 @@ class JointModel(TreeModel):
             RunFailure: they differ.
         """
         world = self._world({**self.options, **UNDAMPED}, closed=False)
-        world.set_step(1.0)  # velocities of the open tree change in proportion to the step, so that no error depends on its length
+        world.set_step(1.0)  # velocities of the open tree change in proportion to the step: its length causes no error
 
         def describe(y: Array, dy: Array) -> OpenModel:
             world.put(y, dy)
@@ -149,28 +155,28 @@ class JointModel(TreeModel):
     def accelerate(self, t: float, y: Array, dy: Array) -> Array:
         """Return the accelerations (3 links,) at the state on the constraints that is nearest to a tree state y, dy (n,).
 
-        Where loops are open, redundant closures contradict each other, and Bullet's solver would not converge.
+        If loops were open, redundant closures would contradict each other, and Bullet's solver would not converge.
         """
         q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
         return super().accelerate(t, *self.tree.relative(*self.evaluator.project(t, q, v)))
 
     def prepare(self, times: Array, native: bool = True) -> None:
         super().prepare(times, native)
-        self.world = self._world(self.options)  # a new one, which knows nothing of the run before
+        self.world = self._world(self.options)  # a new world, so that no run depends on the one before
         self.world.put(self.y0, self.dy0)
 
     def run(self) -> None:
         step_through(self.world, self.forces, self.laws, self.plan, (self.y, self.dy))
 
 
-class BodyModel:
-    """A mechanism as free bodies in Bullet, in absolute coordinates, under one choice."""
+class FreeBodies(BodyModel):
+    """A mechanism as free bodies in Bullet under one choice."""
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
         import pybullet
 
+        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.pybullet: Any = pybullet
-        self.mechanism, self.choice, self.options = mechanism, choice, VARIANTS.options(choice.settings)
         self.forces, self.evaluator = BodyForces(mechanism), Evaluator(mechanism)
         self._verify()
         still = BodyWorld(pybullet, mechanism, {**self.options, **CONVERGED})
@@ -195,17 +201,9 @@ class BodyModel:
         return finite_acceleration(t, self.accelerations(t, *self.evaluator.project(t, q, v)), "Bullet")
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        self.times, self.plan = times, list(stretches(times, self.choice.step, self.mechanism.kinks))
-        self.q, self.v = sample_arrays(times, self.mechanism.q0, self.mechanism.v0)
+        super().prepare(times, native)
         self.world = BodyWorld(self.pybullet, self.mechanism, self.options)
         self.world.put(self.mechanism.q0, self.mechanism.v0)
 
     def run(self) -> None:
         step_through(self.world, self.forces, {}, self.plan, (self.q, self.v))
-
-    def read(self) -> Trajectory:
-        def acceleration_of_sample(k: int) -> Array:
-            return self.acceleration(float(self.times[k]), self.q[k], self.v[k])
-
-        steps = sum(stretch.steps for stretch in self.plan)
-        return with_accelerations(self.times, self.q, self.v, acceleration_of_sample, steps)

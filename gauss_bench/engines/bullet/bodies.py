@@ -14,20 +14,21 @@ from gauss_bench.terms import Array
 
 
 class BodyWorld(World):
-    """The world of a linkage whose links are free bodies; without `closed` no pin holds them together."""
+    """A world of Bullet in which the links of a linkage are free bodies; without `closed` no pin holds them together."""
 
     def __init__(self, pybullet: Any, mechanism: Mechanism, options: Mapping[str, Any], closed: bool = True):
         super().__init__(pybullet, mechanism, options)
         self.bodies = [self._add_body(link.mass, link.inertia) for link in mechanism.links]
         ground = self._add_body(0.0, 0.0)
-        self._advance()  # Bullet takes up the inertias of rigid bodies at the end of a step; in the first, torques have no effect
-        self.angles = angles(mechanism.q0).copy()  # of the links when they were last read, from which turns are counted
+        self._advance()  # Bullet uses the inertias of rigid bodies from the end of the first step on: torques had no effect in it
+        self.angles = angles(mechanism.q0).copy()  # angles when they were last set or read: `state` counts turns from them
         for pin in mechanism.pins if closed else ():
+            # Bullet's numbers of a body and of its link; -1 is the body itself
             a, b = ((ground if point.link == GROUND else self.bodies[point.link], -1) for point in (pin.a, pin.b))
             self._close(a, b, spatial(pin.a.local), spatial(pin.b.local))
 
     def _add_body(self, mass: float, inertia: float) -> Any:
-        """Add a rigid body without a shape, and return Bullet's number of it."""
+        """Add a rigid body without a shape, fixed if its mass is 0, and return Bullet's number of the body."""
         pybullet = self.pybullet
         body = self._call(pybullet.createMultiBody, baseMass=mass, baseCollisionShapeIndex=NO_SHAPE, useMaximalCoordinates=1)
         if mass:
@@ -44,7 +45,7 @@ class BodyWorld(World):
             self._call(self.pybullet.resetBaseVelocity, body, spatial(speed), (0.0, 0.0, float(omega)))
 
     def state(self) -> tuple[Array, Array]:
-        """Return the absolute state q, v (3 links,); links must turn by less than half a turn between two calls."""
+        """Return the absolute state q, v (3 links,); between two calls, no link may turn by half a turn."""
         q, v = np.empty(3 * len(self.bodies)), np.empty(3 * len(self.bodies))
         for k, body in enumerate(self.bodies):
             place, turn = self._call(self.pybullet.getBasePositionAndOrientation, body)
@@ -56,11 +57,11 @@ class BodyWorld(World):
         return q, v
 
     def drive(self, joint: int, rate: float) -> None:
-        """Refuse: motors are in joints of a tree, and `refusal` lets no driven linkage come here."""
+        """Refuse to drive a joint: only trees of joints have motors, and `refusal` of `translate.py` refuses driven free bodies."""
         raise TypeError("free bodies have no motors")
 
     def step(self, forces: Sequence[float]) -> None:
-        """Take a step with the forces (3 links,) at the centres of mass, in the world's axes."""
+        """Take a step with forces and torques (3 links,) at the centres of mass, in the world's axes."""
         for k, body in enumerate(self.bodies):
             x, y, torque = forces[3 * k : 3 * k + 3]
             if x or y:

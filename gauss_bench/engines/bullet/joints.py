@@ -1,7 +1,7 @@
-"""A linkage as a tree of Bullet's joints, whose open pins are closed by point-to-point constraints.
+"""A linkage as a tree of Bullet's joints; point-to-point constraints close the pins that the tree leaves open.
 
-Bullet's frames never turn against each other at y = 0: the constant angle between block and guide of a slide is taken into the
-points of the block, so that no angle is rounded to a quaternion. A free link is three joints, with two links of no mass between.
+At y = 0 the frames of all Bullet's links are parallel. The constant angle between guide and block of a slide is therefore in the
+points of the block, and no quaternion rounds it. A free link hangs on three joints, with two links without mass between them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,25 +12,27 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.bullet.world import NO_SHAPE, ORIGIN, World
-from gauss_bench.engines.shared import closing_pins, spatial
+from gauss_bench.engines.shared import closing_pins, measure_gaps, spatial
 from gauss_bench.engines.tree import Tree, turning
 from gauss_bench.mechanism.coordinates import rotate
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point
 from gauss_bench.terms import Array
 
-LEVEL = (0.0, 0.0, 0.0, 1.0)  # quaternion of no turn
+LEVEL = (0.0, 0.0, 0.0, 1.0)  # quaternion of a frame that is not turned
 UPWARDS: Sequence[float] = (0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint of Bullet's tree, with the link that hangs in it.
+    """A joint of Bullet's tree, and the link that hangs on it.
 
     Attributes:
-        parent: index of the parent among Bullet's joints, from 1 on; 0 is the base.
-        origin: of the joint in the parent's frame [m]; axis: there.
-        centre: centre of mass of the link in the joint's frame [m].
-        mass [kg]; inertia [kg m^2].
+        parent: number of the parent joint, counted from 1; 0 is the base.
+        turns: whether it is a hinge; otherwise it is a slide.
+        origin: (3,) place of the joint in the parent's frame [m].
+        axis: (3,) axis of the joint in the parent's frame.
+        centre: (3,) centre of mass of the link in the joint's frame [m].
+        mass, inertia: of the link [kg], [kg m^2].
     """
 
     parent: int
@@ -44,8 +46,8 @@ class Joint:
 
 def list_joints(mechanism: Mechanism, tree: Tree) -> list[Joint]:
     """List Bullet's joints in the order of the tree coordinates."""
-    angles = turning(tree).constants  # by which frames of links are turned against Bullet's at y = 0; the last is the ground's
-    carriers = {GROUND: 0}  # link -> 1 + index of the joint that carries it
+    angles = turning(tree).constants  # (links + 1,) of the links' own frames relative to Bullet's at y = 0; the ground's last
+    carriers = {GROUND: 0}  # link -> number of the joint on which it hangs
     origins: dict[int, Array] = {GROUND: np.zeros(2)}  # link -> its joint relative to its centre of mass, in Bullet's frame
     joints: list[Joint] = []
     for b in tree.branches:
@@ -66,7 +68,7 @@ def list_joints(mechanism: Mechanism, tree: Tree) -> list[Joint]:
 
 
 class TreeWorld(World):
-    """The world of a linkage whose links hang in a tree of joints; without `closed` it has no closures."""
+    """A world of Bullet in which the links of a linkage hang on a tree of joints; without `closed` its loops are open."""
 
     def __init__(self, pybullet: Any, mechanism: Mechanism, tree: Tree, options: Mapping[str, Any], closed: bool = True):
         super().__init__(pybullet, mechanism, options)
@@ -75,18 +77,18 @@ class TreeWorld(World):
         self.all = list(range(len(self.joints)))
         self.body = self._add_body()
         self._free_from_limits(self.body)
-        for k in self.all:
+        for k in self.all:  # switches off the motor that brakes each joint
             self._call(pybullet.setJointMotorControl2, self.body, k, pybullet.VELOCITY_CONTROL, force=0)
         for a, b in self.pins if closed else ():
             near, far = (self.body, self.carrier(a.link)), (self.body, self.carrier(b.link))
             self._close(near, far, self._pivot(a), self._pivot(b))
-        # bound once, because a run calls them at every step
+        # a run calls these two at every step, so their arguments are bound once
         joints = {"bodyUniqueId": self.body, "jointIndices": self.all, "physicsClientId": self.client}
         self._push = partial(pybullet.setJointMotorControlArray, controlMode=pybullet.TORQUE_CONTROL, **joints)
         self._read = partial(pybullet.getJointStates, **joints)
 
     def _add_body(self) -> Any:
-        """Add the tree to the world, with masses and inertias, and return Bullet's number of it."""
+        """Add the tree to the world, with masses and inertias, and return Bullet's number of the tree."""
         pybullet, joints, count = self.pybullet, self.joints, len(self.joints)
         kinds = [pybullet.JOINT_REVOLUTE if x.turns else pybullet.JOINT_PRISMATIC for x in joints]
         body = self._call(
@@ -116,14 +118,14 @@ class TreeWorld(World):
             self._call(self.pybullet.changeDynamics, self.body, k, jointDamping=float(c))
 
     def carrier(self, link: int) -> int:
-        """Return Bullet's index of a link, -1 for the ground."""
+        """Return Bullet's index of a link; -1 for the ground."""
         if link == GROUND:
             return -1
         (branch,) = [b for b in self.tree.branches if b.link == link]
         return branch.at + (2 if branch.kind == "free" else 0)
 
     def _pivot(self, point: Point) -> list[float]:
-        """Return a point relative to the centre of mass of its link, in Bullet's frame."""
+        """Return a point (3,) [m] relative to the centre of mass of its link, in Bullet's frame."""
         return spatial(rotate(point.local, turning(self.tree).constants[point.link]))
 
     def put(self, y: Array, dy: Array) -> None:
@@ -137,25 +139,24 @@ class TreeWorld(World):
         return np.array([x[0] for x in states]), np.array([x[1] for x in states])
 
     def drive(self, joint: int, rate: float) -> None:
-        """Let the motor of a joint reach a rate [rad/s, m/s] within the next step."""
+        """Let the motor of a joint reach a speed `rate` [rad/s, m/s] within the next step."""
         motor = {"targetVelocity": rate, "velocityGain": 1.0, "force": self.strongest}
         self._call(self.pybullet.setJointMotorControl2, self.body, joint, self.pybullet.VELOCITY_CONTROL, **motor)
 
     def step(self, tau: Sequence[float]) -> None:
-        """Take a step with the forces tau (n,) in the joints."""
+        """Take a step with the forces tau (n,) [N, N m] in the joints."""
         self._push(forces=tau)
         self._advance()
 
     def gaps(self) -> Array:
         """Return point b minus point a of every closing pin (pins, 2) [m], by Bullet's own kinematics."""
-        places = [[self._place(point) for point in pin] for pin in self.pins]
-        return np.array([b - a for a, b in places]).reshape(-1, 2)
+        return measure_gaps(self.pins, self._place)
 
     def _place(self, point: Point) -> Array:
-        """Return where a point is (2,) [m], by Bullet's own kinematics."""
+        """Return the place (2,) [m] of a point in the world, by Bullet's own kinematics."""
         link, pivot = self.carrier(point.link), self._pivot(point)
         if link < 0:
             return np.array(pivot[:2])
         centre, turn, *_ = self._call(self.pybullet.getLinkState, self.body, link, computeForwardKinematics=True)
-        # not by PyBullet's multiplyTransforms, which is right to 1e-8 only
+        # PyBullet's multiplyTransforms would be exact to 1e-8 only
         return np.array(centre[:2]) + rotate(np.array(pivot[:2]), 2 * np.arctan2(turn[2], turn[3]))

@@ -1,13 +1,13 @@
-"""A program for Bullet: the calls by which the tree of joints is made, and a step from Python for each step of a run."""
+"""Write a program for Bullet: the calls that build the tree of joints, and a loop in Python that takes the steps."""
 
 from typing import Any
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.bullet.joints import TreeWorld
 from gauss_bench.engines.bullet.translate import joint_forces
-from gauss_bench.engines.programs import Parts, write_tree_program
-from gauss_bench.engines.shared import drivers_by_coordinate, joint_tree
-from gauss_bench.engines.transcript import Script, name_laws
+from gauss_bench.engines.programs import Parts, force_numbers, write_tree_program
+from gauss_bench.engines.shared import joint_tree
+from gauss_bench.engines.transcript import Script
 from gauss_bench.engines.variants import Variants
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import RunFailure, Status
@@ -28,7 +28,7 @@ RUN = """    joints = range(len(Y0))
 
     for k in range(1, steps + 1):
         y, dy = state()
-        for joint, law in LAWS:  # at this rate the joint is where the law has it at the end of the step
+        for joint, law in LAWS:  # at this rate the joint reaches the law's position at the end of the step
             rate = {"targetVelocity": (law(k * step)[0] - y[joint]) / step, "velocityGain": 1.0, "force": 1e9 / step}
             pybullet.setJointMotorControl2(body, joint, pybullet.VELOCITY_CONTROL, **rate, physicsClientId=client)
         forces = (CONSTANT - STIFFNESS @ y - DAMPING @ dy).tolist()  # Bullet forgets them after every step
@@ -43,31 +43,26 @@ RUN = """    joints = range(len(Y0))
 
 
 def write(mechanism: Mechanism, choice: Choice, variants: Variants) -> str:
-    """Return the program.
+    """Return the program of a mechanism under a choice.
 
     Raises:
-        RunFailure: it would need the suite's own forces at every step, or links are free bodies.
+        RunFailure: the links are free bodies, or the program would need forces that only this suite computes.
     """
     options = variants.options(choice.settings)
     tree = joint_tree(mechanism, options)
     forces = joint_forces(mechanism, tree)
     if options["coordinates"] == "bodies":
-        raise RunFailure(Status.SKIP, "the program holds trees of joints, and with coordinates=bodies every link is a free body")
+        raise RunFailure(Status.SKIP, "a program needs a tree of joints, and with coordinates=bodies every link is a free body")
     if forces.others is not None:
         raise RunFailure(
-            Status.SKIP, "Bullet has no springs, and the program holds forces of joints alone, not those between points"
+            Status.SKIP, "Bullet has no springs, and a program can compute forces of joints only, not those between points"
         )
-    script, laws = Script(STATEMENTS), name_laws(mechanism)
+    script = Script(STATEMENTS)
     world = TreeWorld(script.stand_in("pybullet"), mechanism, tree, options)
     world.damp(forces.joint_damping)
     world.put(*tree.relative(mechanism.q0, mechanism.v0))
     step: Any = script.stand_in("step")
     world.set_step(step)
-    numbers = {
-        "CONSTANT": forces.constant,
-        "STIFFNESS": forces.stiffness,
-        "DAMPING": forces.damping,
-        "CARRIERS": [world.carrier(i) for i in range(len(mechanism.links))],
-        "LAWS": [[at, laws[id(driver.law)]] for at, driver in drivers_by_coordinate(mechanism, tree).items()],
-    }
+    numbers = force_numbers(forces, mechanism, tree)
+    numbers["CARRIERS"] = [world.carrier(i) for i in range(len(mechanism.links))]
     return write_tree_program(mechanism, tree, choice, Parts(["import pybullet"], numbers, script.lines, RUN))

@@ -1,12 +1,12 @@
-"""What Bullet is given of a linkage: a tree of joints, and the forces and torques that act in these joints.
+"""Reasons why Bullet cannot model a linkage, and the forces that the adapter gives to Bullet.
 
-Bullet has no springs, and forgets every force after the step. So all forces of a linkage are given as forces of the tree's joints,
-computed in Python at the beginning of each step, as users of PyBullet do:
+Bullet has no springs, and forgets every force after a step. So Python computes all forces at the beginning of each step, as users
+of PyBullet do, and gives them to Bullet as forces of the tree's joints:
 
     tau = constant - stiffness y - damping y' + V^T Q(q, v, t)
 
-where V maps the rates of the tree coordinates y to absolute speeds, and Q are the forces that are no linear law on y. A damper that
-acts on one joint alone is Bullet's own joint damping instead.
+V maps the rates of the tree coordinates y to absolute speeds, and Q are the forces that are no linear law on y. Only dampers on a
+single joint are Bullet's own joint damping.
 """
 
 from dataclasses import replace
@@ -25,7 +25,7 @@ def refusal(mechanism: Mechanism, tree: Tree, coordinates: str) -> str | None:
     """Return the reason why Bullet cannot model a mechanism, or None if it can.
 
     Args:
-        coordinates: "tree" for joints, or "bodies" for free bodies.
+        coordinates: "tree" for a tree of joints, or "bodies" for free bodies.
     """
     if reason := beyond_a_tree(mechanism, "Bullet"):
         return reason
@@ -37,14 +37,14 @@ def refusal(mechanism: Mechanism, tree: Tree, coordinates: str) -> str | None:
 
 
 def joint_forces(mechanism: Mechanism, tree: Tree) -> GivenForces:
-    """Return all applied forces of a mechanism, except gravity, on the coordinates of its tree."""
+    """Return all applied forces of a mechanism, except gravity; only dampers on one joint are elements of Bullet."""
     return GivenForces(mechanism, tree, lambda load: not load.k and on_one_joint(load))
 
 
 class BodyForces:
-    """A call (t, q, v) -> the forces (3 links,) at the centres of mass of free links, except gravity, which is Bullet's."""
+    """A function (t, q, v) -> the forces (3 links,) on free links, without gravity, which Bullet adds."""
 
-    are_constant = False  # a run reads every state, because it counts the turns of links
+    are_constant = False  # so that a run reads the state after every step, as it must to count the turns of links
 
     def __init__(self, mechanism: Mechanism):
         self.applied = AppliedForces(replace(mechanism, gravity=np.zeros(2)))

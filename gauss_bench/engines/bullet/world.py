@@ -1,16 +1,16 @@
-"""A world of Bullet: what linkages as trees of joints (`joints.py`) and as free bodies (`bodies.py`) share.
+"""The common base of linkages in Bullet as trees of joints (`joints.py`) and as free bodies (`bodies.py`).
 
-Traps of PyBullet 3.2.7, none of which it reports:
+Traps of PyBullet 3.2.7, which reports none of them:
 
-    changeDynamics     sends mass and inertia to the base, and frees it, if the same call sets linearDamping, angularDamping or
-                       maxJointVelocity: these are set in calls of their own
-    damping            of 0.04 slows every link of a tree, in proportion to the speed and to its square
-    speeds             of joints are cut at 100 rad/s or m/s
-    motors             brake every joint
-    inertias           are zero without a collision shape, until they are set
-    torques            are forgotten after a step
-    rigid bodies       feel no torque in their first step
-    closures           exert at most an impulse of 500 N s in a step
+    changeDynamics     If one call sets linearDamping, angularDamping or maxJointVelocity together with mass or inertia, it sets
+                       mass and inertia of the base, and frees the base. They are therefore set in calls of their own.
+    damping            A default of 0.04 slows every link of a tree, in proportion to the speed and to its square.
+    speeds             Joints cannot be faster than 100 rad/s or m/s by default.
+    motors             By default a motor brakes every joint.
+    inertias           They are zero without a collision shape, until they are set.
+    torques            Bullet forgets them after a step.
+    rigid bodies       They feel no torque in their first step.
+    closures           By default they exert at most an impulse of 500 N s in a step.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -23,12 +23,12 @@ from gauss_bench.mechanism.model import Mechanism
 
 ORIGIN: Sequence[float] = (0.0, 0.0, 0.0)
 NO_SHAPE = -1
-FASTEST = 1e9  # [rad/s, m/s] beyond every speed of a linkage
-STRONGEST = 1e9  # [N s, N m s] impulse that a closure or motor may exert in a step
+FASTEST = 1e9  # [rad/s, m/s] limit of joint speeds, beyond every speed of a linkage
+STRONGEST = 1e9  # [N s, N m s] limit of the impulse of a closure or motor in a step
 
 
 class World:
-    """A linkage in a world of Bullet of its own, which takes one step after another: what both kinds of worlds share.
+    """A linkage in a world of Bullet: the base class of `TreeWorld` and `BodyWorld`.
 
     `set_step` must be called before the first step.
 
@@ -39,7 +39,7 @@ class World:
     def __init__(self, pybullet: Any, mechanism: Mechanism, options: Mapping[str, Any]):
         self.pybullet, self.options = pybullet, options
         self.client: int = pybullet.connect(pybullet.DIRECT)
-        finalize(self, pybullet.disconnect, self.client)
+        finalize(self, pybullet.disconnect, self.client)  # a world that is no longer used does not stay connected
         self.constraints: list[int] = []
         self._call(
             pybullet.setPhysicsEngineParameter,
@@ -53,30 +53,32 @@ class World:
         self._advance = partial(pybullet.stepSimulation, physicsClientId=self.client)
 
     def _call(self, function: Callable[..., Any], *arguments: Any, **keywords: Any) -> Any:
+        """Call a function of PyBullet for this world."""
         return function(*arguments, **keywords, physicsClientId=self.client)
 
     def _free_from_limits(self, body: int) -> None:
-        """Set the damping of a body's links, and raise the limit of its speeds."""
+        """Set the damping of a body's links to the option, and raise the limit of its joint speeds to FASTEST."""
         damping = self.options["damping"]
         self._call(self.pybullet.changeDynamics, body, -1, linearDamping=damping, angularDamping=damping)
         self._call(self.pybullet.changeDynamics, body, -1, maxJointVelocity=FASTEST)
 
     def _close(self, a: tuple[int, int], b: tuple[int, int], near: Sequence[float], far: Sequence[float]) -> None:
-        """Let a point of a link coincide with one of another, both given relative to the centres of mass, in Bullet's frames.
+        """Make a point of one link coincide with a point of another.
 
         Args:
-            a, b: Bullet's numbers of the body and of its link.
+            a, b: Bullet's numbers of the body and of its link, for both links.
+            near, far: (3,) the points relative to the links' centres of mass, in Bullet's frames [m].
         """
         kind = self.pybullet.JOINT_POINT2POINT
         self.constraints.append(self._call(self.pybullet.createConstraint, *a, *b, kind, ORIGIN, near, far))
 
     def set_step(self, step: float) -> None:
-        """Set the length of a step [s], and the forces that closures and motors may exert, which Bullet keeps as impulses."""
+        """Set the length of a step [s], and with it the limit of forces, so that closures and motors may exert the same impulse."""
         self.strongest = STRONGEST / step
         self._call(self.pybullet.setTimeStep, step)
         for constraint in self.constraints:
             self._call(self.pybullet.changeConstraint, constraint, maxForce=self.strongest)
 
     def set_residual(self, residual: float) -> None:
-        """Set the squared change of a relative speed [m^2/s^2] at which the iteration ends."""
+        """Set the squared change of a relative speed [m^2/s^2] below which the solver's iteration ends."""
         self._call(self.pybullet.setPhysicsEngineParameter, solverResidualThreshold=residual)

@@ -6,11 +6,12 @@
     cvodes_adams  the same by Adams' method and functional iteration
     rk4, dop853_fixed   the closed form at equal steps, in CasADi's generated C (`equal_steps`)
 
-with H the holonomic rows of J. The integrators of SUNDIALS choose steps and orders themselves, so `step` does not change them.
-Projection is the suite's own: the state is projected at every sample, and there the method starts again with order 1 and a small
-step, so that it takes more steps. Multipliers and accelerations are left out of the error test, as the documentation of IDAS
-advises for algebraic variables beyond index 1. Sources: Gear, Leimkuhler and Gupta, Automatic integration of Euler-Lagrange
-equations with constraints, J. Comput. Appl. Math. 12-13 (1985); Hindmarsh et al., SUNDIALS, ACM Trans. Math. Softw. 31 (2005).
+H holds the holonomic rows of J. SUNDIALS chooses steps and orders, so `step` has no effect. The suite projects the state at every
+sample. After each projection the method starts again with order 1 and a small step, so it takes more steps. Multipliers and
+accelerations are left out of the error test, as the documentation of IDAS advises for algebraic variables beyond index 1.
+
+Sources: Gear, Leimkuhler and Gupta, Automatic integration of Euler-Lagrange equations with constraints, J. Comput. Appl. Math.
+12-13 (1985); Hindmarsh et al., SUNDIALS, ACM Trans. Math. Softw. 31 (2005).
 """
 
 import re
@@ -23,7 +24,7 @@ from gauss_bench.engines.base import Choice, sample_arrays
 from gauss_bench.engines.c_code import METHODS
 from gauss_bench.engines.casadi.equal_steps import EqualSteps
 from gauss_bench.engines.casadi.functions import reason_to_refuse
-from gauss_bench.engines.shared import finite, finite_acceleration
+from gauss_bench.engines.shared import LibraryEngine, finite, finite_acceleration
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate import STABILIZATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -32,10 +33,10 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 VARIANTS = read_variants(Path(__file__).parent)
-# Absolute tolerance of algebraic variables, so large that Newton's convergence test ignores them: in index 2 they converge only
-# like 1/h, and at a state that was just projected they are exact already, so that IDAS' iteration for them fails.
+# Absolute tolerance of algebraic variables, so large that Newton's convergence test ignores them. In index 2 their errors grow like
+# 1/h. At a state that was just projected they are exact already, and IDAS' iteration for them fails.
 LOOSE = 1e9
-REASONS = {
+REASONS = {  # end of a SUNDIALS error code -> its meaning
     "TOO_MUCH_WORK": "too many steps between two samples",
     "CONV_FAIL": "Newton's iteration does not converge, as where constraint rows lose their rank",
     "CONV_FAILURE": "the iteration does not converge, as where constraint rows lose their rank",
@@ -47,15 +48,13 @@ REASONS = {
 }
 
 
-class Casadi:
-    """CasADi's symbolic equations, integrated by SUNDIALS or with fixed steps in generated C."""
+class Casadi(LibraryEngine, file=VARIANTS):
+    """CasADi's symbolic equations, integrated by SUNDIALS, or with equal steps in generated C."""
 
     name = "casadi"
     adaptive = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams")  # SUNDIALS chooses its own steps
     integrators = (*adaptive, *METHODS)
     stabilizations = STABILIZATIONS
-    settings = VARIANTS.settings
-    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
     resizable = True  # a built model can run with another step or tolerance
     native_loop = True
     python_loop = False
@@ -85,9 +84,11 @@ class CasadiModel:
     """A mechanism as a differential-algebraic or ordinary system, integrated by SUNDIALS.
 
     Attributes:
-        x: (k, 2n) samples, q then v.
-        spans: lengths [s] of the intervals between samples, each of which is one call; empty if the whole run is one call.
-        integrators: length of an interval -> its integrator; the key 0 is the whole run.
+        solve: function (t, q, v) -> accelerations (n,), multipliers (m,).
+        system: the system as CasADi's integrators take it: ode, alg, x, z, t and the parameter p.
+        x: (k, 2n) samples, each q and then v.
+        spans: length [s] of every interval between samples if each is a call of its own; empty if the whole run is one call.
+        integrators: length of an interval -> its integrator; the key 0 stands for the whole run.
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
@@ -99,11 +100,11 @@ class CasadiModel:
         self.mechanism, self.choice, self.options = mechanism, choice, VARIANTS.options(choice.settings)
         self.evaluator = Evaluator(mechanism)
         e = equations(mechanism)
-        self.solve = casadi.Function("solve", [e.t, e.q, e.v], [*solution(e)])  # what is reported has no Baumgarte terms
+        self.solve = casadi.Function("solve", [e.t, e.q, e.v], [*solution(e)])  # reported accelerations have no Baumgarte terms
         self.system = self._write_system(e)
 
     def _write_system(self, e: Any) -> dict[str, Any]:
-        """Return the system with its start time as a parameter, so that one integrator serves all intervals of the same length."""
+        """Return the system of the equations e. Its start time is a parameter, so intervals of equal length share an integrator."""
         from gauss_bench.engines.casadi.equations import solution, stabilize
 
         ca, n = self.ca, self.mechanism.n
@@ -128,14 +129,15 @@ class CasadiModel:
         return finite_acceleration(t, np.array(self.solve(t, q, v)[0])[:, 0], "CasADi")
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start and create one integrator for each length of interval; steps are CasADi's, whatever `native` says."""
+        """Reset to the start and make an integrator for each length of interval; `native` has no effect, as SUNDIALS steps."""
         self.times, self.steps, self.evaluations = times, 0, 0
         (self.x,) = sample_arrays(times, np.concatenate([self.mechanism.q0, self.mechanism.v0]))
-        # With projection every interval between samples is one call, and intervals of the same length share an integrator.
-        projects = self.choice.stabilization == "projection"
-        self.spans = [float(f"{x:.12g}") for x in np.diff(times)] if projects else []
-        grids = {x: [x] for x in self.spans}  # length of an interval -> times [s] at which its integrator gives states
-        if len(times) > 1 and not projects:
+        grids: dict[float, list[float]] = {}  # length of an interval -> times [s] at which its integrator returns states
+        self.spans: list[float] = []
+        if self.choice.stabilization == "projection":
+            self.spans = [float(f"{x:.12g}") for x in np.diff(times)]  # rounded, so that equal intervals share an integrator
+            grids = {x: [x] for x in self.spans}
+        elif len(times) > 1:
             grids = {0.0: list(times[1:] - times[0])}
         self.integrators = {x: self._make_integrator(grid) for x, grid in grids.items()}
 
@@ -148,7 +150,7 @@ class CasadiModel:
             options |= {k.removeprefix("idas."): x for k, x in self.options.items() if k.startswith("idas.")}
         if method == "adams":
             options |= {"linear_multistep_method": "adams", "nonlinear_solver_iteration": "functional"}
-        if method == "ggl":  # IDAS can make a start consistent in index 1 only; this start is consistent already
+        if method == "ggl":  # IDAS can compute a consistent start in index 1 only; this start is consistent already
             a0 = self._solve_algebraic(float(self.times[0]), self.x[0])[: self.mechanism.n]
             options |= {"calc_ic": False, "init_xdot": [*self.mechanism.v0, *a0]}
         if method == "ggl" or (kind == "idas" and self.spans):
@@ -156,7 +158,10 @@ class CasadiModel:
         return self.ca.integrator("integrator", kind, self.system, 0.0, grid, options)
 
     def _solve_algebraic(self, t: float, x: Array) -> Array:
-        """Return the algebraic variables at a state: accelerations, multipliers, and velocity corrections, which are zero."""
+        """Return the algebraic variables at time t [s] and a state x (2n,): accelerations, multipliers, and zero corrections mu.
+
+        Return none for an ordinary system.
+        """
         n, size = self.mechanism.n, self.system["z"].shape[0] if "z" in self.system else 0
         algebraic = np.concatenate([np.array(part)[:, 0] for part in self.solve(t, x[:n], x[n:])])
         return np.concatenate([algebraic, np.zeros(size)])[:size]
@@ -173,11 +178,14 @@ class CasadiModel:
         for k, span in enumerate(self.spans):
             x = self._integrate(span, float(self.times[k]), self.x[k])[-1]
             if not np.isfinite(x).all():
-                return  # the samples from here on stay NaN
+                return  # all later samples stay NaN
             self.x[k + 1] = np.concatenate(self.evaluator.project(float(self.times[k + 1]), x[:n], x[n:]))
 
     def _integrate(self, span: float, t: float, x: Array) -> Array:
-        """Return the states (k, 2n) at the k times of an integrator's grid, starting from x (2n,) at time t.
+        """Return the states (k, 2n) at the k times of an integrator's grid, from the state x (2n,) at time t [s].
+
+        Args:
+            span: key of the integrator.
 
         Raises:
             RunFailure: SUNDIALS gave up.
@@ -201,7 +209,7 @@ class CasadiModel:
 
 
 def explain(text: str, integrator: str) -> str:
-    """Return a CasADi exception in one sentence: the meaning of its SUNDIALS error code, or the last line of its text."""
+    """Return a sentence for the text of a CasADi exception: the meaning of its SUNDIALS error code, or its last line."""
     code = re.search(r'"(?:IDA|CV)_(\w+)"', text)
     reason = REASONS.get(code[1], code[0].strip('"')) if code else text.strip().splitlines()[-1]
     return f"{integrator} gave up: {reason}"

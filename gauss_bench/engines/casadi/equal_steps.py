@@ -1,7 +1,8 @@
-"""Fixed steps with CasADi's accelerations in closed form: generated C, compiled with the steps, or CasADi's virtual machine.
+"""Equal steps with CasADi's accelerations in closed form, in generated C or in CasADi's virtual machine.
 
-Someone who uses CasADi for speed would write it so, without an integrator of SUNDIALS. The steps run in CasADi's virtual machine if
-there is no C compiler or if the variant says so; the run's note names which of the two was used.
+Users who want speed from CasADi write such steps, without an integrator of SUNDIALS. The accelerations are generated as C, and
+compiled together with the steps. If there is no C compiler, or if a variant asks for it, CasADi's virtual machine takes the steps.
+The note of a run names which of them was used.
 """
 
 from collections.abc import Mapping
@@ -22,7 +23,13 @@ CHUNK = 500  # steps in one call of the virtual machine: enough to make the cost
 
 
 class EqualSteps(CompiledSteps):
-    """A mechanism whose accelerations are CasADi's and whose steps are fixed."""
+    """A mechanism with CasADi's accelerations and equal steps.
+
+    Attributes:
+        plain: function (t, q, v) -> accelerations (n,) that are reported, without Baumgarte's terms.
+        used: function (t, q, v) -> accelerations (n,) that are integrated.
+        advance: function that takes steps in place.
+    """
 
     def __init__(self, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
         import casadi
@@ -32,10 +39,10 @@ class EqualSteps(CompiledSteps):
         self.ca: Any = casadi
         self.mechanism, self.choice, self.start = mechanism, choice, (mechanism.q0, mechanism.v0)
         e = equations(mechanism)
-        self.plain = casadi.Function("plain", [e.t, e.q, e.v], [solution(e)[0]])  # what is reported has no Baumgarte terms
+        self.plain = casadi.Function("plain", [e.t, e.q, e.v], [solution(e)[0]])
         if choice.stabilization == "baumgarte":
             e = stabilize(e, options["baumgarte_alpha_beta_per_s"])
-        self.used = casadi.Function("used", [e.t, e.q, e.v], [solution(e)[0]])  # what is integrated
+        self.used = casadi.Function("used", [e.t, e.q, e.v], [solution(e)[0]])
         generated = options["code"] == GENERATED and compiler() is not None
         self.advance = self._compile_steps() if generated else self._interpret_steps()
         self.note = "CasADi's generated C" if generated else "CasADi's virtual machine"
@@ -43,7 +50,7 @@ class EqualSteps(CompiledSteps):
             self.note += f": {NO_COMPILER}"
 
     def _compile_steps(self) -> Advance:
-        """Return a call that takes steps in place, in C."""
+        """Return a function that takes steps in place, in C."""
         generator = self.ca.CodeGenerator("engine")
         generator.add(self.used)
         f, n = self.used, self.mechanism.n
@@ -59,11 +66,11 @@ static void acceleration(double t, const double *q, const double *v, double *a)
         return partial(Code(generator.dump() + call, n).step, self.choice.integrator)
 
     def _interpret_steps(self) -> Advance:
-        """Return a call that takes steps in place, in CasADi's virtual machine."""
+        """Return a function that takes steps in place, in CasADi's virtual machine."""
         ca, n = self.ca, self.mechanism.n
-        x, h = ca.SX.sym("x", 2 * n + 1), ca.SX.sym("h")
+        x, h = ca.SX.sym("x", 2 * n + 1), ca.SX.sym("h")  # x is q, v, t
         step = ca.Function("step", [x, h], [self._step(x, h)])
-        chains: dict[int, Any] = {}  # number of steps -> function that takes so many
+        chains: dict[int, Any] = {}  # number of steps -> function that takes this number of steps
 
         def advance(q: Array, v: Array, t: float, size: float, count: int) -> None:
             state = np.concatenate([q, v, [t]])
@@ -78,10 +85,11 @@ static void acceleration(double t, const double *q, const double *v, double *a)
         return advance
 
     def _step(self, x: Any, h: Any) -> Any:
-        """Return the state [q, v, t] after a step of h [s], in symbols."""
+        """Return the symbols of the state [q, v, t] after a step of h [s] from the state x."""
         n = self.mechanism.n
 
         def rate(x: Any) -> Any:
+            """Return dx/dt."""
             return self.ca.vertcat(x[n : 2 * n], self.used(x[2 * n], x[:n], x[n : 2 * n]), 1)
 
         _, rows, weights = tableau(self.choice.integrator)

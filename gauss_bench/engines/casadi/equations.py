@@ -1,7 +1,7 @@
-"""The equations of motion of a linkage in CasADi's symbols: `mechanism/equations.py` evaluated with expressions instead of numbers.
+"""The equations of motion of a linkage in CasADi's symbols: `mechanism/equations.py`, evaluated with symbols instead of numbers.
 
-CasADi differentiates the motion laws. It could also differentiate the constraints; but their Jacobian and bias, as
-`mechanism/equations.py` has them, take fewer instructions.
+CasADi differentiates the motion laws. It could differentiate the constraints too, but the Jacobian and the bias of
+`mechanism/equations.py` take fewer instructions.
 """
 
 from collections.abc import Sequence
@@ -21,16 +21,16 @@ Symbol = Any  # casadi.SX, which has no types
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """Expressions in the symbols t (1), q (n,) and v (n,): M a + J^T lambda = Q subject to J a = gamma.
+    """Expressions of M a + J^T lambda = Q subject to J a = gamma, in the symbols t, q (n,) and v (n,).
 
     Attributes:
-        phi: (h,) residual of the holonomic rows [m, rad]: two for each joint, then the drivers.
-        c: (m,) d phi/dt, then one row for every knife edge [m/s, rad/s].
+        phi: (h,) residuals of the holonomic rows [m, rad]: two rows for each joint, then one for each driver.
+        c: (m,) d phi/dt, then one row for each knife edge [m/s, rad/s].
         mass: (n,) diagonal of M [kg, kg m^2].
-        J, gamma: (m, n) and (m,).
+        J: (m, n); gamma: (m,).
         Q: (n,) applied forces [N, N m].
-        potential: V [J].
-        power: of the forces that have no potential [W].
+        potential: potential energy [J].
+        power: power of the forces that have no potential [W].
     """
 
     t: Symbol
@@ -47,7 +47,7 @@ class Equations:
 
 
 class Symbols(Given):
-    """The state of all bodies as symbols t (1), q and v (n,), in the form that `mechanism/equations.py` takes."""
+    """The state of all bodies as symbols t, q (n,) and v (n,), in the form that `mechanism/equations.py` takes."""
 
     def __init__(self, t: Symbol, q: Symbol, v: Symbol):
         self.t, self.q, self.v = t, q, v
@@ -64,6 +64,8 @@ class Symbols(Given):
 
 
 class _Arithmetic:
+    """CasADi's functions under the names that `mechanism/equations.py` uses."""
+
     sqrt, sin, cos = staticmethod(ca.sqrt), staticmethod(ca.sin), staticmethod(ca.cos)
 
     @staticmethod
@@ -72,11 +74,11 @@ class _Arithmetic:
 
 
 def equations(mechanism: Mechanism) -> Equations:
-    """Return the equations of a mechanism, whose numbers may be symbols too; dry friction is not included."""
+    """Return the equations of a mechanism without dry friction; the mechanism's numbers may be symbols too."""
     n = mechanism.n
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", n), ca.SX.sym("v", n)
     at = Symbols(t, q, v)
-    every = list(rows(mechanism, at))
+    every = list(rows(mechanism, at))  # m constraint rows
     J, gamma = jacobian(every, n), stack([row.gamma for row in every])
     Q, potential, power = ca.SX(n, 1), ca.SX(0), ca.SX(0)
     for i, link in enumerate(mechanism.links):
@@ -95,7 +97,7 @@ def equations(mechanism: Mechanism) -> Equations:
 
 
 def jacobian(every: Sequence[Row], n: int) -> Symbol:
-    """Return J (m, n), sparse."""
+    """Return the sparse Jacobian J (m, n) of m constraint rows."""
     J = ca.SX(len(every), n)
     for i, row in enumerate(every):
         for k, x in row.entries.items():
@@ -104,13 +106,16 @@ def jacobian(every: Sequence[Row], n: int) -> Symbol:
 
 
 def stabilize(e: Equations, rate: float) -> Equations:
-    """Return the equations with Baumgarte's terms: gamma - 2 alpha c - beta^2 phi with alpha = beta = rate [1/s]."""
+    """Return the equations with Baumgarte's terms: gamma - 2 alpha c - beta^2 phi, where alpha = beta = rate [1/s]."""
     phi = ca.vertcat(e.phi, ca.SX(e.c.shape[0] - e.phi.shape[0], 1))  # (m,): rows of knife edges have no phi
     return replace(e, gamma=e.gamma - 2 * rate * e.c - rate**2 * phi)
 
 
 def solution(e: Equations) -> tuple[Symbol, Symbol]:
-    """Return accelerations (n,) and multipliers (m,) in closed form: J M^-1 J^T lambda = J M^-1 Q - gamma, by a sparse L D L^T."""
+    """Return accelerations (n,) and multipliers (m,) in closed form.
+
+    A sparse L D L^T decomposition solves J M^-1 J^T lambda = J M^-1 Q - gamma.
+    """
     weighted = e.J / ca.repmat(e.mass.T, e.J.shape[0], 1)
     D, L, order = ca.ldl(weighted @ e.J.T)
     multipliers = ca.ldl_solve(weighted @ e.Q - e.gamma, D, L, order)
@@ -118,11 +123,12 @@ def solution(e: Equations) -> tuple[Symbol, Symbol]:
 
 
 def stack(rows: list[Symbol]) -> Symbol:
+    """Return symbols as one column; an empty list gives an empty column."""
     return ca.vertcat(ca.SX(0, 1), *rows)
 
 
 def write_law(law: MotionLaw, t: Symbol) -> Symbol:
-    """Return a motion law's value at t; its rates follow by differentiation."""
+    """Return the value of a motion law at t; CasADi differentiates it."""
     numbers = law.numbers
     if law.name == "constant":
         return numbers["start"] + numbers["speed"] * t
@@ -138,12 +144,12 @@ def write_law(law: MotionLaw, t: Symbol) -> Symbol:
 
 
 def cubic_spline(times: Any, values: Any, t: Symbol) -> Symbol:
-    """Return a cubic spline through the values that is at rest at both ends and outside."""
-    from scipy.interpolate import CubicSpline  # its import takes longer than most runs
+    """Return at t the cubic spline through the values at the times; it is at rest at both ends, and before and after them."""
+    from scipy.interpolate import CubicSpline  # imported late: the import takes longer than most runs
 
     spline = CubicSpline(times, values, bc_type="clamped")
     inner = spline.x[1:-1]
-    # the piece at t: its four coefficients, the highest power first, and the time at which it begins
+    # four coefficients of the piece at t, the highest power first, and the time at which the piece begins
     a, b, c, d, begin = (ca.pw_const(t, inner, ca.DM(x)) if len(inner) else ca.SX(x[0]) for x in (*spline.c, spline.x[:-1]))
     s = t - begin
     inside = ((a * s + b) * s + c) * s + d

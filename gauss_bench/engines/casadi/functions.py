@@ -1,4 +1,4 @@
-"""A linkage as casadi.Function objects, which a user of CasADi can evaluate, differentiate, save or turn into C code."""
+"""The equations of a linkage as casadi.Function objects, which users can evaluate, differentiate, save or turn into C code."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ import numpy as np
 from gauss_bench.engines.shared import unsteady
 from gauss_bench.mechanism.model import Mechanism, loads
 
-PARAMETERS = {  # table of a linkage file -> its numbers that can be left open
+PARAMETERS = {  # table of a linkage file -> its numbers that can be parameters of the functions
     "gravity": ("gravity.x", "gravity.y"),
     "links": ("mass", "inertia"),
     "forces": ("value", "value.x", "value.y", "k", "c", "rest"),
@@ -21,17 +21,17 @@ PARAMETERS = {  # table of a linkage file -> its numbers that can be left open
 class Functions:
     """The equations M a + J^T lambda = Q subject to J a = gamma in absolute coordinates q = [x, y, theta] of every link (SI units).
 
-    If the equations have open parameters, every function takes these, p (k,), as its last argument.
+    If there are parameters p (k,), they are the last argument of every function.
 
     Attributes:
         acceleration: (t, q, v) -> a (n,), multipliers (m,).
-        residual: (t, q, v) -> phi (h,), phi_dot (m,); knife edges have a phi_dot but no phi, and come last.
+        residual: (t, q, v) -> phi (h,), phi_dot (m,); knife edges come last, and have a phi_dot but no phi.
         jacobian: (t, q, v) -> J (m, n), gamma (m,).
         mass_matrix: (q) -> M (n, n).
         forces: (q, v) -> Q (n,).
         energy: (q, v) -> kinetic plus potential energy.
-        parameters: names of the entries of p, in order.
-        values: (k,) their values in the linkage file.
+        parameters: (k,) names of the entries of p.
+        values: (k,) values of the parameters in the linkage file.
     """
 
     acceleration: Any
@@ -49,13 +49,13 @@ def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions
 
     Args:
         mechanism: a linkage in one scenario, as `gauss_bench.linkage.load.load` returns it.
-        parameters: names of the numbers to leave open: gravity.x, gravity.y, links.LINK.mass, links.LINK.inertia,
+        parameters: names of the numbers that become parameters: gravity.x, gravity.y, links.LINK.mass, links.LINK.inertia,
             forces.FORCE.value (or .value.x, .value.y), forces.FORCE.k, .c, .rest and joints.SLIDE.offset.
 
     Raises:
         ImportError: the extra 'casadi' is not installed.
-        ValueError: the linkage does not have a parameter, a parameter is named twice, or the linkage has dry friction or redundant
-            rows, whose multipliers are not unique.
+        ValueError: the linkage does not have a parameter, or a parameter is named twice. Or the linkage has dry friction, or
+            redundant rows, whose multipliers are not unique.
     """
     import casadi as ca
 
@@ -74,6 +74,7 @@ def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions
     states = {"t": e.t, "q": e.q, "v": e.v}
 
     def function(name: str, inputs: str, **outputs: Any) -> Any:
+        """Return a function of the symbols that the letters of `inputs` name, and of the parameters."""
         arguments = {x: states[x] for x in inputs} | ({"p": p} if parameters else {})
         return ca.Function(name, [*arguments.values()], [*outputs.values()], [*arguments], [*outputs])
 
@@ -100,17 +101,17 @@ def reason_to_refuse(mechanism: Mechanism) -> str | None:
         return reason
     loads(mechanism.forces)  # raises the TypeError
     if mechanism.has_friction:
-        return "dry friction follows from the multipliers, and these equations do not hold it"
+        return "these equations do not support dry friction, which depends on the multipliers"
     if mechanism.redundant > 0:
-        return f"redundant constraint rows ({mechanism.redundant}) leave the multipliers open, and the equations singular"
+        return f"redundant constraint rows ({mechanism.redundant}) make the equations singular"
     return None
 
 
 def replace_number(mechanism: Mechanism, name: str, symbol: Any) -> tuple[Mechanism, float]:
-    """Return the mechanism with a symbol in the place of one number, and that number.
+    """Return the mechanism with a symbol in the place of the number of that name, and the number.
 
     Raises:
-        ValueError: the mechanism has no such number.
+        ValueError: the mechanism has no number of that name.
     """
     table, _, rest = name.partition(".")
     owner, _, key = ("", "", f"gravity.{rest}") if table == "gravity" else rest.partition(".")
@@ -121,7 +122,7 @@ def replace_number(mechanism: Mechanism, name: str, symbol: Any) -> tuple[Mechan
     items = list(getattr(mechanism, table))
     for k, item in enumerate(items):
         value = getattr(item, key.partition(".")[0], None)
-        # A force at a point has a vector `value`, which is a list once a component is a symbol; a torque has a number.
+        # the `value` of a force at a point is a vector, or a list if a component is already a symbol; that of a torque is a number
         if item.name == owner and value is not None and isinstance(value, (list, np.ndarray)) == ("." in key):
             items[k], number = _replace_field(item, key, symbol)
             change: dict[str, Any] = {table: tuple(items)}
@@ -130,7 +131,7 @@ def replace_number(mechanism: Mechanism, name: str, symbol: Any) -> tuple[Mechan
 
 
 def _replace_field(item: Any, key: str, symbol: Any) -> tuple[Any, float]:
-    """Return a dataclass with a symbol in a field, or in one component x or y of a vector field, and the number that was there."""
+    """Return a dataclass with a symbol in a field, or in the component x or y of a field, and the number that was there."""
     field, _, axis = key.partition(".")
     old = getattr(item, field)
     if not axis:

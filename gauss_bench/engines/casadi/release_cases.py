@@ -1,6 +1,6 @@
-"""What tells CasADi's releases apart beside the adapter's runs: linear solvers, further integrators, and the defaults.
+"""Cases by which CasADi's releases are compared besides the adapter's runs: linear solvers, other integrators, and the defaults.
 
-The accelerations of the four-bar are those of the KKT system, solved by each linear solver that the release has.
+Each linear solver of a release solves the KKT system of the four-bar for its accelerations.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from gauss_bench.terms import Array
 LINEAR = ("qr", "lsqr", "symbolicqr", "csparse", "lapacklu", "lapackqr", "mumps", "ma27")
 SUNDIALS = {"abstol": 1e-8, "reltol": 1e-6, "max_num_steps": 10000, "max_multistep_order": 5, "newton_scheme": "direct"}
 STEPS = {"number_of_finite_elements": 20}
-ASSUMED: dict[str, dict[str, Any]] = {  # integrator -> option -> the value that it is held against
+ASSUMED: dict[str, dict[str, Any]] = {  # integrator -> option -> the value that may be its default
     "cvodes": SUNDIALS | {"linear_multistep_method": "bdf", "nonlinear_solver_iteration": "newton"},
     "idas": SUNDIALS | {"suppress_algebraic": False, "cj_scaling": False},
     "rk": STEPS,
@@ -26,12 +26,12 @@ PLUGINS = {"linear solver": ("Linsol", LINEAR), "integrator": ("Integrator", tup
 
 
 def list_probes() -> list[dict[str, str]]:
-    """List the probes: the KKT system of the four-bar, with every linear solver."""
+    """List the cases: the KKT system of the four-bar with every linear solver; each has a name and the name of its linkage."""
     return [{"name": f"KKT system by {solver}", "model": FOUR} for solver in LINEAR]
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of a probe at absolute states q, v (k, n)."""
+    """Return the absolute accelerations (k, n) of the case `name` at absolute states q, v (k, n)."""
     import casadi as ca
 
     solver = name.rpartition(" ")[2]
@@ -42,14 +42,14 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
 
 
 def accelerations(ca: Any, solver: str) -> Callable[[Array, Array], Any]:
-    """Return a function (q, v) -> accelerations (n,): M a + J^T lambda = Q, J a = -(J v)' v, derivatives by CasADi."""
+    """Return a function (q, v) -> accelerations (n,) that solves M a + J^T lambda = Q, J a = -(J v)' v; CasADi differentiates."""
     n = 3 * len(FOUR_BAR)
     q, v = ca.MX.sym("q", n), ca.MX.sym("v", n)
     masses = [x for bar in FOUR_BAR for x in (bar.mass, bar.mass, bar.inertia)]
     loads = [x for bar in FOUR_BAR for x in (0.0, bar.mass * GRAVITY, 0.0)]
 
     def pin(k: int, at: float) -> Any:
-        """Return the place of a point at `at` [m] along a bar."""
+        """Return the place (2,) of the point `at` [m] along bar k."""
         along = at - FOUR_BAR[k].centre
         return ca.vertcat(q[3 * k] + along * ca.cos(q[3 * k + 2]), q[3 * k + 1] + along * ca.sin(q[3 * k + 2]))
 
@@ -64,7 +64,7 @@ def accelerations(ca: Any, solver: str) -> Callable[[Array, Array], Any]:
 
 
 def defaults() -> dict[str, str]:
-    """Return the plugins that there are, and how integrators act where nothing is set."""
+    """Return name -> "there" for the plugins of the release, and option -> how integrators act if the option is not set."""
     import casadi as ca
 
     found: dict[str, str] = {}
@@ -82,10 +82,10 @@ def defaults() -> dict[str, str]:
 
 
 def integrate(ca: Any, name: str, options: dict[str, Any]) -> tuple[list[int], list[float]]:
-    """Return what an integrator counts, and where it arrives, on van der Pol's oscillator.
+    """Return an integrator's counts of steps and evaluations, and the state (2,) at its end, on van der Pol's oscillator.
 
-    The options are not read from the documentation that is compiled into the library: that of releases before 3.7 describes options
-    of years before.
+    Runs show the defaults of options. The documentation in the library does not: in releases before 3.7 it describes options of
+    much older releases.
     """
     x = ca.SX.sym("x", 2)
     ode = ca.vertcat(x[1], (1 - x[0] ** 2) * x[1] - x[0])

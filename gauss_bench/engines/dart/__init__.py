@@ -1,5 +1,5 @@
-"""The adapter to DART, which has an environment of its own.
+"""The adapter to DART, which needs an environment of its own.
 
-`translate.py` builds worlds, `messages.py` takes up what DART prints,
-and `adapter.py` runs it.
+`translate.py` builds worlds, `adapter.py` runs them, `messages.py` catches the messages that DART prints, and `program.py` writes
+programs.
 """

@@ -1,12 +1,12 @@
-"""DART: a skeleton of joints, closed by ball constraints that an LCP on velocities solves; one method, semi-implicit Euler.
+"""DART: a skeleton of joints, closed by ball constraints, and stepped by the semi-implicit Euler method.
 
-A step of size h from y, v ends at velocities v' that keep the loops, as they are where the step began, or draw them shut by a share
-`erp` of their gap:
+An LCP on velocities gives the impulses of the constraints. A step of size h from positions y and velocities v gives y1 and v1. It
+keeps the gaps of the loops, or reduces them by the share `erp`:
 
-    M (v' - v) = h f + J^T impulse,    J v' = -erp gap / h,    y' = y + h v'
+    M (v1 - v) = h f + J^T impulse,    J v1 = -erp gap / h,    y1 = y + h v1
 
-So DART has no accelerations. `DartModel.acceleration` measures them as differences of velocities over short steps. The generated
-skeleton is compared with the suite's own terms before it is used, at tree states at which loops are open.
+So DART computes no accelerations of closed loops; the adapter finds them from differences of velocities over short steps. Before
+the skeleton is used, it is compared with the suite's own terms, at tree states at which loops are open.
 """
 
 from pathlib import Path
@@ -16,29 +16,24 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.dart.messages import Messages
 from gauss_bench.engines.dart.program import write
 from gauss_bench.engines.dart.translate import Builder, Built, forces_of, select_pgs
-from gauss_bench.engines.shared import beyond_a_tree, drivers_by_coordinate, joint_tree, undriven
+from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, drivers_by_coordinate, joint_tree, undriven
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, acceleration_by_steps, verify
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
 VARIANTS = read_variants(Path(__file__).parent)
-METHOD = "semi_implicit_euler"
 AGREEMENT = 1e-9  # relative: rounding causes about 1e-13, a wrong sign or factor about 1
-INSTANT = 1e-300  # [s] time step in which implicit springs and dampers do nothing
-WATCHED = 100  # steps between two looks at DART's messages, at most
-SHORT = (4e-5, 2e-5, 1e-5)  # [s] steps by which accelerations are measured: rounding leaves 1e-11
+INSTANT = 1e-300  # [s] step so short that implicit springs and dampers change nothing
+WATCHED = 100  # largest number of steps between two checks of DART's messages
+SHORT = (4e-5, 2e-5, 1e-5)  # [s] steps from which accelerations are found: rounding leaves 1e-11
 
 
-class Dart:
-    """DART's world, stepped from Python: it has no call for several steps."""
+class Dart(LibraryEngine, file=VARIANTS):
+    """DART's world, stepped from Python, because DART has no call for several steps."""
 
     name = "dart"
-    integrators = (METHOD,)
-    stabilizations = ("none",)
-    settings = VARIANTS.settings
-    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
-    soft, unfinished = VARIANTS.soft, VARIANTS.unfinished
+    integrators = ("semi_implicit_euler",)
     native_loop = False
     python_loop = True
     resizable = True
@@ -55,8 +50,12 @@ class Dart:
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
         options = VARIANTS.options(choice.settings)
         forces = forces_of(mechanism, joint_tree(mechanism, options), options["joint_forces"])
-        told = ["motion laws"] * bool(mechanism.drivers) + ["forces that are none of DART's own"] * (not forces.are_constant)
-        return f"{' and '.join(told)}, once a step" if told else ""
+        names = []
+        if mechanism.drivers:
+            names.append("motion laws")
+        if not forces.are_constant:
+            names.append("forces that are none of DART's own")
+        return f"{' and '.join(names)}, once a step" if names else ""
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "DartModel":
         return DartModel(mechanism, choice)
@@ -69,7 +68,9 @@ class DartModel(TreeModel):
     """A mechanism in DART under one choice.
 
     Attributes:
-        moving: the world that runs; still: another, in which accelerations are measured.
+        laws: index of a driven tree coordinate -> its motion law.
+        moving: the world of runs.
+        still: another world, in which accelerations are measured.
     """
 
     library = "DART"
@@ -89,7 +90,7 @@ class DartModel(TreeModel):
             messages.check()
 
     def _build(self, whole: bool = True) -> Built:
-        """Return a new world; without `whole`, of the open tree without drivers."""
+        """Return a new world of the linkage; without `whole`, of its open tree without drivers."""
         built = Builder(self.dartpy, self.mechanism, self.tree, self.forces, whole).build()
         if self.options["lcp"] == "PGS":
             select_pgs(self.dartpy, built, self.options["pgs_iterations"])
@@ -103,9 +104,9 @@ class DartModel(TreeModel):
         return OpenModel(opened.gaps(), accelerations=opened.skeleton.getAccelerations()[opened.order])
 
     def _set_options(self, erp: float) -> None:
-        """Set the options of closures.
+        """Set the options of closures; `erp` is the share of a gap that a step closes.
 
-        Trap: they are static in DART. All closures of this process have those that were set last, perhaps by another model.
+        Trap: these options are static in DART. All closures of a process have the values that were set last, even by another model.
         """
         closures = self.dartpy.constraint.BallJointConstraint
         closures.setErrorReductionParameter(erp)
@@ -114,7 +115,7 @@ class DartModel(TreeModel):
         closures.setErrorAllowance(0.0)
 
     def _push(self, built: Built, t: float) -> None:
-        """Set the forces at time t [s] and the present state of a world."""
+        """Set the forces of a world at time t [s] and its present state."""
         y, dy = built.y, built.dy
         built.command(self.forces.on_joints(y, dy))
         on_links = self.forces.on_links(t, y, dy)
@@ -122,13 +123,13 @@ class DartModel(TreeModel):
             built.push(on_links)
 
     def _command(self, built: Built, t: float, end: float) -> None:
-        """Set the forces at the time t [s] with which a step begins, and the driven speeds at its end."""
+        """Set the forces for a step from time t [s] to `end` [s], and the speeds of driven coordinates at `end`."""
         self._push(built, t)
         for at, law in self.laws.items():
             built.skeleton.setCommand(int(built.order[at]), float(law(end)[1]))
 
     def _rates(self, t: float, y: Array, dy: Array, h: float) -> tuple[Array, Array]:
-        """Return the rates (n,) after one and after two steps of h [s] from a tree state y, dy (n,); gaps are not drawn shut."""
+        """Return the rates (n,) after one and after two steps of h [s] from a tree state y, dy (n,); gaps stay open."""
         built = self.still
         built.restart(self.dartpy.constraint)
         self._set_options(erp=0.0)
@@ -153,26 +154,23 @@ class DartModel(TreeModel):
         self._command(self.moving, times[0], times[0])
 
     def run(self) -> None:
-        self._set_options(self.options["erp"])
-        with Messages() as messages:
-            self._run(messages)
-
-    def _run(self, messages: Messages) -> None:
         """Take all steps, and store the samples.
 
         Raises:
             RunFailure: DART prints a message.
         """
+        self._set_options(self.options["erp"])
         built, changing = self.moving, not self.forces.are_constant or bool(self.laws)
         step = built.world.step
-        for begin, count, size, last, row in self.plan:
-            built.world.setTimeStep(size)
-            for k in range(count):
-                if changing:
-                    self._command(built, min(begin + k * size, last), min(begin + (k + 1) * size, last))
-                step(False)  # False: the commands stay
-                if k % WATCHED == WATCHED - 1:
-                    messages.check()
-            messages.check()
-            if row is not None:
-                self.y[row], self.dy[row] = built.y, built.dy
+        with Messages() as messages:
+            for begin, count, size, last, row in self.plan:
+                built.world.setTimeStep(size)
+                for k in range(count):
+                    if changing:
+                        self._command(built, min(begin + k * size, last), min(begin + (k + 1) * size, last))
+                    step(False)  # False: the forces stay for the next step
+                    if k % WATCHED == WATCHED - 1:
+                        messages.check()
+                messages.check()
+                if row is not None:
+                    self.y[row], self.dy[row] = built.y, built.dy

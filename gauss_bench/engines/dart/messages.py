@@ -1,6 +1,6 @@
-"""What DART prints, taken out of the streams of this process: DART reports faults by printing, and goes on.
+"""Catch the messages that DART prints: DART reports faults only by printing, and then goes on.
 
-After a step whose numbers are not finite DART sets them to zero and says so in every step from then on, 100,000 lines a run. Such a
+If numbers are not finite after a step, DART sets them to zero and prints that in every later step, 100,000 lines in a run. Such a
 run ends in zeros that look like a linkage at rest.
 """
 
@@ -13,12 +13,12 @@ from types import TracebackType
 from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
 
 STREAMS = (1, 2)  # descriptors of standard output and standard error
-COLOURS = re.compile(r"\x1b\[[0-9;]*m")
-FIRST = 4000  # bytes that are looked at
+COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # terminal codes
+FIRST = 4000  # [bytes] of the messages that `check` reads
 
 
 class Messages:
-    """Keeps what is printed while it is entered from the standard streams; `check` raises it as a failure."""
+    """A context in which the process's standard streams go to a file; `check` raises a failure if something was printed."""
 
     def __enter__(self) -> "Messages":
         for stream in (sys.stdout, sys.stderr):
@@ -39,7 +39,7 @@ class Messages:
         """Check that nothing was printed.
 
         Raises:
-            RunFailure: something was; the message is its first line.
+            RunFailure: something was printed; the failure quotes the first line.
         """
         if os.fstat(self.file.fileno()).st_size:
             first = os.pread(self.file.fileno(), FIRST, 0).decode(errors="replace").strip().partition("\n")[0]

@@ -1,13 +1,13 @@
-"""A program for DART: the calls by which the builder makes the world, and a step from Python for each step of a run."""
+"""Write a program for DART: the calls that build the world, and a loop in Python that takes the steps."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.dart.translate import Builder, forces_of, select_pgs
-from gauss_bench.engines.programs import Parts, write_tree_program
-from gauss_bench.engines.shared import drivers_by_coordinate, joint_tree
-from gauss_bench.engines.transcript import Script, name_laws, python
+from gauss_bench.engines.programs import Parts, force_numbers, write_tree_program
+from gauss_bench.engines.shared import joint_tree
+from gauss_bench.engines.transcript import Script, python
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import RunFailure, Status
 
@@ -34,15 +34,15 @@ RUN = """    place, speed = np.empty((2, len(Y0)))
     pins.setConstraintForceMixing(CFM)
     pins.setMaxErrorReductionVelocity(FASTEST)
     pins.setErrorAllowance(0.0)
-    for ends, body, point in closures:  # a closure takes its place from the pose in which it is made
+    for ends, body, point in closures:  # a closure connects the points that coincide when it is made
         at = np.array(point) if body is None else body.getTransform().multiply(np.array(point))
         world.getConstraintSolver().addConstraint(pins(*ends, at))
     world.setTimeStep(step)
     for k in range(1, steps + 1):
         y, dy, command = skeleton.getPositions()[order], skeleton.getVelocities()[order], np.empty(len(Y0))
-        command[order] = FORCES - STIFFNESS @ y - DAMPING @ dy
+        command[order] = CONSTANT - STIFFNESS @ y - DAMPING @ dy
         for joint, law in LAWS:
-            command[order[joint]] = law(k * step)[1]  # of a driven joint its speed at the end of the step
+            command[order[joint]] = law(k * step)[1]  # a driven joint is given its speed at the end of the step
         skeleton.setCommands(command)
         world.step(False)
         if k % every == 0:
@@ -54,30 +54,27 @@ RUN = """    place, speed = np.empty((2, len(Y0)))
 
 
 def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str:
-    """Return the program.
+    """Return the program of a mechanism under a choice, whose settings have these options.
 
     Raises:
-        RunFailure: it would need the suite's own forces at every step.
+        RunFailure: the program would need forces that only this suite computes.
     """
     tree = joint_tree(mechanism, options)
     forces = forces_of(mechanism, tree, options["joint_forces"])
     if forces.others is not None:
         raise RunFailure(
-            Status.SKIP, "the program holds forces of DART's joints alone, and none at or between points, nor any that varies"
+            Status.SKIP, "a program can compute forces of joints only, none at or between points, and none that varies"
         )
-    script, laws = Script(STATEMENTS), name_laws(mechanism)
+    script = Script(STATEMENTS)
     dartpy = script.stand_in("dartpy")
     built = Builder(dartpy, mechanism, tree, forces).build()
     if options["lcp"] == "PGS":
         select_pgs(dartpy, built, options["pgs_iterations"])
+    # of each closing pin its bodies without the ground, then the body and the point of its first end
     closures = [[[body for body, _ in pin if body is not None], *pin[0]] for pin in built.pins]
-    script.lines.append(f"order = {python(built.order)}  # of the joints' coordinates in DART's")
+    script.lines.append(f"order = {python(built.order)}  # index of each joint's coordinate in DART's order")
     script.lines.append(f"world, bodies, closures = {python(built.world)}, {python(built.bodies)}, {python(closures)}")
-    numbers = {
-        "FORCES": forces.constant,
-        "STIFFNESS": forces.stiffness,
-        "DAMPING": forces.damping,
-        "LAWS": [[at, laws[id(driver.law)]] for at, driver in drivers_by_coordinate(mechanism, tree).items()],
+    numbers = force_numbers(forces, mechanism, tree) | {
         "ERP": options["erp"],
         "CFM": options["cfm"],
         "FASTEST": options["max_error_reduction_velocity"],

@@ -1,8 +1,8 @@
-"""A linkage as a DART world: links hang in a skeleton of joints, and a ball constraint closes each pin that the tree leaves open.
+"""A linkage as a DART world: links hang on a skeleton of joints, and a ball constraint closes each pin that the tree leaves open.
 
-The tree coordinates y are also DART's, in DART's order. Frames of links lie at their centres of mass. Springs and dampers on one
-coordinate are DART's own, unless a setting wants them explicit; all other forces are given to it. A driven joint has DART's
-actuator for velocities.
+DART's coordinates are the tree coordinates y in another order. Frames of links lie at their centres of mass. Springs and dampers on
+one coordinate are elements of DART, unless a setting makes them explicit. The adapter computes all other forces and gives them to
+DART. A driven joint has DART's actuator for velocities.
 """
 
 from dataclasses import dataclass
@@ -11,20 +11,18 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.given_forces import GivenForces, on_one_joint
-from gauss_bench.engines.shared import closing_pins, drivers_by_coordinate, spatial
+from gauss_bench.engines.shared import closing_pins, drivers_by_coordinate, measure_gaps, spatial
 from gauss_bench.engines.tree import Branch, Tree
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.terms import Array
 
 OUT_OF_PLANE = [0.0, 0.0, 1.0]
-
-
 IMPLICIT, EXPLICIT = "implicit", "explicit"  # values of the knob `joint_forces`
 
 
 def forces_of(mechanism: Mechanism, tree: Tree, joint_forces: str) -> GivenForces:
-    """Return the forces of a mechanism: DART has springs and dampers of one joint coordinate, and treats them implicitly."""
+    """Return the forces of a mechanism; with IMPLICIT, springs and dampers on one coordinate are elements of DART."""
     return GivenForces(mechanism, tree, lambda load: joint_forces == IMPLICIT and on_one_joint(load))
 
 
@@ -33,12 +31,12 @@ class Built:
     """A DART world with one skeleton.
 
     Attributes:
-        world, skeleton: of DART.
-        bodies: of DART, in the order of the links.
+        world, skeleton: DART's objects.
+        bodies: DART's bodies, in the order of the links.
         order: (n,) DART's index of every tree coordinate.
-        pins: of each closing pin, the body (None for the ground) and the point in it (3,), of both sides.
-        start: (2, n) tree state at the start.
-        closures: Python's references to the constraints.
+        pins: for each closing pin, its two ends: DART's body (None for the ground) and the point (3,) in its frame [m].
+        start: (2, n) tree state y, dy at the start.
+        closures: Python's references to the constraints, which keep them alive.
     """
 
     world: Any
@@ -57,13 +55,13 @@ class Built:
         self.skeleton.setVelocities(speeds)
 
     def command(self, values: Array) -> None:
-        """Set the generalised forces, and the speeds of driven coordinates, for the next steps (n,)."""
+        """Set the forces (n,) on the tree coordinates for the next steps; a driven coordinate is given its speed instead."""
         ordered = np.empty_like(values)
         ordered[self.order] = values
         self.skeleton.setCommands(ordered)
 
     def push(self, forces: Array) -> None:
-        """Set the forces and torques on the links (3 links,), at their centres of mass, for the next steps."""
+        """Set the forces and torques (3 links,) on the links, at their centres of mass, for the next steps."""
         for body, force, torque in zip(self.bodies, places(forces), angles(forces), strict=True):
             body.setExtForce(spatial(force))
             body.addExtTorque([0.0, 0.0, torque], False)  # False: about the axis of the world
@@ -79,9 +77,12 @@ class Built:
         return np.asarray(self.skeleton.getVelocities()[self.order])
 
     def restart(self, constraint: Any) -> None:
-        """Put the world to its start, with new closures by DART's module of constraints, which remember no earlier impulse.
+        """Put the world into its start, with new closures, which remember no earlier impulse.
 
-        Trap: a closure takes its anchors from the pose in which it is made.
+        Trap: a closure connects the points that coincide when it is made, so it must be made at the start.
+
+        Args:
+            constraint: DART's module of constraints.
         """
         self.world.reset()
         self.put(*self.start)
@@ -89,29 +90,29 @@ class Built:
         constraints.removeAllConstraints()
         self.closures = []
         for pin in self.pins:
-            bodies = [body for body, _ in pin if body is not None]  # DART takes the ground for a body that is left out
+            bodies = [body for body, _ in pin if body is not None]  # a body that is left out stands for the ground
             self.closures.append(constraint.BallJointConstraint(*bodies, place(*pin[0])))
             constraints.addConstraint(self.closures[-1])
 
     def gaps(self) -> Array:
         """Return point b minus point a of every closing pin (pins, 2) [m], by DART's own kinematics."""
-        return np.array([place(*b) - place(*a) for a, b in self.pins]).reshape(-1, 3)[:, :2]
+        return measure_gaps(self.pins, lambda end: place(*end))
 
 
 class Builder:
-    """Builds a DART world of a mechanism; `whole` is false for the open tree without drivers."""
+    """Builds a DART world of a mechanism; without `whole`, the world of its open tree without drivers."""
 
     def __init__(self, dartpy: Any, mechanism: Mechanism, tree: Tree, forces: GivenForces, whole: bool = True):
         self.dartpy, self.mechanism, self.tree, self.forces, self.whole = dartpy, mechanism, tree, forces, whole
         self.skeleton = dartpy.dynamics.Skeleton("linkage")
         self.bodies: dict[int, Any] = {}
-        self.coordinates: dict[int, tuple[Any, int]] = {}  # tree coordinate -> joint, and which of its coordinates
+        self.coordinates: dict[int, tuple[Any, int]] = {}  # index of a tree coordinate -> DART's joint, and the index within it
 
     def build(self) -> Built:
-        """Return the world with all its parts; its closures are made by `restart`."""
+        """Return the world; `Built.restart` adds its closures."""
         world, mechanism = self.dartpy.simulation.World(), self.mechanism
         world.setGravity(spatial(mechanism.gravity))
-        asleep = world.getDeactivationOptions()  # by default DART stops what moves slowly
+        asleep = world.getDeactivationOptions()  # by default DART stops bodies that move slowly
         asleep.mEnabled = False
         world.setDeactivationOptions(asleep)
         self.skeleton.disableSelfCollisionCheck()
@@ -153,7 +154,7 @@ class Builder:
             self.coordinates[b.at + k] = joint, k
 
     def _frame(self, origin: Array, angle: float = 0.0) -> Any:
-        """Return DART's transform of a frame of the plane with its origin (2,) [m] and angle [rad]."""
+        """Return DART's transform of a frame in the plane, given by its origin (2,) [m] and angle [rad]."""
         cosine, sine = np.cos(angle), np.sin(angle)
         frame = self.dartpy.math.Isometry3()
         frame.set_translation(np.array(spatial(origin)))
@@ -161,10 +162,14 @@ class Builder:
         return frame
 
     def _add_springs(self) -> None:
-        """Add the springs and dampers of joints; those on one coordinate become one, with the mean of their rest positions."""
+        """Add the springs and dampers of joints.
+
+        A coordinate has one spring in DART, so all springs on it are summed. The rest position of the sum is the mean of their rest
+        positions, weighted by stiffness.
+        """
         stiffness, preload, damping = np.zeros(self.tree.n), np.zeros(self.tree.n), self.forces.joint_damping
         for load in self.forces.own:
-            stiffness += load.k * np.abs(load.row)  # which has at most one entry
+            stiffness += load.k * np.abs(load.row)  # the row has at most one entry, 1 or -1
             preload += load.k * (load.rest - load.constant) * load.row
         for at, (joint, k) in self.coordinates.items():
             joint.setDampingCoefficient(k, damping[at])
@@ -173,20 +178,20 @@ class Builder:
                 joint.setRestPosition(k, preload[at] / stiffness[at])
 
     def _end(self, point: Point) -> tuple[Any, Array]:
-        """Return the body of a point, None for the ground, and the point in it."""
+        """Return DART's body of a point (None for the ground), and the point (3,) in the body's frame [m]."""
         return self.bodies.get(point.link), np.array(spatial(point.local))
 
 
 def place(body: Any, point: Array) -> Array:
-    """Return the place (3,) [m] in the world of a point of a body."""
+    """Return the place (3,) in the world of a point (3,) in the frame of a body, or of the ground if the body is None [m]."""
     return point if body is None else np.asarray(body.getTransform().multiply(point))
 
 
 def select_pgs(dartpy: Any, built: Built, iterations: int) -> None:
-    """Let PGS solve for the impulses in place of Dantzig's method, by so many iterations; no tolerance ends it earlier.
+    """Make PGS the solver of impulses in place of Dantzig's method; it takes exactly `iterations` iterations.
 
-    DART's solvers have no constructor in Python. This one is of another world, whose second solver, for problems on which the first
-    fails, is PGS; the world's own would be refused as its first.
+    DART's solvers have no constructor in Python. But every world has a PGS as its second solver, for problems on which the first
+    one fails. A world refuses its own second solver as its first, so this one is taken from another world.
     """
     solver = dartpy.simulation.World().getConstraintSolver().getSecondaryBoxedLcpSolver()
     solver.setOption(dartpy.constraint.PgsBoxedLcpSolverOption(iterations, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""The adapter to Drake (pydrake): its discrete plants, and its integrators of continuous ones. It has an environment of its own.
+"""The adapter to Drake (pydrake): its discrete plants, and its integrators of continuous plants. Drake has its own environment.
 
-`translate.py` builds plants, `stepping.py` steps them; `adapter.py` is the engine.
+`translate.py` builds plants, `stepping.py` steps them, `adapter.py` is the engine, and `program.py` writes programs.
 """

@@ -1,13 +1,13 @@
-"""Drake: a tree of joints, closed by constraints in discrete plants, or by stiff bushings in plants of either kind.
+"""Drake: a tree of joints, closed by constraints in discrete plants, or by stiff bushings in discrete or continuous plants.
 
-Only discrete plants take part in constraints, and only in steps of the solver SAP. Its contact approximations kSap, kSimilar and
-kLagged, and its near-rigid threshold, change no bit of a run without contacts, and kTamsi refuses constraints, so none of them is a
-knob. A continuous plant accepts a constraint and fails at the first evaluation; there, bushings are all that Drake offers.
+Only the solver SAP of discrete plants handles constraints. A continuous plant accepts a constraint, but fails at the first
+evaluation; it can close loops only by bushings. SAP's contact approximations kSap, kSimilar and kLagged and its near-rigid
+threshold change no bit of a run without contacts, and kTamsi refuses constraints, so none of them is a knob.
 
-Where loops are closed, a bushing exerts no force yet: the accelerations at a given state are those of the open tree. Those of a
-motion appear after some periods of the bushing.
+At a state with closed loops a bushing exerts no force yet. The accelerations at such a state are therefore those of the open tree.
+In a motion, the accelerations of the closed linkage appear after some periods of the bushing.
 
-The generated tree is compared with the suite's own terms before it is used, at states at which loops are open.
+Before the tree is used, it is compared with the suite's own terms, at states at which loops are open.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.drake.program import write
 from gauss_bench.engines.drake.stepping import HALVINGS, ContinuousRunner, Runner, Stepper, settled_acceleration
 from gauss_bench.engines.drake.translate import BALL, OPEN, Builder, Built, Closure, gaps, load_library, refusal
-from gauss_bench.engines.shared import beyond_a_tree, joint_tree, unsteady
+from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, joint_tree, unsteady
 from gauss_bench.engines.tree import Tree
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
@@ -32,20 +32,17 @@ from gauss_bench.trajectory import RunFailure, Status, Trajectory, in_a_sentence
 VARIANTS = read_variants(Path(__file__).parent)
 SAP = "sap"  # the step of a discrete plant; the other integrators are for continuous plants
 ADAPTIVE = "_adaptive"  # ending of the integrators that choose their steps
-SCHEMES = {"runge_kutta3": "runge_kutta3", "radau3": "radau3"}
+SCHEMES = {"runge_kutta3": "runge_kutta3", "radau3": "radau3"}  # integrator -> Drake's name of its scheme
 SCHEMES |= {f"{name}{ADAPTIVE}": scheme for name, scheme in SCHEMES.items()}
 AGREEMENT = 1e-9  # relative: rounding causes about 1e-15, a wrong sign or factor about 1
 
 
-class Drake:
-    """Drake's discrete plants, with constraints, and its integrators of continuous plants, with bushings."""
+class Drake(LibraryEngine, file=VARIANTS):
+    """Drake's discrete plants with constraints, and its integrators of continuous plants with bushings."""
 
     name = "drake"
     integrators = (SAP, *SCHEMES)
     adaptive = tuple(x for x in SCHEMES if x.endswith(ADAPTIVE))
-    stabilizations = ("none",)
-    settings = VARIANTS.settings
-    variants, knobs, first, soft = VARIANTS.space, VARIANTS.knobs, VARIANTS.first, VARIANTS.soft
     native_loop = True
     python_loop = False
     resizable = True
@@ -53,7 +50,7 @@ class Drake:
     def version(self) -> str:
         from importlib.metadata import version
 
-        load_library()  # fails where the installation is broken
+        load_library()  # fails if the installation is broken
         return f"Drake {version('drake')}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
@@ -62,11 +59,8 @@ class Drake:
         options = VARIANTS.options(choice.settings)
         tree = joint_tree(mechanism, options)
         if tree.closures and options["closure"] == BALL and choice.integrator in SCHEMES:
-            return f"Drake has constraints in discrete plants alone: take the integrator {SAP}, or bushings as closures"
+            return f"Drake supports constraints in discrete plants only: use the integrator {SAP}, or bushings as closures"
         return refusal(mechanism, tree)
-
-    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
-        return ""
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "DrakeModel":
         return DrakeModel(mechanism, choice)
@@ -79,7 +73,7 @@ class Drake:
 
 
 def choose_closure(tree: Tree, options: Mapping[str, Any]) -> Closure:
-    """Return the closure of a tree's open pins under some settings."""
+    """Return how settings with these options close the open pins of a tree."""
     kind = options["closure"] if tree.closures else OPEN
     return Closure(kind, options["bushing_period_s"], options["bushing_damping_ratio"])
 
@@ -88,10 +82,10 @@ class DrakeModel(TreeModel):
     """A mechanism in Drake under one choice.
 
     Attributes:
-        closure: how loops are closed; OPEN if there are none.
-        runners: step size [s] -> simulation of a discrete plant, which is built for one size.
-        steppers: longest step [s] -> plants that take this and shorter steps.
-        continuous: simulation of a continuous plant, if the integrator is for those.
+        closure: how loops are closed; its kind is OPEN if there are no loops.
+        runners: step size [s] -> simulation of a discrete plant; a discrete plant has only one step size.
+        steppers: longest step [s] -> plants with steps of this length and shorter.
+        continuous: simulation of a continuous plant; None if the integrator is SAP.
     """
 
     library = "Drake"
@@ -111,7 +105,7 @@ class DrakeModel(TreeModel):
         self._runner(choice.step)
 
     def _build(self, step: float, closure: Closure) -> Built:
-        """Return a plant, with Drake's refusal as a failure of the run.
+        """Return a plant for steps of a length [s], or a continuous plant if it is 0.
 
         Raises:
             RunFailure: Drake refuses the linkage.
@@ -127,16 +121,16 @@ class DrakeModel(TreeModel):
         return OpenModel(gaps(opened.built, opened.context), accelerations=accelerations)
 
     def _runner(self, size: float) -> Runner:
-        """Return the simulation that takes steps of a size [s]; a discrete plant is built when its size is first asked for."""
+        """Return the simulation that takes steps of a size [s]; the plant is built on the first call for its size."""
         if self.continuous:
             return self.continuous
-        key = round(size, 15)  # equal gaps between samples give sizes that differ by rounding
+        key = round(size, 15)  # sizes that differ by rounding only share a plant
         if key not in self.runners:
             self.runners[key] = Runner(self.drake, self._build(size, self.closure))
         return self.runners[key]
 
     def _short_steppers(self, longest: float) -> list[Stepper]:
-        """Return plants whose steps are at most `longest` [s], each half of the one before; they are kept."""
+        """Return plants whose first has steps of `longest` [s], and each other has steps of half the length of the one before."""
         if longest not in self.steppers:
             lengths = [longest / 2**k for k in range(HALVINGS + 1)]
             self.steppers[longest] = [Stepper(self._build(x, self.closure)) for x in lengths]
@@ -144,10 +138,13 @@ class DrakeModel(TreeModel):
 
     @cached_property
     def _still(self) -> Stepper:
+        """A continuous plant for accelerations at given states."""
         return Stepper(self._build(0.0, self.closure))
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (n,) at a tree state: those of a continuous plant, or extrapolated from steps with constraints.
+        """Return the accelerations (n,) at a tree state y, dy (n,).
+
+        With constraints they are extrapolated from steps; otherwise a continuous plant reports them.
 
         Raises:
             RunFailure: Drake finds none.
@@ -156,9 +153,9 @@ class DrakeModel(TreeModel):
             if self.closure.kind == BALL:
                 return settled_acceleration(self._short_steppers, y, dy)
             return self._still.reported_acceleration(y, dy)
+        except RunFailure:  # is a RuntimeError too
+            raise
         except RuntimeError as error:
-            if isinstance(error, RunFailure):
-                raise
             raise RunFailure(Status.ERROR, f"t = {t:.6g} s: Drake: {in_a_sentence(error)}") from error
 
     def prepare(self, times: Array, native: bool = True) -> None:
@@ -195,10 +192,10 @@ class DrakeModel(TreeModel):
         return self.continuous.count_steps() if self.continuous else super().count_steps()
 
     def read(self) -> Trajectory:
-        """Return the samples.
+        """Return the samples with their accelerations.
 
-        With constraints, the accelerations of a sample are those of the step that begins there, as Drake reports them: a short
-        step would draw the gap that longer steps leave shut at once. The first sample has no gap yet.
+        With constraints, the accelerations of a sample are those that Drake reports for the run's next step. Shorter steps, as in
+        `tree_acceleration`, would close the gap that the run's steps leave at once. The first sample has no gap.
         """
         if self.closure.kind != BALL:
             return super().read()
@@ -211,6 +208,6 @@ class DrakeModel(TreeModel):
             if k == 0:
                 return self.accelerate(float(self.times[0]), y, dy)
             ddy = steppers[runners[k]].reported_acceleration(y, dy)
-            return self.tree.absolute(y, dy, ddy)[2]
+            return self.tree.absolute(y, dy, ddy).a
 
         return with_accelerations(self.times, q, v, acceleration_of_sample, self.count_steps())

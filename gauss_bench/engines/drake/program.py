@@ -1,4 +1,4 @@
-"""A program for Drake: the calls by which the builder makes the plant, and a simulation."""
+"""Write a program for Drake: the calls that build the plant, and a simulation."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -42,17 +42,17 @@ RUN = """    context = plant.GetMyMutableContextFromRoot(root)
 
 
 def write(mechanism: Mechanism, tree: Tree, choice: Choice, closure: Closure, scheme: str, accuracy: float | None) -> str:
-    """Return the program.
+    """Return the program of a mechanism under a choice.
 
     Args:
-        scheme: Drake's name of an integrator of a continuous plant; empty for steps of a discrete one.
-        accuracy: of an integrator that chooses its steps.
+        scheme: Drake's name of an integrator of continuous plants; empty for a discrete plant.
+        accuracy: accuracy of an integrator that chooses its steps; None for equal steps.
     """
     script = Script(STATEMENTS)
     library = SimpleNamespace(**{name: script.stand_in(f"drake_{name}") for name in MODULES})
     step: Any = script.stand_in("step")
     built = Builder(library, mechanism, tree).build(0.0 if scheme else step, closure)
-    script.lines.append(f"order = {python(built.order)}  # of the joints' coordinates in Drake's")
+    script.lines.append(f"order = {python(built.order)}  # index of each joint's coordinate in Drake's order")
     script.lines.append(f"bodies = {python(built.bodies)}")
     script.lines.append(f"simulator = drake_analysis.Simulator({python(built.system)})")
     script.lines.append("root = simulator.get_mutable_context()")
@@ -64,7 +64,7 @@ def write(mechanism: Mechanism, tree: Tree, choice: Choice, closure: Closure, sc
 
 
 def _set_integrator(scheme: str, accuracy: float | None) -> list[str]:
-    """Return the statements that set the integrator of a continuous plant."""
+    """Return the statements that set the integrator of a continuous plant; with an accuracy it chooses its steps."""
     longest = "step" if accuracy is None else LONGEST_STEP
     lines = [
         f"integrator = drake_analysis.ResetIntegratorFromFlags(simulator, {scheme!r}, {longest})",

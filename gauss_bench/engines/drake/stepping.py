@@ -1,4 +1,4 @@
-"""Plants of Drake that step: simulations, and the acceleration that steps with constraints show."""
+"""Step plants of Drake: simulations for runs, and accelerations found from steps with constraints."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -11,15 +11,15 @@ from gauss_bench.engines.tree_model import extrapolate
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
-LONGEST_STEP = 0.1  # [s] of integrators that choose their steps, as in Drake's SimulatorConfig
-LENGTHS = (1e-4, 4e-4)  # [s] longest of the steps from which accelerations are extrapolated, and what is taken where it fails
-HALVINGS = 3  # each half of the one before
-SETTLING = 9  # steps of each length
-SETTLED = 1e-3  # relative change, if the shortest steps are left out, up to which an extrapolation counts
+LONGEST_STEP = 0.1  # [s] limit for integrators that choose their steps, as in Drake's SimulatorConfig
+LENGTHS = (1e-4, 4e-4)  # [s] longest step of an extrapolation; the second is tried if the first fails
+HALVINGS = 3  # number of shorter steps of an extrapolation, each half of the one before
+SETTLING = 9  # number of steps of each length
+SETTLED = 1e-3  # an extrapolation counts if it changes relatively by less when the shortest steps are left out
 
 
 class Stepper:
-    """A plant in a context of its own, which is evaluated at given states and steps from there."""
+    """A plant that is evaluated at given states and takes steps from them."""
 
     def __init__(self, built: Built):
         self.built = built
@@ -28,12 +28,12 @@ class Stepper:
         self.context = built.connect(self.root)
 
     def reported_acceleration(self, y: Array, dy: Array) -> Array:
-        """Return y'' (n,) as Drake reports it at a tree state y, dy (n,)."""
+        """Return the y'' (n,) that Drake reports at a tree state y, dy (n,)."""
         self.built.set_state(self.context, y, dy)
         return self.built.reported_acceleration(self.context)
 
     def last_changes(self, y: Array, dy: Array, steps: int) -> tuple[Array, Array]:
-        """Return the changes of the speeds (n,) in the last two of some steps from a tree state y, dy (n,), over their length."""
+        """Take steps from a tree state y, dy (n,), and return the changes of dy (n,) over the step length in the last two."""
         self.built.set_state(self.context, y, dy)
         rates = [dy]
         for _ in range(steps):
@@ -53,16 +53,16 @@ class Runner:
         self.taken = 0
 
     def start(self, y: Array, dy: Array) -> None:
-        """Begin at time 0 and a tree state y, dy (n,): no force depends on time."""
+        """Begin at a tree state y, dy (n,), and at time 0, because no force depends on time."""
         self.root.SetTime(0.0)
         self.built.set_state(self.context, y, dy)
         self.simulator.Initialize()
         self.taken = 0
 
     def advance(self, steps: int, size: float) -> tuple[Array, Array]:
-        """Take steps of a size [s], which is the plant's own, and return the tree state y, dy (n,) after them."""
+        """Take steps of a size [s], which is that of the plant, and return the tree state y, dy (n,) after them."""
         self.taken += steps
-        # Drake, too, forms this product for the time of a step; a sum of sizes could end just beside it
+        # Drake computes the time of a step by the same product; a sum of sizes could differ from it by rounding
         self.simulator.AdvanceTo(self.taken * self.built.plant.time_step())
         return self.built.state(self.context)
 
@@ -71,7 +71,7 @@ class ContinuousRunner(Runner):
     """A simulation of a continuous plant by one of Drake's integrators."""
 
     def set_integrator(self, drake: Any, scheme: str, accuracy: float | None) -> None:
-        """Set the integrator; with an accuracy it chooses its steps."""
+        """Set the integrator to one of Drake's schemes; with an accuracy it chooses its steps."""
         self.integrator: Any = drake.analysis.ResetIntegratorFromFlags(self.simulator, scheme, LONGEST_STEP)
         self.takes_equal_steps = accuracy is None
         self.integrator.set_fixed_step_mode(self.takes_equal_steps)
@@ -94,24 +94,24 @@ class ContinuousRunner(Runner):
 
 
 def settled_acceleration(steppers: Callable[[float], Sequence[Stepper]], y: Array, dy: Array) -> Array:
-    """Return the acceleration (n,) that steps of a discrete plant show at a tree state y, dy (n,) with closed loops.
+    """Return the acceleration (n,) at a tree state y, dy (n,) with closed loops, found from steps of discrete plants.
 
-    A step of SAP gives the pinned points equal velocities as they lie at its beginning, which leaves a gap, and takes back half of
-    the gap of the step before. From closed loops on, the changes of speed D_k in step k, over its length h, therefore approach
-    those of a motion in such steps, and what is missing halves with every step:
+    A step of SAP gives pinned points equal velocities at their places at its beginning, which leaves a gap, and it closes half of
+    the gap that the step before has left. If the loops are closed at first, the change of speed D_k in step k, divided by the step
+    length h, approaches a limit D(h), and its distance from the limit halves in every step:
 
         D(h) = 2 D_k - D_(k-1),    a = D(0)
 
-    where D(0) is extrapolated from several lengths h. A force that Drake treats implicitly changes D(h), but not D(0).
+    D(0) is extrapolated from several lengths h. A force that Drake treats implicitly changes D(h), but not D(0).
 
-    Trap: SAP leaves the speeds as they are where a step would change them by less than a millionth. Where short steps do not agree,
-    longer ones are taken.
+    Trap: if a step would change the speeds by less than a millionth, SAP does not change them at all. So if short steps do not
+    agree, longer ones are taken.
 
     Args:
-        steppers: longest step [s] -> plants that take this and shorter steps, the longest first.
+        steppers: function of a longest step [s]; it returns plants with this step and shorter ones, the longest first.
 
     Raises:
-        RunFailure: without the shortest steps, the extrapolation gives another acceleration.
+        RunFailure: the extrapolation changes if the shortest steps are left out.
     """
     for longest in LENGTHS:
         found, change = extrapolate_changes(steppers(longest), y, dy)
@@ -121,7 +121,7 @@ def settled_acceleration(steppers: Callable[[float], Sequence[Stepper]], y: Arra
 
 
 def extrapolate_changes(steppers: Sequence[Stepper], y: Array, dy: Array) -> tuple[Array, float]:
-    """Return the acceleration (n,) at a tree state y, dy (n,), and its largest change if the shortest steps are left out."""
+    """Return the acceleration (n,) extrapolated from all steppers, and its largest change if the shortest steps are left out."""
     pairs = [stepper.last_changes(y, dy, SETTLING) for stepper in steppers]
     changes = [2 * last - before for before, last in pairs]
     lengths = [stepper.length for stepper in steppers]

@@ -1,10 +1,10 @@
-"""A linkage as a plant of Drake: links hang in a tree of joints, and each pin that the tree leaves open is closed by one element.
+"""A linkage as a plant of Drake: links hang on a tree of joints, and one element closes each pin that the tree leaves open.
 
     ball       AddBallConstraint: a constraint of discrete plants, for which the solver SAP finds impulses
-    bushing    LinearBushingRollPitchYaw without torques: a stiff spring and damper, for plants of either kind
+    bushing    LinearBushingRollPitchYaw without torques: a stiff spring and damper, for discrete and continuous plants
 
-The tree coordinates y are also Drake's, in another order. Frames of links lie at their centres of mass. Only what Drake's elements
-express exactly is translated; anything else is refused by name:
+Drake's coordinates are the tree coordinates y in another order. Frames of links lie at their centres of mass. The adapter
+translates a force only if an element of Drake expresses it exactly, and refuses all others by name:
 
     constant generalised force                     input port of generalised forces
     spring on one hinge or slide                   RevoluteSpring, PrismaticSpring
@@ -13,8 +13,8 @@ express exactly is translated; anything else is refused by name:
     force at a point, fixed in the world           input port of spatial forces
     force at a point, fixed in its own link        Propeller without a moment
 
-Trap: a constraint with a point of the world ends the process at the first step (Drake 1.51.1, segmentation fault). A link welded to
-the world holds those points instead.
+Trap: a constraint on a point of the world ends the process at the first step (Drake 1.51.1, segmentation fault). A body welded to
+the world has those points instead.
 """
 
 from dataclasses import dataclass
@@ -24,15 +24,15 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.shared import closing_pins, open_tree, spatial
+from gauss_bench.engines.shared import closing_pins, measure_gaps, open_tree, spatial, unit_speeds
 from gauss_bench.engines.tree import Branch, Tree, Turning, turning
-from gauss_bench.engines.tree_loads import OnJoints, OtherLoad, Steady, TreeLoad, sort_loads
-from gauss_bench.mechanism.coordinates import rotate, velocity
+from gauss_bench.engines.tree_loads import OnJoints, OtherLoad, Steady, TreeLoad, refuse_load, sort_loads, turn_force
+from gauss_bench.mechanism.coordinates import velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import GROUND, Distance, Law, Mechanism, Point, PointForce
 from gauss_bench.terms import Array
 
-BALL, BUSHING, OPEN = "ball", "bushing", "open"  # how a plant's pins are closed; OPEN leaves them out
+BALL, BUSHING, OPEN = "ball", "bushing", "open"  # kinds of closures; OPEN closes no pin
 
 
 def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
@@ -47,29 +47,24 @@ def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
 
 def load_refusal(load: TreeLoad, tree: Tree, turns: Turning) -> str | None:
     """Return the reason why no element of Drake expresses a load, or None if one does."""
+    if reason := refuse_load(load, turns, "Drake"):
+        return reason
     match load:
-        case Steady():
-            return None
         case OnJoints(row, k=k, c=c, name=name):
-            if np.count_nonzero(row) > 1:
-                return f"Drake has no spring or damper on a sum of coordinates ({name})"
             if k < 0 or c < 0:
                 return f"Drake has no spring or damper with a negative constant ({name})"
             if k and row.any() and branch_of(tree, int(np.flatnonzero(row)[0])).kind == "free":
                 return f"Drake has no spring on a coordinate of a link that no joint carries ({name})"
-            return None
-        case OtherLoad(name, PointForce(frame=frame, point=point)):
-            fixed = turns.together(frame, GROUND) or turns.together(frame, point.link)
-            return None if fixed else f"Drake cannot turn the force {name} with a third link"
-        case OtherLoad(name, Law(coordinate=Distance()) as law):
+        case OtherLoad(name, Law() as law):
             if law.bias or law.rest <= 0:
-                return f"Drake has a spring between points with a positive free length alone ({name})"
-            return f"Drake has no spring or damper with a negative constant ({name})" if law.k < 0 or law.c < 0 else None
-    return f"Drake has no spring or damper along an axis that is not a slide's ({load.name})"
+                return f"Drake's spring between points needs a positive free length ({name})"
+            if law.k < 0 or law.c < 0:
+                return f"Drake has no spring or damper with a negative constant ({name})"
+    return None
 
 
 def branch_of(tree: Tree, at: int) -> Branch:
-    """Return the branch to which the tree coordinate with an index belongs."""
+    """Return the branch that has the tree coordinate with the index `at`."""
     return max((b for b in tree.branches if b.at <= at), key=lambda b: b.at)
 
 
@@ -79,7 +74,8 @@ class Closure:
 
     Attributes:
         kind: BALL, BUSHING or OPEN.
-        period, damping_ratio: of a bushing's vibration: its shortest undamped period [s], and the share of critical damping.
+        period: shortest undamped period of a bushing's vibration [s].
+        damping_ratio: damping of a bushing relative to critical damping.
     """
 
     kind: str = OPEN
@@ -92,8 +88,8 @@ class Closure:
         return mass * frequency**2, 2 * self.damping_ratio * mass * frequency
 
 
-MODULES = {  # the parts of pydrake that are used here; all of it takes some seconds to import
-    "value": "pydrake.common.value",  # without it ports of forces take no values
+MODULES = {  # the modules of pydrake that the adapter needs; to import all of them takes some seconds
+    "value": "pydrake.common.value",  # without it, ports of forces do not accept values
     "math": "pydrake.math",
     "vectors": "pydrake.multibody.math",
     "plant": "pydrake.multibody.plant",
@@ -104,10 +100,10 @@ MODULES = {  # the parts of pydrake that are used here; all of it takes some sec
 
 
 def load_library() -> Any:
-    """Return Drake: an object with the modules of MODULES.
+    """Return an object with the modules of MODULES as attributes.
 
     Raises:
-        ImportError: it is not installed.
+        ImportError: Drake is not installed.
     """
     return SimpleNamespace(**{name: import_module(module) for name, module in MODULES.items()})
 
@@ -117,13 +113,14 @@ class Built:
     """A plant of Drake and the system that is simulated.
 
     Attributes:
-        plant: Drake's MultibodyPlant; system: the plant itself, or a diagram that also holds propellers.
-        bodies: of Drake, in the order of the links.
-        order: (n,) index in Drake's coordinates of each tree coordinate.
-        pins: for each closing pin the frame of Drake's body and the point in it, of both sides.
+        plant: Drake's MultibodyPlant.
+        system: the plant itself, or a diagram of the plant and propellers.
+        bodies: Drake's bodies, in the order of the links.
+        order: (n,) index of each tree coordinate in Drake's coordinates.
+        pins: for each closing pin, its two ends: the frame of Drake's body and the point (3,) in it.
         motors: (n,) constant generalised forces on the tree coordinates.
-        winds: constant forces at points, as Drake's ExternallyAppliedSpatialForce; they enter at `wind_port`.
-        thrusts: (propellers,) forces of the propellers [N]; they enter at `thrust_port`.
+        winds: constant forces at points, as Drake's ExternallyAppliedSpatialForce, for the input port `wind_port`.
+        thrusts: (propellers,) forces of the propellers [N], for the input port `thrust_port`.
     """
 
     plant: Any
@@ -138,20 +135,17 @@ class Built:
     thrust_port: Any = None
 
     def connect(self, root: Any) -> Any:
-        """Set the constant forces in a context of the system, and return the plant's context in it."""
+        """Set the constant forces in the context `root` of the system, and return the plant's context in it."""
         context = self.plant.GetMyMutableContextFromRoot(root)
         self.plant.get_applied_generalized_force_input_port().FixValue(context, self._ordered(self.motors))
         self.set_forces_at_points(root)
         return context
 
     def set_forces_at_points(self, root: Any) -> None:
-        """Set the constant forces at points in a context of the system."""
-        if self.winds:
-            owner = self.wind_port.get_system()
-            self.wind_port.FixValue(owner.GetMyMutableContextFromRoot(root), self.winds)
-        if len(self.thrusts):
-            owner = self.thrust_port.get_system()
-            self.thrust_port.FixValue(owner.GetMyMutableContextFromRoot(root), self.thrusts)
+        """Set the constant forces at points in the context `root` of the system."""
+        for port, values in ((self.wind_port, self.winds), (self.thrust_port, self.thrusts)):
+            if len(values):
+                port.FixValue(port.get_system().GetMyMutableContextFromRoot(root), values)
 
     def _ordered(self, x: Array) -> Array:
         """Return values (n,) of the tree coordinates in Drake's order."""
@@ -169,7 +163,7 @@ class Built:
         return self.plant.GetPositions(context)[self.order], self.plant.GetVelocities(context)[self.order]
 
     def reported_acceleration(self, context: Any) -> Array:
-        """Return y'' (n,) of Drake's output port: for a discrete plant the change of speeds in the next step, over its length."""
+        """Return the y'' (n,) of Drake's output port; of a discrete plant, the change of speeds in the next step over the step."""
         accelerations: Array = np.array(self.plant.get_generalized_acceleration_output_port().Eval(context))[self.order]
         return accelerations
 
@@ -181,22 +175,22 @@ class Builder:
         self.drake, self.mechanism, self.tree = drake, mechanism, tree
 
     def build(self, step: float, closure: Closure) -> Built:
-        """Return a plant that takes steps of a length [s], or a continuous plant if it is 0."""
+        """Return a plant for steps of a length [s], or a continuous plant if the length is 0."""
         self.plant = self.drake.plant.MultibodyPlant(step)
         if step:
-            # Trap: by default accelerations are those of the step before, and zero before the first step.
+            # Trap: by default the reported accelerations are those of the last step, and zero before the first step.
             self.plant.SetUseSampledOutputPorts(False)
         self.plant.mutable_gravity_field().set_gravity_vector(spatial(self.mechanism.gravity))
         self.bodies: dict[int, Any] = {GROUND: self.plant.world_body()}
         self.frames = 0
         for i, link in enumerate(self.mechanism.links):
-            # only the last moment of inertia acts; three equal ones are those of a possible body
-            inertia = self.drake.tree.UnitInertia.TriaxiallySymmetric(link.inertia / link.mass)
-            self.bodies[i] = self._add_body(f"link{i}", self.drake.tree.SpatialInertia(link.mass, np.zeros(3), inertia))
+            # only the last moment of inertia acts; Drake refuses moments that no body can have, and takes three equal ones
+            self.bodies[i] = self._add_body(f"link{i}", link.mass, link.inertia / link.mass)
+        # both by the index of a branch's first coordinate
         self.joints = {b.at: self._add_joint(b) for b in self.tree.branches}
         self.dampings = {b.at: np.zeros(3 if b.kind == "free" else 1) for b in self.tree.branches}
-        self.winds: list[tuple[int, Array, Array]] = []
-        self.thrusts: list[tuple[int, Array, Array]] = []
+        self.winds: list[tuple[int, Array, Array]] = []  # link, point (2,) and force (2,) in the world's directions
+        self.thrusts: list[tuple[int, Array, Array]] = []  # link, point (2,) and force (2,) in the link's directions
         self.forces = np.zeros(self.tree.n)
         turns = turning(self.tree)
         for load in sort_loads(self.mechanism, self.tree):
@@ -213,16 +207,24 @@ class Builder:
         return self._connect(pins)
 
     def _connect(self, pins: list[tuple[tuple[Any, Array], tuple[Any, Array]]]) -> Built:
-        """Return the finalised plant with the systems around it that its forces need."""
-        order = np.array(
-            [self.joints[at].position_start() + k for at in sorted(self.joints) for k in range(len(self.dampings[at]))]
-        )
+        """Return the finalised plant; if there are propellers, return it in a diagram with them."""
+        order = []
+        for at in sorted(self.joints):
+            order += [self.joints[at].position_start() + k for k in range(len(self.dampings[at]))]
         bodies = [self.bodies[i] for i in range(len(self.mechanism.links))]
         winds = [self._spatial_force(*wind) for wind in self.winds]
         thrusts = np.array([float(np.linalg.norm(force)) for _, _, force in self.thrusts])
-        port = self.plant.get_applied_spatial_force_input_port()
-        if not self.thrusts:
-            return Built(self.plant, self.plant, bodies, order, pins, self.forces, winds, thrusts, port)
+        system, wind_port, thrust_port = self.plant, self.plant.get_applied_spatial_force_input_port(), None
+        if self.thrusts:
+            system, wind_port, thrust_port = self._add_propellers(wind_port)
+        return Built(self.plant, system, bodies, np.array(order), pins, self.forces, winds, thrusts, wind_port, thrust_port)
+
+    def _add_propellers(self, port: Any) -> tuple[Any, Any, Any]:
+        """Return a diagram of the plant and propellers, its input port for winds, and its input port for thrusts.
+
+        Args:
+            port: the plant's input port for forces at points, which gets winds and thrusts together.
+        """
         builder = self.drake.framework.DiagramBuilder()
         builder.AddSystem(self.plant)
         propellers = builder.AddSystem(self.drake.plant.Propeller([self._propeller(*thrust) for thrust in self.thrusts]))
@@ -230,10 +232,12 @@ class Builder:
         both = builder.AddSystem(self.drake.plant.ExternallyAppliedSpatialForceMultiplexer(2))
         builder.Connect(propellers.get_spatial_forces_output_port(), both.get_input_port(0))
         builder.Connect(both.get_output_port(), port)
-        system, thrust_port = builder.Build(), propellers.get_command_input_port()
-        return Built(self.plant, system, bodies, order, pins, self.forces, winds, thrusts, both.get_input_port(1), thrust_port)
+        return builder.Build(), both.get_input_port(1), propellers.get_command_input_port()
 
-    def _add_body(self, name: str, inertia: Any) -> Any:
+    def _add_body(self, name: str, mass: float, unit_inertia: float) -> Any:
+        """Add a body with equal moments of inertia about all axes, `unit_inertia` [m^2] times the mass [kg], and return it."""
+        tree = self.drake.tree
+        inertia = tree.SpatialInertia(mass, np.zeros(3), tree.UnitInertia.TriaxiallySymmetric(unit_inertia))
         return self.plant.AddRigidBody(name, inertia)
 
     def _vector(self, point: Point) -> Array:
@@ -241,20 +245,18 @@ class Builder:
         return np.array(spatial(point.local))
 
     def _frame(self, point: Point) -> Any:
+        """Return the frame of a point's body."""
         return self.bodies[point.link].body_frame()
 
     def _offset(self, link: int, at: Array, turn: float = 0.0) -> Any:
-        """Return a frame fixed in a link at a point (2,) [m], turned by an angle [rad]."""
-        pose = self._pose(at, turn)
+        """Add a frame fixed in a link at a point (2,) [m], turned by an angle [rad], and return it."""
+        math = self.drake.math
+        pose = math.RigidTransform(math.RotationMatrix.MakeZRotation(turn), np.array(spatial(at)))
         self.frames += 1
         return self.plant.AddFrame(self.drake.tree.FixedOffsetFrame(f"frame{self.frames}", self.bodies[link].body_frame(), pose))
 
-    def _pose(self, at: Array, turn: float) -> Any:
-        math = self.drake.math
-        return math.RigidTransform(math.RotationMatrix.MakeZRotation(turn), np.array(spatial(at)))
-
     def _add_joint(self, b: Branch) -> Any:
-        """Add the joint of a branch."""
+        """Add the joint of a branch, and return it."""
         tree, name = self.drake.tree, f"joint{b.at}"
         near, far = self._offset(b.parent, b.parent_anchor + b.base), self._offset(b.link, b.anchor, -b.turn)
         if b.kind == "prismatic":
@@ -264,7 +266,7 @@ class Builder:
         return self.plant.AddJoint(tree.PlanarJoint(name, near, far))
 
     def _add_load(self, load: TreeLoad, turns: Turning) -> None:
-        """Add the elements of a load, or keep it for an input port."""
+        """Add the elements of a load to the plant; keep a load that enters through an input port."""
         match load:
             case Steady():
                 self.forces += load.value * load.force
@@ -289,14 +291,14 @@ class Builder:
                 self.plant.AddForceElement(spring(joint, rest, load.k))
 
     def _add_point_force(self, force: PointForce, turns: Turning) -> None:
-        """Keep a force that is fixed in the world or in the link of its point, turned into the frame in which it is fixed."""
-        in_world = turns.together(force.frame, GROUND)
-        value = rotate(force.value, turns.constants[force.frame] - turns.constants[GROUND if in_world else force.point.link])
+        """Keep a force that is fixed in the world (a wind) or in the link of its point (a thrust)."""
+        in_world, value = turn_force(force, turns)
         if value.any():
-            (self.winds if in_world else self.thrusts).append((force.point.link, force.point.local, value))
+            kept = self.winds if in_world else self.thrusts
+            kept.append((force.point.link, force.point.local, value))
 
     def _spatial_force(self, link: int, at: Array, force: Array) -> Any:
-        """Return a force (2,) in the world's directions at a point of a link."""
+        """Return Drake's object for a force (2,) in the world's directions at a point (2,) of a link."""
         applied = self.drake.plant.ExternallyAppliedSpatialForce()
         applied.body_index = self.bodies[link].index()
         applied.p_BoBq_B = np.array(spatial(at))
@@ -304,24 +306,22 @@ class Builder:
         return applied
 
     def _propeller(self, link: int, at: Array, force: Array) -> Any:
-        """Return a propeller that pushes along z of its frame, which is turned into the direction of a force (2,) of a link."""
-        direction = self.drake.math.RotationMatrix.MakeFromOneVector(np.array(spatial(force)), 2)
+        """Return a propeller at a point (2,) of a link that pushes in the direction of a force (2,), given in the link's frame."""
+        direction = self.drake.math.RotationMatrix.MakeFromOneVector(np.array(spatial(force)), 2)  # a propeller pushes along axis 2
         pose = self.drake.math.RigidTransform(direction, np.array(spatial(at)))
         return self.drake.plant.PropellerInfo(self.bodies[link].index(), pose, 1.0, 0.0)
 
     def _add_balls(self) -> None:
-        """Close the open pins by ball constraints; a link welded to the world stands for the ground."""
-        tree, holders = self.drake.tree, dict(self.bodies)
-        pairs = closing_pins(self.tree)
-        if any(point.link == GROUND for pair in pairs for point in pair):
-            inertia = tree.SpatialInertia(1.0, np.zeros(3), tree.UnitInertia.TriaxiallySymmetric(1.0))
-            holders[GROUND] = self._add_body("ground", inertia)
+        """Close the open pins by ball constraints; a body that is welded to the world stands for the ground."""
+        holders, pairs = dict(self.bodies), closing_pins(self.tree)
+        if any(GROUND in (a.link, b.link) for a, b in pairs):
+            holders[GROUND] = self._add_body("ground", 1.0, 1.0)
             self.plant.WeldFrames(self.plant.world_frame(), holders[GROUND].body_frame())
         for a, b in pairs:
             self.plant.AddBallConstraint(holders[a.link], self._vector(a), holders[b.link], self._vector(b))
 
     def _add_bushings(self, closure: Closure) -> None:
-        """Close the open pins by bushings that push and pull alike in all directions, and do not twist."""
+        """Close the open pins by bushings with the same stiffness and damping in all directions, and without torques."""
         twist = np.zeros(3)
         for (a, b), mass in zip(closing_pins(self.tree), self._pin_masses(), strict=True):
             ends = self._offset(a.link, a.local), self._offset(b.link, b.local)
@@ -329,28 +329,29 @@ class Builder:
             self.plant.AddForceElement(self.drake.tree.LinearBushingRollPitchYaw(*ends, twist, twist, stiffness, damping))
 
     def _pin_masses(self) -> list[float]:
-        """List for each closing pin the mass [kg] that its gap moves at the start, in the direction in which it is least."""
-        tree, count = self.tree, self.tree.n
+        """List for each closing pin the least mass [kg] that a force on its gap moves at the start."""
+        tree = self.tree
         y, dy = tree.relative(self.mechanism.q0, self.mechanism.v0)
         own = open_tree(Evaluator(self.mechanism), tree, y, dy)
-        # the links' speeds (n, 3 links) if one tree rate is 1 and all others are 0
-        speeds = tree.absolute(np.tile(y, (count, 1)), np.eye(count), np.zeros((count, count)))[1]
-        q = np.tile(own.q, (count, 1))
+        speeds = unit_speeds(tree, y)  # (n, 3 links)
+        q = np.tile(own.q, (tree.n, 1))
         rows = [velocity(q, speeds, b) - velocity(q, speeds, a) for a, b in closing_pins(tree)]  # each (n, 2)
         return [least_mass(J.T, own.mass) for J in rows]
 
 
 def least_mass(J: Array, M: Array) -> float:
-    """Return the mass [kg] that a force on a gap moves in the direction in which it is least.
+    """Return the mass [kg] that a force on a gap moves, in the direction in which that mass is least.
+
+    Its inverse is the largest eigenvalue of J M^-1 J^T.
 
     Args:
-        J: (2, n) rows of the gap; M: (n, n) mass matrix. The inverse of that mass is the largest eigenvalue of J M^-1 J^T.
+        J: (2, n) Jacobian of the gap.
+        M: (n, n) mass matrix.
     """
     return float(1 / np.linalg.eigvalsh(J @ np.linalg.solve(M, J.T)).max())
 
 
 def gaps(built: Built, context: Any) -> Array:
     """Return point b minus point a of every closing pin (pins, 2) [m], by Drake's own kinematics."""
-    world = built.plant.world_frame()
-    places = [[built.plant.CalcPointsPositions(context, frame, point, world)[:2, 0] for frame, point in pin] for pin in built.pins]
-    return np.array([b - a for a, b in places]).reshape(-1, 2)
+    plant, world = built.plant, built.plant.world_frame()
+    return measure_gaps(built.pins, lambda end: plant.CalcPointsPositions(context, *end, world)[:, 0])

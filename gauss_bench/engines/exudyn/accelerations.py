@@ -2,10 +2,10 @@
 
 There are two ways to compute accelerations:
 
-    BuiltIn    Exudyn computes them as its initial accelerations. It differentiates C_q v by one-sided differences, which limits the
-               accuracy to about 1e-7, and leaves out the second rate of motion laws.
-    Readout    Exudyn computes M, f and C_q. This module computes the rate of C_q, by fourth-order differences of that C_q along v,
-               adds the second rate of motion laws, and solves [M C_q^T; C_q 0].
+    BuiltIn    Exudyn computes its initial accelerations at the state. It differentiates C_q v by one-sided differences, which
+               limits the accuracy to about 1e-7, and ignores the second derivatives of motion laws.
+    Readout    Exudyn computes M, f and C_q. This module computes the rate of C_q by fourth-order differences along v, adds the
+               second derivatives of motion laws, and solves the system [M C_q^T; C_q 0].
 """
 
 from typing import Any
@@ -21,12 +21,13 @@ from gauss_bench.trajectory import RunFailure, Status
 
 DIFFERENCE = 1e-3  # [rad, m] between points of the differences: truncation eps^4/30 and rounding 1e-16/eps are both near 1e-13
 AGREEMENT = 1e-9  # relative to the largest term, or to 1: far above the rounding of stiff springs, far below an error of the model
-REDUNDANT = 1e-12  # relative to the largest singular value of the KKT matrix: rounding leaves 1e-17, usable linkages 1e-7 or more
-CLOSED = 1e-12  # [m, rad] residual of a state at which slides are closed, so that forces along them are exact
+REDUNDANT = 1e-12  # singular values of the KKT matrix below this share of the largest one are zero: rounding leaves 1e-17,
+#                    and independent rows of usable linkages 1e-7 or more
+CLOSED = 1e-12  # [m, rad] largest residual of a closed state: forces along slides are exact at closed states only
 
 
 class BuiltIn:
-    """A call (q, v) -> the initial accelerations (n,) that Exudyn computes when a run starts from that state."""
+    """A function (q, v) -> the accelerations (n,) that Exudyn computes when a run starts from the state q, v (n,)."""
 
     def __init__(self, system: System, settings: Any):
         self.system, self.settings, self.initial = system, settings, system.exu.ConfigurationType.Initial
@@ -38,24 +39,24 @@ class BuiltIn:
         data.SetODE2Coordinates(q - self.system.mechanism.q0, self.initial)
         data.SetODE2Coordinates_t(v, self.initial)
         alpha = self.settings.timeIntegration.generalizedAlpha
-        setting_of_runs = alpha.computeInitialAccelerations
+        for_runs = alpha.computeInitialAccelerations
         alpha.computeInitialAccelerations = True
         self.solver.InitializeSolverInitialConditions(self.system.mbs, self.settings)
-        alpha.computeInitialAccelerations = setting_of_runs
+        alpha.computeInitialAccelerations = for_runs
         return np.array(data.GetODE2Coordinates_tt())
 
 
 class Readout:
-    """A call (q, v, t) -> Terms with Exudyn's M, f, C_q and C at a state, and the bias -(C_q)' v by differences."""
+    """A function (q, v, t) -> Terms with Exudyn's M, f, C_q and C at a state q, v (n,), and the bias -(C_q)' v by differences."""
 
     def __init__(self, system: System):
         self.system, self.current = system, system.exu.ConfigurationType.Current
         self.solver = system.exu.MainSolverImplicitSecondOrder()
-        self.settings = system.exu.SimulationSettings()  # dense matrices, which can be read and set
+        self.settings = system.exu.SimulationSettings()  # with dense matrices, which Python can read and set
         write_nothing(self.settings)
         self.solver.InitializeSolver(system.mbs, self.settings)
         self.n, self.m = self.solver.GetODE2size(), self.solver.GetAEsize()
-        self.laws = [driver.law for driver in system.mechanism.drivers]  # the last constraint rows are theirs
+        self.laws = [driver.law for driver in system.mechanism.drivers]  # the last constraint rows belong to them
 
     def jacobian(self, q: Array) -> Array:
         """Return Exudyn's constraint Jacobian C_q (m, n) at q (n,)."""
@@ -91,10 +92,10 @@ class Readout:
 
 
 def kkt_acceleration(terms: Terms, redundant: bool) -> Array:
-    """Solve [M J^T; J 0] [a; lambda] = [Q; gamma] for the accelerations (n,), without any formulation of the suite.
+    """Return the accelerations a (n,) that solve [M J^T; J 0] [a; lambda] = [Q; gamma], without any formulation of the suite.
 
-    If rows are redundant the multipliers are not unique, and the least-squares solution of least norm is taken; a is the same for
-    all solutions.
+    If rows are redundant, lambda is not unique. Then the least-squares solution of least norm is taken; a is the same in all
+    solutions.
     """
     n, m = len(terms.M), len(terms.J)
     K = np.block([[terms.M, terms.J.T], [terms.J, np.zeros((m, m))]])
@@ -104,10 +105,10 @@ def kkt_acceleration(terms: Terms, redundant: bool) -> Array:
 
 
 def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
-    """Compare the generated model with the linkage; a constraint row may have the opposite sign.
+    """Compare an Exudyn system with its linkage; constraint rows may have the opposite sign.
 
     Raises:
-        RunFailure: degrees of freedom, redundant rows or terms differ.
+        RunFailure: the number of degrees of freedom, the number of redundant rows or a term differs.
     """
     mechanism = evaluator.mechanism
     counts = system.mbs.ComputeSystemDegreeOfFreedom()
@@ -118,6 +119,7 @@ def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
         raise RunFailure(Status.ERROR, f"{message}the linkage has {expected_dof} and {mechanism.redundant}")
     for q, v in states_near_the_start(evaluator):
         own, expected = readout(q, v, 0.0), evaluator.terms(0.0, q, v)
+        # (m,) largest difference of each row, with its own sign and with the opposite one
         same, opposite = (np.abs(own.J - x).max(axis=1, initial=0.0) for x in (expected.J, -expected.J))
         sign = np.where(same <= opposite, 1.0, -1.0)
         pairs = {
@@ -126,14 +128,14 @@ def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
             "constraint Jacobian": (sign[:, None] * own.J, expected.J, size(expected.J)),
             "constraint residual": (np.abs(own.phi), np.abs(expected.phi), size(expected.phi)),
         }
-        for t in mechanism.kinks:
+        for t in mechanism.kinks:  # times at which forces jump
             own_then, then = readout(q, v, t).Q, evaluator.terms(t, q, v).Q
             pairs[f"applied forces at t = {t:.6g} s"] = own_then, then, size(then)
         require_agreement(pairs, AGREEMENT)
 
 
 def states_near_the_start(evaluator: Evaluator) -> list[tuple[Array, Array]]:
-    """Return the start and up to two states near it that satisfy the constraints, with speeds of order one."""
+    """Return the start, and at most two random states q, v (n,) near it that satisfy the constraints, with speeds of order one."""
     mechanism = evaluator.mechanism
     states: list[tuple[Array, Array]] = [(mechanism.q0, mechanism.v0)]
     spread = 0.01 * np.tile([mechanism.size, mechanism.size, 1.0], len(mechanism.links))

@@ -1,14 +1,14 @@
-"""The differences between Exudyn's releases that the adapter must bridge; they stand here alone.
+"""The differences between Exudyn's releases; only this file deals with them.
 
-The adapter is written for the newest release. Those before 1.12 differ in this:
+The adapter is written for the newest release. Releases before 1.12 differ as follows:
 
-    errors          are exceptions of Python's own kinds
-    the console     is silenced by SetWriteToConsole
-    settings        solutionSettings.writeSolutionToFile, linearSolverType and linearSolverSettings; the method of a step is an
-                    argument of SolveDynamic, which sets Newmark's and the index of the constraints
-    gaps            are computed with the whole residual: ComputeAlgebraicEquations writes beyond its end
-    the log         is flushed line by line since 1.10 alone
-    bodies          have the prefix `physics` before mass and inertia
+    errors          Exudyn raises exceptions of Python's own classes.
+    the console     SetWriteToConsole silences it.
+    settings        They are solutionSettings.writeSolutionToFile, linearSolverType and linearSolverSettings. The method of a step
+                    is an argument of SolveDynamic, and sets Newmark's method and the index of the constraints.
+    gaps            They are computed with the whole residual, because ComputeAlgebraicEquations writes beyond its end.
+    the log         It is flushed line by line only since 1.10.
+    bodies          Their arguments mass and inertia have the prefix `physics`.
 """
 
 from typing import Any
@@ -17,13 +17,13 @@ INDEX_2 = "TrapezoidalIndex2"
 
 
 def errors(exu: Any, *others: type[Exception]) -> tuple[type[Exception], ...]:
-    """Return the exceptions that Exudyn raises, and others."""
+    """Return the classes of the exceptions that Exudyn raises, and those in `others`."""
     own = (exu.ExudynError,) if hasattr(exu, "ExudynError") else (RuntimeError, ValueError, SystemError)
     return (*own, *others)
 
 
 def solver_errors(exu: Any, *others: type[Exception]) -> tuple[type[Exception], ...]:
-    """Return the exceptions that a solver raises, and others."""
+    """Return the classes of the exceptions that Exudyn's solvers raise, and those in `others`."""
     return (exu.SolverError, *others) if hasattr(exu, "SolverError") else errors(exu, *others)
 
 
@@ -36,7 +36,7 @@ def silence(exu: Any) -> None:
 
 
 def write_log(exu: Any, name: str) -> None:
-    """Have Exudyn write its output into a file, flushed line by line where it can."""
+    """Let Exudyn write its output to a file, and flush it after every line if the release can do that."""
     try:
         exu.SetWriteToFile(name, True, False, True)
     except TypeError:
@@ -44,7 +44,7 @@ def write_log(exu: Any, name: str) -> None:
 
 
 def version(exu: Any) -> str:
-    """Return the version."""
+    """Return Exudyn's version."""
     return str(exu.config.Version() if hasattr(getattr(exu, "config", None), "Version") else exu.__version__)
 
 
@@ -57,7 +57,7 @@ def write_nothing(settings: Any) -> None:
 
 
 def set_linear_solver(exu: Any, settings: Any, name: str, ignore_singular: bool) -> None:
-    """Choose the linear solver, and whether singular Jacobians are ignored."""
+    """Set the linear solver, a member of LinearSolverType; with `ignore_singular` it accepts singular Jacobians."""
     kind = getattr(exu.LinearSolverType, name)
     if hasattr(settings, "linearSolver"):
         settings.linearSolver.solverType = kind
@@ -70,7 +70,7 @@ def set_linear_solver(exu: Any, settings: Any, name: str, ignore_singular: bool)
 
 
 def set_method(exu: Any, settings: Any, name: str) -> None:
-    """Choose the method of a step; of older releases, set what SolveDynamic and the solvers read."""
+    """Set the method of a step, a member of DynamicSolverType; in older releases, set the flags that stand for it."""
     run = settings.timeIntegration
     if hasattr(run, "solverType"):
         run.solverType = getattr(exu.DynamicSolverType, name)
@@ -79,7 +79,7 @@ def set_method(exu: Any, settings: Any, name: str) -> None:
 
 
 def solve(exu: Any, mbs: Any, settings: Any, update: bool) -> bool:
-    """Run a system; `update` makes the end the next start."""
+    """Run a system and tell whether Exudyn reports success; with `update`, the next run starts from the end of this one."""
     if hasattr(settings.timeIntegration, "solverType"):
         return bool(mbs.SolveDynamic(settings, updateInitialValues=update))
     alpha = settings.timeIntegration.generalizedAlpha
@@ -88,7 +88,7 @@ def solve(exu: Any, mbs: Any, settings: Any, update: bool) -> bool:
 
 
 def compute_gaps(solver: Any, mbs: Any, settings: Any) -> None:
-    """Compute the residual of the constraints at the current state into the last rows of a solver's residual."""
+    """Compute the residual of the constraints at the current state; it becomes the last rows of the solver's residual."""
     if hasattr(settings, "solution"):
         solver.ComputeAlgebraicEquations(mbs, False)
     else:
@@ -96,7 +96,13 @@ def compute_gaps(solver: Any, mbs: Any, settings: Any) -> None:
 
 
 def rigid_body(kind: Any, mass: float, inertia: float | list[float], node: Any) -> Any:
-    """Return a rigid body of a kind, in the plane or in space; `inertia` is a number or the six moments."""
+    """Return a rigid body in the plane or in space.
+
+    Args:
+        kind: Exudyn's class of the body.
+        inertia: moment of inertia of a body in the plane; the six moments of a body in space [kg m^2].
+        node: Exudyn's number of the body's node.
+    """
     try:
         return kind(mass=mass, inertia=inertia, nodeNumber=node)
     except TypeError:
@@ -104,7 +110,7 @@ def rigid_body(kind: Any, mass: float, inertia: float | list[float], node: Any) 
 
 
 def call_after_steps(mbs: Any, function: Any) -> None:
-    """Have a function called after each step; 0 for none."""
+    """Let Exudyn call a function after each step; 0 stands for no function."""
     if hasattr(mbs, "SetPostStepUserFunction"):
         mbs.SetPostStepUserFunction(function)
     else:

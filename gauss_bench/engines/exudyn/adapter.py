@@ -1,17 +1,17 @@
-"""Exudyn: every link a rigid body in absolute coordinates, joints as algebraic equations, Exudyn's own implicit integrators.
+"""Exudyn: links are rigid bodies in absolute coordinates, joints are algebraic equations, and Exudyn's implicit integrators step.
 
 Exudyn's state is the displacement u from reference coordinates. The reference is the assembled start of the linkage, so that
 
     q = q0 + u,    v = u',    a = u''
 
-Every model is compared with the terms of the linkage before it is used. If all steps between samples have the same size, a run is
-one call of SolveDynamic. Otherwise it is one call per sample, which carries u, v, a over but restarts the algorithmic accelerations
-of generalized-alpha; the error of that is within the method's order. Adaptive steps are off everywhere: they halve the step size
-without notice, and a benchmark compares at equal steps.
+Before a model is used, it is compared with the suite's own terms. If all steps between samples have the same size, a run is one
+call of SolveDynamic. Otherwise it is one call for each sample. Each call continues with u, v and a, but starts the algorithmic
+accelerations of generalized-alpha anew, which causes an error within the method's order. Adaptive steps are always off, because
+they halve the step size without notice, and the benchmark compares at equal steps.
 
-Exudyn's initial accelerations ignore the second rate of a motion law, and the trapezoidal rule carries that error through the whole
-run. Driven linkages therefore start from accelerations of the KKT system, whatever the settings. Accelerations at a given state are
-those of the KKT system too if the second rate of a law is not zero there.
+Exudyn's initial accelerations ignore the second derivative of a motion law, and the trapezoidal rule carries that error through the
+whole run. Under all settings, driven linkages therefore start from accelerations of the KKT system. If the second derivative of a
+law is not zero at a given state, the accelerations at that state are those of the KKT system too.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.exudyn import across_releases
 from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, kkt_acceleration, verify
 from gauss_bench.engines.exudyn.items import System, reason_to_refuse
-from gauss_bench.engines.shared import common_refusal, finite, finite_acceleration
+from gauss_bench.engines.shared import LibraryEngine, common_refusal, finite, finite_acceleration
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import Stretch, step_counts, stretches
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -38,13 +38,13 @@ from gauss_bench.trajectory import RunFailure, Status, Trajectory
 VARIANTS = read_variants(Path(__file__).parent)
 KKT = "KKT system"  # value of the knob `acceleration`
 SOLVERS = {"generalized_alpha": "GeneralizedAlpha", "trapezoidal_index2": "TrapezoidalIndex2"}
-FAR = 0.1  # gap of a joint, relative to the linkage's size (or in rad), beyond which a run counts as diverged
+FAR = 0.1  # a run has diverged if the gap of a joint exceeds this share of the linkage's size, or this angle [rad]
 
 
 def library() -> tuple[Any, Any]:
-    """Return the modules `exudyn` and `exudyn.itemInterface`; nothing is printed on the console.
+    """Return the modules `exudyn` and `exudyn.itemInterface`, and keep Exudyn from printing on the console.
 
-    Exudyn has a fast module without range checks; the flag that selects it must be set before the first import.
+    Exudyn has a fast module without range checks. The flag that selects it must be set before the first import.
     """
     if not hasattr(sys, "exudynFast"):
         setattr(sys, "exudynFast", VARIANTS.settings["default"]["module"] == "fast")  # noqa: B010 - sys has no such attribute
@@ -56,15 +56,11 @@ def library() -> tuple[Any, Any]:
     return exudyn, itemInterface
 
 
-class Exudyn:
+class Exudyn(LibraryEngine, file=VARIANTS):
     """Exudyn with its implicit integrators, in absolute coordinates."""
 
     name = "exudyn"
     integrators: tuple[str, ...] = tuple(SOLVERS)
-    stabilizations: tuple[str, ...] = ("none",)
-    settings = VARIANTS.settings
-    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
-    soft, unfinished = VARIANTS.soft, VARIANTS.unfinished
     resizable = True  # a built model can run with another step or tolerance
     native_loop = True
     python_loop = False
@@ -90,7 +86,7 @@ class Exudyn:
 
 
 def simulation_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
-    """Return Exudyn's simulation settings for a choice; a run sets times and numbers of steps in them."""
+    """Return Exudyn's simulation settings for a choice; a run adds times and numbers of steps."""
     options = VARIANTS.options(choice.settings)
     settings = exu.SimulationSettings()
     across_releases.write_nothing(settings)
@@ -111,7 +107,13 @@ def simulation_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
 
 
 def linear_solver(rule: str, unknowns: int) -> str:
-    """Return the first solver of a rule "NAME to MOST, NAME to MOST, NAME" whose MOST is at least the number of unknowns."""
+    """Return the linear solver that a rule chooses for a number of unknowns.
+
+    The rule "NAME to MOST, NAME to MOST, NAME" means the first solver whose MOST is at least the number of unknowns.
+
+    Raises:
+        ValueError: the rule has no solver for that number.
+    """
     for part in rule.split(", "):
         name, _, most = part.partition(" to ")
         if not most or unknowns <= int(most):
@@ -120,21 +122,22 @@ def linear_solver(rule: str, unknowns: int) -> str:
 
 
 class Log:
-    """A log file for Exudyn's output. Its warnings are no warnings of Python, so the file is searched for them after a run."""
+    """A log file for Exudyn's output, which is searched for warnings after a run: Exudyn raises no warnings in Python."""
 
     def __init__(self, exu: Any) -> None:
         self.exu = exu
         self.file: IO[str] | None = None
 
     def open(self) -> None:
+        """Let Exudyn write its output to a new file."""
         self.close()
         handle, name = mkstemp(suffix=".log")
         self.file = os.fdopen(handle, errors="replace")
-        across_releases.write_log(self.exu, name)  # flushed line by line: closing does not flush
-        os.unlink(name)  # Exudyn and Python hold it open; a process that is killed leaves no file behind
+        across_releases.write_log(self.exu, name)  # flushes every line, because SetWriteToFile does not flush when it closes
+        os.unlink(name)  # the open file lives on, and is gone when the process ends, even if it is killed
 
     def close(self) -> str | None:
-        """Close the file and return its first warning, if there is one."""
+        """Close the file and return its first warning; None if it has none."""
         if self.file is None:
             return None
         self.exu.SetWriteToFile("", False)
@@ -144,12 +147,13 @@ class Log:
 
 
 class ExudynModel:
-    """A mechanism in Exudyn under one integrator and one set of options.
+    """A mechanism in Exudyn under one integrator and setting.
 
     Attributes:
-        q, v, a: (k, n) samples; q is Exudyn's displacement u until `read` adds q0.
-        solver_runs: the calls of SolveDynamic.
-        failure: why the run ended early.
+        q, v, a: (k, n) samples; q holds Exudyn's displacements u, to which `read` adds q0.
+        solver_runs: the calls of SolveDynamic; each takes a stretch of equal steps.
+        last_steps: (k,) number of steps from the start to each sample.
+        failure: the reason why the run ended early; None if it did not.
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
@@ -168,8 +172,8 @@ class ExudynModel:
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         try:
-            self.system.last = np.inf
-            # Exudyn's own initial accelerations include neither the second rate of a law nor the time of a force.
+            self.system.last = np.inf  # no force keeps the value that it has before a jump
+            # Exudyn's initial accelerations ignore the second derivative of a law and the time of a force.
             varies = any(law(t)[2] != 0 for law in self.readout.laws) or self.mechanism.varying
             kkt = varies or VARIANTS.options(self.choice.settings)["acceleration"] == KKT
             a = self._solve_kkt(t, q, v) if kkt else self.built_in(q, v)
@@ -178,15 +182,16 @@ class ExudynModel:
         return finite_acceleration(t, a, "Exudyn")
 
     def _solve_kkt(self, t: float, q: Array, v: Array) -> Array:
+        """Return the accelerations (n,) of the KKT system at time t [s] and a state q, v (n,)."""
         return kkt_acceleration(self.readout(q, v, t), self.mechanism.redundant > 0)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start and plan the calls of SolveDynamic; steps are always taken by Exudyn, whatever `native` says."""
+        """Reset to the start and plan the calls of SolveDynamic; `native` has no effect, because Exudyn always takes the steps."""
         self.times = times
         counts = step_counts(times, self.choice.step)
         self.last_steps = np.cumsum([0, *(count for count, _ in counts)])
         sizes = np.array([size for _, size in counts])
-        # One call of the solver if all steps have the same size and no force jumps; else one call per sample.
+        # one call of the solver if all steps have the same size and no force jumps, or else one call for each sample
         if len(sizes) and np.ptp(sizes) <= 1e-9 * sizes[0] and not self.mechanism.kinks:
             self.solver_runs = [Stretch(float(times[0]), int(self.last_steps[-1]), float(sizes[0]), np.inf, len(times) - 1)]
         else:
@@ -198,9 +203,9 @@ class ExudynModel:
         self._register_samples()
 
     def _reset(self) -> None:
-        """Go back to the start.
+        """Go back to the start, and store the first sample.
 
-        The first sample has Exudyn's initial accelerations, or, with drivers or varying forces, those of the KKT system.
+        Its accelerations are Exudyn's initial ones, or those of the KKT system if there are drivers or varying forces.
         """
         data, initial = self.system.mbs.systemData, self.exu.ConfigurationType.Initial
         alpha = self.simulation.timeIntegration.generalizedAlpha
@@ -216,15 +221,15 @@ class ExudynModel:
                 self.a[0] = self._solve_kkt(float(self.times[0]), self.mechanism.q0, self.mechanism.v0)
                 data.SetODE2Coordinates_tt(self.a[0], initial)
         except across_releases.errors(self.exu, np.linalg.LinAlgError) as error:
-            self._fail(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({sentence(error)})")
+            self.failure = RunFailure(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({sentence(error)})")
 
     def _register_samples(self) -> None:
-        """Have Exudyn call Python after each step if there are samples inside its only call; a call for every step takes time."""
+        """Let Exudyn call Python after each step if its only call has samples before its end; otherwise save these calls."""
         if len(self.solver_runs) != 1 or len(self.times) == 2:
             across_releases.call_after_steps(self.system.mbs, 0)
             return
         rows = {int(step): k for k, step in enumerate(self.last_steps) if 0 < k < len(self.times) - 1}
-        step = -1  # the first call comes before the first step
+        step = -1  # Exudyn also calls the function before the first step
 
         def after_step(mbs: Any, t: float) -> bool:
             nonlocal step
@@ -236,11 +241,9 @@ class ExudynModel:
         across_releases.call_after_steps(self.system.mbs, after_step)
 
     def _store_sample(self, k: int) -> None:
+        """Store Exudyn's present state as sample k."""
         data = self.system.mbs.systemData
         self.q[k], self.v[k], self.a[k] = data.GetODE2Coordinates(), data.GetODE2Coordinates_t(), data.GetODE2Coordinates_tt()
-
-    def _fail(self, status: Status, message: str) -> None:
-        self.failure = RunFailure(status, message)
 
     def run(self) -> None:
         settings, mbs = self.simulation, self.system.mbs
@@ -253,15 +256,16 @@ class ExudynModel:
             try:
                 done = across_releases.solve(self.exu, mbs, settings, update=len(self.solver_runs) > 1)
             except across_releases.errors(self.exu) as error:
-                t = mbs.systemData.GetTime()
-                self._fail(Status.NOT_CONVERGED, f"t = {t:.6g} s: Exudyn gave up ({sentence(error)}); try a smaller step")
+                message = f"t = {mbs.systemData.GetTime():.6g} s: Exudyn gave up ({sentence(error)}); try a smaller step"
+                self.failure = RunFailure(Status.NOT_CONVERGED, message)
                 return
             t, steps = mbs.systemData.GetTime(), mbs.sys["dynamicSolver"].it.currentStepIndex - 1
             if not done:
-                self._fail(Status.NOT_CONVERGED, f"t = {t:.6g} s: Exudyn reports failure without a reason; try a smaller step")
-            elif steps != part.steps:
-                self._fail(Status.ERROR, f"Exudyn took {steps} steps where {part.steps} were asked for")
-            if self.failure:
+                message = f"t = {t:.6g} s: Exudyn reports failure without a reason; try a smaller step"
+                self.failure = RunFailure(Status.NOT_CONVERGED, message)
+                return
+            if steps != part.steps:
+                self.failure = RunFailure(Status.ERROR, f"Exudyn took {steps} steps where {part.steps} were asked for")
                 return
             if part.row is not None:
                 self._store_sample(part.row)
@@ -270,11 +274,11 @@ class ExudynModel:
                 self._restart(part)
 
     def _end(self, part: Stretch) -> float:
-        """Return the time at the end of a part: exactly that of its sample, if it has one."""
+        """Return the time [s] at the end of a stretch; if a sample is taken there, it is exactly the sample's time."""
         return part.begin + part.steps * part.size if part.row is None else float(self.times[part.row])
 
     def _restart(self, part: Stretch) -> None:
-        """At a kink, where forces jump, replace the accelerations by those after the jump."""
+        """Replace the accelerations at the end of a stretch, where forces jump, by those after the jump."""
         data = self.system.mbs.systemData
         q, v = self.mechanism.q0 + np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t())
         try:
@@ -288,7 +292,7 @@ class ExudynModel:
 
     def read(self) -> Trajectory:
         warning = self.log.close()
-        across_releases.call_after_steps(self.system.mbs, 0)  # the function keeps this object in memory
+        across_releases.call_after_steps(self.system.mbs, 0)  # because the function would keep this object in memory
         q = self.mechanism.q0 + self.q
         calls_python = self.mechanism.drivers or self.mechanism.varying
         note = "the motion law is evaluated in Python in every Newton iteration" if calls_python else ""
@@ -303,13 +307,14 @@ class ExudynModel:
         return trajectory
 
     def _check_closed(self, trajectory: Trajectory) -> None:
-        """Check that the joints are closed, because SolveDynamic also returns True for runs that have diverged.
+        """Check that the joints are closed, because SolveDynamic reports success for runs that have diverged too.
 
         Raises:
             RunFailure: a joint is open by more than FAR.
         """
         units = [coordinate.unit for joint in self.mechanism.joints for coordinate, _ in joint.held]
-        scale = np.array([self.mechanism.size if unit == "m" else 1.0 for unit in units] + [1.0] * len(self.mechanism.drivers))
+        of_joints = [self.mechanism.size if unit == "m" else 1.0 for unit in units]
+        scale = np.array(of_joints + [1.0] * len(self.mechanism.drivers))  # (m,)
         phi = self.evaluator.constraints(trajectory.t, trajectory.q, trajectory.v).phi  # (k, m)
         gap = (np.abs(phi) / scale).max(axis=-1, initial=0.0)
         if (gap > FAR).any():
@@ -319,5 +324,5 @@ class ExudynModel:
 
 
 def sentence(error: Exception) -> str:
-    """Return the message of an exception on one line, without the file and line that Exudyn appends."""
+    """Return the message of an exception in one line, without the name of a file and the line number that Exudyn appends."""
     return " ".join(str(error).partition("[Python file")[0].split())

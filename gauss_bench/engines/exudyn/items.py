@@ -1,20 +1,20 @@
 """A linkage as Exudyn items, and the reasons why some forces have no exact counterpart among them.
 
 Links are ObjectRigidBody2D with the centre of mass as reference point, so M is diagonal and constant. Pins and slides are
-ObjectJointRevolute2D and ObjectJointPrismatic2D. Exudyn takes the normal of a slide from its second marker, so the block comes
-first and the guide second, and both rows are those of the linkage with the opposite sign:
+ObjectJointRevolute2D and ObjectJointPrismatic2D. Exudyn takes the normal n of a slide from its second marker. So the block has the
+first marker and the guide the second, and both rows are those of the linkage with the opposite sign:
 
     (p_g + offset n - p_b) . n = 0,    (R_b u_b) . n = 0        u_b: direction of the line in the block's frame
 
-Trap: if the axis of a force moves with a link, Exudyn applies the opposite force at the marker of the axis' origin, which leaves
-out a torque unless origin and point lie on one line along the axis. If a slide between the two links keeps the point at a fixed
-distance from the axis, the marker is moved by that distance and the law is exact; otherwise the mechanism is skipped.
+Trap: if the axis of a force moves with a link, Exudyn applies the opposite force at the marker of the axis' origin. This leaves out
+a torque unless origin and point lie on one line along the axis. If a slide between the two links keeps the point at a fixed
+distance from the axis, the marker is moved by that distance, and the law is exact. Otherwise the mechanism is refused.
 
-A prescribed rotation is a CoordinateConstraint on the link's angle, with the law as the offset u = law(t) - theta0; a prescribed
-slide or length is a CoordinateVectorConstraint, whose equation x(q) - law(t) = 0 and Jacobian are user functions.
+A prescribed rotation is a CoordinateConstraint on the link's angle, with the law as the offset u = law(t) - theta0. A prescribed
+slide or length is a CoordinateVectorConstraint; user functions give its equation x(q) - law(t) = 0 and its Jacobian.
 
 A force that varies with time is a load with a user function. A torque that varies is a connector between two angles with a user
-function. That function is also given their relative speed, so that the torque may depend on the direction of motion. Exudyn
+function. Exudyn also passes their relative speed to that function, so the torque may depend on the direction of motion. Exudyn
 approximates the derivatives of these functions by differences.
 """
 
@@ -51,23 +51,23 @@ from gauss_bench.mechanism.model import (
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 
-COINCIDENT = 1e-12  # [m]
+COINCIDENT = 1e-12  # [m] points at a smaller distance coincide
 
 
 def reason_to_refuse(mechanism: Mechanism, force: Force) -> str | None:
     """Return the reason why a force has no exact counterpart among Exudyn's items, or None if it has one."""
     if factor := factor_of(force):
         if isinstance(force, PointForce) and factor.share != 1.0:
-            return f"force {force.name} varies with the direction of its point, whose speed Exudyn's loads are not given"
+            return f"force {force.name} varies with the direction of its point's motion, and Exudyn's loads are not given the speed"
         if isinstance(force, PointForce) and force.frame not in (GROUND, force.point.link):
-            return f"force {force.name} varies, fixed in another link than that of its point, which no load of Exudyn's is"
+            return f"force {force.name} varies and is fixed in a third link, for which Exudyn has no load"
         return None
     for load in loads([force]):
         match load:
             case Law(Along(origin, point, angle)) if origin.link != GROUND:
                 if not slides_along(mechanism, origin.link, point.link, angle):
                     return (
-                        f"force {force.name} acts along an axis of a moving link that no slide keeps the point on; "
+                        f"force {force.name} acts along an axis of a moving link, and no slide keeps its point on that axis; "
                         "Exudyn's connectors leave out its torque on that link"
                     )
             case Law(Distance()) if load.c != 0 and value(load.coordinate, mechanism.q0) < COINCIDENT:
@@ -76,7 +76,7 @@ def reason_to_refuse(mechanism: Mechanism, force: Force) -> str | None:
 
 
 def slides_along(mechanism: Mechanism, origin: int, other: int, theta: float) -> bool:
-    """Tell whether a slide between the two links runs along the axis at `theta` [rad] in the origin's link."""
+    """Tell whether a slide between two links is parallel to the axis at the angle `theta` [rad] in the link `origin`."""
     between = [slide for slide in mechanism.slides if {*ends(slide)} == {origin, other}]
     lines = [slide.angle if slide.guide.link == origin else slide.angle - slide.turn for slide in between]
     return any(abs(np.sin(line - theta)) < PARALLEL for line in lines)
@@ -86,9 +86,10 @@ class System:
     """A mechanism as Exudyn items, built with the modules `exu` and `items`.
 
     Attributes:
-        container: owner of the system, which must live as long as the system does.
+        container: owner of the system, which must live as long as the system.
         mbs: Exudyn's system.
-        last: time [s] after which user functions keep their value, so that a force that jumps at the end of a run does so after it.
+        bodies, nodes: link -> Exudyn's number of its body and of its node.
+        last: time [s] from which on varying forces keep their value, so that a jump at the end of a run does not act in the run.
     """
 
     def __init__(self, exu: Any, items: Any, mechanism: Mechanism):
@@ -114,6 +115,7 @@ class System:
         self.mbs.Assemble()
 
     def _add_link(self, i: int) -> None:
+        """Add the node and the body of a link, and its weight."""
         add, items, link = self.mbs, self.items, self.mechanism.links[i]
         self.nodes[i] = add.AddNode(items.NodeRigidBody2D(referenceCoordinates=list(self.mechanism.q0[3 * i : 3 * i + 3])))
         self.bodies[i] = add.AddObject(rigid_body(items.ObjectRigidBody2D, link.mass, link.inertia, self.nodes[i]))
@@ -130,16 +132,17 @@ class System:
         return self.mbs.AddMarker(self.items.MarkerBodyRigid(bodyNumber=self.bodies[link], localPosition=spatial(local)))
 
     def _mark_angle(self, link: int) -> Any:
-        """Add a marker of a link's angle relative to its start, or, for the ground, of a coordinate that is zero; and return it."""
+        """Add a marker of a link's angle relative to its start, and return it; the ground's marks a coordinate that is zero."""
         coordinate = 0 if link == GROUND else 2
         return self.mbs.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[link], coordinate=coordinate))
 
     def _add_joint(self, joint: Joint) -> None:
+        """Add a pin or a slide."""
         if not isinstance(joint, Prismatic):
             markers = [self._mark_point(joint.a), self._mark_point(joint.b)]
             self.mbs.AddObject(self.items.ObjectJointRevolute2D(markerNumbers=markers))
             return
-        # Exudyn takes the normal from the second marker: block first and guide second give the rows of the linkage, negated.
+        # Exudyn takes the normal from the second marker: with the guide's as second, the rows are those of the linkage, negated
         normal = unit(joint.angle, across=True)
         foot = self._mark_frame(joint.guide.link, joint.guide.local + joint.offset * normal)
         slide = self.items.ObjectJointPrismatic2D(
@@ -155,7 +158,7 @@ class System:
         if not isinstance(driver, AngleDriver):
             self._add_driven_distance(driver)
             return
-        # Exudyn's angle is the displacement u = theta - theta0 from the start, so the law is shifted by theta0.
+        # Exudyn's angle is the displacement u = theta - theta0 from the start, so the law is shifted by theta0
         start = float(value(driver.coordinate, self.mechanism.q0))
         drive = self.items.ObjectConnectorCoordinate(
             markerNumbers=[self._mark_angle(GROUND), self._mark_angle(driver.link)],
@@ -179,11 +182,12 @@ class System:
 
     def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
         """Return user functions for x(q) = law(t) and its Jacobian; Exudyn passes the coordinates of both links in one list."""
-        pair, coordinate, law = span(driver), driver.coordinate, driver.law
-        columns = [3 * point.link + axis for point in pair if point.link != GROUND for axis in range(3)]
+        coordinate, law = driver.coordinate, driver.law
+        links = [point.link for point in span(driver) if point.link != GROUND]
+        columns = [3 * link + axis for link in links for axis in range(3)]  # their entries in q
 
         def full(of_both_links: Any) -> Array:
-            """Return the state (n,) of all links, zero for those that the coordinate does not depend on."""
+            """Return a state (n,) of all links, with zeros for the links that the coordinate does not depend on."""
             state = np.zeros(self.mechanism.n)
             state[columns] = np.array(of_both_links)
             return state
@@ -199,7 +203,7 @@ class System:
         return equation, jacobian
 
     def _offset(self, law: MotionLaw, rate: int, start: float) -> Any:
-        """Return a user function of time: a law's value (rate 0) or first derivative (rate 1), minus `start`."""
+        """Return a user function of time: the law's value (`rate` 0) or its first derivative (`rate` 1), minus `start`."""
         return lambda mbs, t, item, offset: float(law(t)[rate]) - start
 
     def _add_varying_force(self, force: Force) -> None:
@@ -240,16 +244,17 @@ class System:
             case Distance(a, b):
                 self._add_spring(a, b, law)
             case Weighted():
-                raise TypeError("a law on a sum of coordinates is not given to Exudyn here")
+                raise TypeError("the adapter of Exudyn does not support a law on a sum of coordinates")
             case _:
                 assert_never(law.coordinate)
 
     def _add_torque(self, link: int, value: float) -> None:
-        if link != GROUND and value:  # in the plane a torque is a load on the angle, which Exudyn evaluates faster than a vector
+        """Add a constant torque [N m] on a link: a load on its angle, which Exudyn evaluates faster than a vector."""
+        if link != GROUND and value:
             self.mbs.AddLoad(self.items.LoadCoordinate(markerNumber=self._mark_angle(link), load=value))
 
     def _add_point_force(self, f: PointForce) -> None:
-        """Add a constant force. If it is fixed in another link it is a connector, and a second load cancels its reaction there."""
+        """Add a constant force; if it is fixed in a third link, it is a connector, and a load cancels its reaction on that link."""
         size, items = float(np.linalg.norm(f.value)), self.items
         if f.point.link == GROUND or size == 0:
             return
@@ -267,8 +272,9 @@ class System:
         self.mbs.AddLoad(items.LoadForceVector(markerNumber=base, loadVector=value, bodyFixed=True))
 
     def _add_spring(self, a: Point, b: Point, law: Law) -> None:
+        """Add a law on the distance between two points."""
         markers = [self._mark_point(a), self._mark_point(b)]
-        if law.rest == law.c == law.bias == 0:  # force k times the gap: no direction, which is undefined where points meet
+        if law.rest == law.c == law.bias == 0:  # the force is k times the gap, and needs no direction if the points coincide
             spring = self.items.ObjectConnectorCartesianSpringDamper(markerNumbers=markers, stiffness=[law.k, law.k, 0.0])
         else:
             spring = self.items.ObjectConnectorSpringDamper(
@@ -277,6 +283,7 @@ class System:
         self.mbs.AddObject(spring)
 
     def _add_torsion_spring(self, a: int, b: int, law: Law) -> None:
+        """Add the spring and damper of a law on the angle between two links."""
         start = float(value(Angle(a, b), self.mechanism.q0))
         spring = self.items.ObjectConnectorCoordinateSpringDamper(
             markerNumbers=[self._mark_angle(a), self._mark_angle(b)], stiffness=law.k, damping=law.c, offset=law.rest - start
@@ -286,7 +293,7 @@ class System:
     def _add_spring_along(self, along: Along, law: Law) -> None:
         """Add a law along an axis.
 
-        Along x or y of the world this is a Cartesian spring, which is cheaper but has no constant force; else a linear spring.
+        Along x or y of the world it is a Cartesian spring, which is cheaper but has no constant force; otherwise a linear spring.
         """
         origin, point, u, items = along.origin, along.point, unit(along.angle, along.across), self.items
         along_x_or_y = origin.link == GROUND and np.abs(u).min() < PARALLEL
@@ -311,11 +318,11 @@ class System:
         self.mbs.AddObject(spring)
 
     def _lateral_distance(self, along: Along) -> float:
-        """Return the distance of the point to the left of the axis [m]; if the axis moves, a slide keeps it as at the start."""
+        """Return the distance [m] of the point to the left of the axis at the start; if the axis moves, a slide keeps it."""
         left = along.angle + (np.pi if along.across else np.pi / 2)
         return float(value(Along(along.origin, along.point, left), self.mechanism.q0))
 
 
 def span(driver: SlideDriver | LengthDriver) -> tuple[Point, Point]:
-    """Return the two points whose distance along a slide, or whose length, a driver prescribes."""
+    """Return the two points between which a driver prescribes the position along a slide, or the length."""
     return driver.joint.ends if isinstance(driver, SlideDriver) else (driver.a, driver.b)

@@ -1,4 +1,4 @@
-"""Exudyn's closest counterpart to one evaluation of the right-hand side: a step of generalized-alpha with its sparse solver.
+"""Steps of generalized-alpha with Exudyn's sparse solver: Exudyn's closest counterpart to evaluations of the right-hand side.
 
 A step solves the equations of motion at least once. The accelerations are Exudyn's initial ones, which it computes by differences.
 """
@@ -16,7 +16,7 @@ STEPS = 20  # steps in one call
 
 
 def step_sparse(mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
-    """Prepare a call of STEPS steps from the mechanism's start; the accelerations are those at the state q, v (n,)."""
+    """Return a call of STEPS steps from the mechanism's start, with Exudyn's accelerations at the state q, v (n,)."""
     model = ExudynModel(mechanism, Choice("tuned", "generalized_alpha", "none", STEP))
     model.simulation.linearSolver.solverType = model.exu.LinearSolverType.EigenSparse
     times = np.array([0.0, STEPS * STEP])

@@ -1,7 +1,7 @@
-"""What tells Exudyn's releases apart beside the adapter's runs: joints that the adapter does not use, and the defaults.
+"""Cases by which Exudyn's releases are compared besides the adapter's runs: joints that the adapter does not use, and the defaults.
 
-Bars in the plane are rigid bodies in the plane, closed by a distance, or rigid bodies in space, closed by a joint of space. The
-accelerations are those from which a run would start.
+The bars are rigid bodies in the plane, whose loop a constant distance closes, or rigid bodies in space, whose loop a joint of space
+closes. The accelerations are those with which a run starts.
 """
 
 import inspect
@@ -16,23 +16,23 @@ from gauss_bench.engines.exudyn.adapter import library
 from gauss_bench.terms import Array
 
 SOLVERS = ("EXUdense", "EigenDense", "EigenSparse")
-# closure of bodies in space -> the axes that it holds: x and y alone, since rows of the plane's other directions would be redundant
+# closure of bodies in space -> flags of the axes that it constrains: x and y only, because rows of other axes would be redundant
 SPATIAL = {"ObjectJointGeneric": [1, 1, 0, 0, 0, 0], "ObjectJointSpherical": [1, 1, 0]}
 PLANAR = "ObjectConnectorDistance"
 FOUR, LENGTH = "wide_four_bar", "rod_of_one_length"
-LISTED = ("ObjectJoint", "ObjectConnector", "ObjectRigidBody", "Load")  # items whose defaults are compared
-DRAWN = ("visualization", "name")  # arguments of an item that no motion depends on
-DEPTH = 4  # of the settings
+LISTED = ("ObjectJoint", "ObjectConnector", "ObjectRigidBody", "Load")  # beginnings of names: items whose defaults are compared
+DRAWN = ("visualization", "name")  # arguments of an item on which no motion depends
+DEPTH = 4  # levels of the settings that are read
 
 
 def list_probes() -> list[dict[str, str]]:
-    """List the probes: every closure with every linear solver."""
+    """List the cases: every closure with every linear solver; each has a name and the name of its linkage."""
     closures = dict.fromkeys(SPATIAL, FOUR) | {PLANAR: LENGTH}
     return [{"name": f"{name}, {solver}", "model": model} for name, model in closures.items() for solver in SOLVERS]
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of a probe at absolute states q, v (k, n)."""
+    """Return the absolute accelerations (k, n) of the case `name` at absolute states q, v (k, n)."""
     closure, _, solver = name.rpartition(", ")
     exu, items = library()
     settings = exu.SimulationSettings()
@@ -43,14 +43,14 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
     return np.array([start(exu, items, settings, build, closure, *state) for state in zip(q, v, strict=True)])
 
 
-Build = Callable[[Any, Any, Array, Array, str], Sequence[int]]
+Build = Callable[[Any, Any, Array, Array, str], Sequence[int]]  # builds the bars, and returns their coordinates in the plane
 
 
 def start(exu: Any, items: Any, settings: Any, build: Build, closure: str, q: Array, v: Array) -> Array:
-    """Return the accelerations (n,) with which a run from one state q, v (n,) begins."""
+    """Return the accelerations (n,) with which a run of the bars from a state q, v (n,) begins."""
     container = exu.SystemContainer()
     mbs = container.AddSystem()
-    kept = build(mbs, items, q, v, closure)  # the coordinates that lie in the plane
+    kept = build(mbs, items, q, v, closure)
     mbs.Assemble()
     solver = exu.MainSolverImplicitSecondOrder()
     solver.InitializeSolver(mbs, settings)
@@ -61,7 +61,7 @@ def start(exu: Any, items: Any, settings: Any, build: Build, closure: str, q: Ar
 
 
 def build_pair(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequence[int]:
-    """Build crank and rocker in the plane, whose ends keep their distance."""
+    """Build crank and rocker in the plane, whose ends have a constant distance; return the indices of their coordinates."""
     ground = mbs.AddObject(items.ObjectGround())
     ends = []
     for k, bar in enumerate(PAIR):
@@ -77,7 +77,10 @@ def build_pair(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequen
 
 
 def build_in_space(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequence[int]:
-    """Build the four-bar of rigid bodies in space: a tree of hinges about z, closed by a joint that holds x and y alone."""
+    """Build the four-bar of rigid bodies in space, and return the indices of x, y and the angle about z of every bar.
+
+    Its links hang on a tree of hinges about z, and the joint `closure` constrains x and y of the last gap.
+    """
     ground = mbs.AddObject(items.ObjectGround())
     bodies: list[Any] = []
     for k, bar in enumerate(FOUR_BAR):
@@ -95,7 +98,7 @@ def build_in_space(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Se
 
 
 def in_space(x: Array) -> list[float]:
-    """Return x, y, angle as the six coordinates of a body in space."""
+    """Return x, y and angle (3,) of a body in the plane as its six coordinates in space."""
     return [float(x[0]), float(x[1]), 0.0, 0.0, 0.0, float(x[2])]
 
 
@@ -106,12 +109,12 @@ def weigh(mbs: Any, items: Any, body: Any) -> None:
 
 
 def mark(mbs: Any, kind: Any, body: Any, at: float) -> Any:
-    """Add a marker of a kind, of a point or a frame, at `at` [m] along a bar, from its centre of mass."""
+    """Add a marker of a kind at a point of a bar, `at` [m] from its centre of mass, and return it."""
     return mbs.AddMarker(kind(bodyNumber=body, localPosition=[at, 0.0, 0.0]))
 
 
 def defaults() -> dict[str, str]:
-    """Return the values of a new SimulationSettings, and the default arguments of joints, connectors, bodies and loads."""
+    """Return name -> default value, of the simulation settings and of the arguments of joints, connectors, bodies and loads."""
     exu, items = library()
     found = dict(read_settings(exu.SimulationSettings(), "", DEPTH))
     for name, kind in vars(items).items():
@@ -124,7 +127,12 @@ def defaults() -> dict[str, str]:
 
 
 def read_settings(settings: Any, place: str, depth: int) -> Iterator[tuple[str, str]]:
-    """Yield the path and the value of every number, flag and word of settings."""
+    """Yield the path and the value of every number, flag and word of settings.
+
+    Args:
+        place: path of these settings.
+        depth: number of further levels of settings that are read.
+    """
     for name in dir(settings):
         if name.startswith("_"):
             continue

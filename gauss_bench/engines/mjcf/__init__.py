@@ -1,5 +1,6 @@
-"""MuJoCo's model of a linkage, for every engine that takes one: `draft` builds it, with an element for each force by `forces`.
+"""MuJoCo's model of a linkage, for all engines that use such models.
 
-`settings` sets the options of the compiled model, `drives` what follows a motion law; `document` writes the model as MJCF. The
-library `mujoco` is used here for the format alone: it compiles, reads and writes models. An engine's own room steps them.
+`draft` builds the model, `forces` translates forces, `settings` sets the options of the compiled model, `drives` makes coordinates
+follow motion laws, and `document` writes the model as MJCF. Here the library `mujoco` only compiles and reads models; the engines'
+own folders step them.
 """

@@ -1,13 +1,13 @@
-"""The differences between MuJoCo's releases that the adapter must bridge; they stand here alone.
+"""The differences between MuJoCo's releases; only this file deals with them.
 
-The adapter is written for the newest release. Older ones differ in this:
+The adapter is written for the newest release. Older releases differ as follows:
 
     up to 3.9      mj_fullM takes the matrix and data.qM; now it takes the data and the matrix
     before 3.7     stiffness and damping are numbers; now they are polynomials
     before 4.0     there is no integrator `discrete`
     before 3.3.1   elements of a specification do not know their index in the model
-    before 3.2.7   there is no MjSpec, or one whose elements are added without properties: only documents can be read
-    before 3.1     a diverging run is always reset to its start, as there is no flag against it
+    before 3.2.7   there is no MjSpec, or its elements are added without properties: only documents can be read
+    before 3.1     a diverging run is always reset to its start, because there is no flag against that
 """
 
 from collections.abc import Iterable
@@ -20,10 +20,10 @@ from gauss_bench.trajectory import RunFailure, Status
 
 
 def new_spec(mujoco: Any) -> Any:
-    """Return an empty specification whose angles are in radians.
+    """Return an empty MjSpec whose angles are in radians.
 
     Raises:
-        RunFailure: the release has none whose elements can be added with their properties, which was new in 3.2.7 at the latest.
+        RunFailure: the release has no MjSpec to which elements can be added together with their properties.
     """
     spec: Any = mujoco.MjSpec() if hasattr(mujoco, "MjSpec") else None
     if not hasattr(spec, "compiler"):
@@ -54,23 +54,19 @@ def mass_matrix(mujoco: Any, model: Any, data: Any) -> Array:
 
 
 def find_integrator(mujoco: Any, name: str) -> Any:
-    """Return an integrator of mjtIntegrator.
+    """Return the member of mjtIntegrator for the name of an integrator, such as rk4 or Euler.
 
     Raises:
-        RunFailure: the release does not have it.
+        RunFailure: the release does not have the integrator.
     """
-    return _find(mujoco, mujoco.mjtIntegrator, name)
-
-
-def _find(mujoco: Any, kinds: Any, name: str) -> Any:
-    found = getattr(kinds, name, None)
-    if found is None:
-        raise RunFailure(Status.SKIP, f"MuJoCo {mujoco.__version__} has no {name}")
-    return found
+    member = f"mjINT_{name.upper()}"
+    if not hasattr(mujoco.mjtIntegrator, member):
+        raise RunFailure(Status.SKIP, f"MuJoCo {mujoco.__version__} has no {member}")
+    return getattr(mujoco.mjtIntegrator, member)
 
 
 def disable(mujoco: Any, model: Any, flags: Iterable[str]) -> None:
-    """Disable features of a model, named as in mjtDisableBit; one that a release does not name cannot be disabled there."""
+    """Disable features of a model, given by members of mjtDisableBit; members that a release does not have are left out."""
     for name in flags:
         if hasattr(mujoco.mjtDisableBit, name):
             model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, name))

@@ -1,7 +1,7 @@
-"""A built model as an MJCF document that runs in MuJoCo without this suite.
+"""Write a built model as an MJCF document that runs in MuJoCo without this suite.
 
-Trap: MuJoCo's own writer keeps six digits, too few for closed loops, so this module writes every number in full. Then MuJoCo reads
-the document, and its accelerations are compared with those of the built model.
+Trap: MuJoCo's own writer keeps six digits, which are too few for closed loops. This module writes all digits. MuJoCo then reads the
+document, and its accelerations are compared with those of the built model.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,20 +20,21 @@ from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
-AGREEMENT = 1e-9  # relative, of accelerations: MuJoCo computes both from the same numbers
+AGREEMENT = 1e-9  # largest relative difference of accelerations: MuJoCo computes both from the same numbers
 THICKNESS = 0.02  # thickness of a drawn bar, relative to the longest bar
 START = "start"  # name of the keyframe
-INTEGRATORS = {"rk4": "RK4", "euler": "Euler"}  # spelling in a document, where it differs from an engine's
+INTEGRATORS = {"rk4": "RK4", "euler": "Euler"}  # engine's name -> name in MJCF, for those that differ
 
 
 class Built(Protocol):
-    """The parts of an engine's built model that a document needs.
+    """The members of an engine's built model that a document needs.
 
     Attributes:
         mujoco: the library.
-        options: of the choice's settings.
+        options: knob -> value, of the choice's settings.
         y0, dy0: tree coordinates and rates (n,) at the start.
-        model: MuJoCo's compiled model; still: a copy that evaluates accelerations.
+        model: MuJoCo's compiled model.
+        still: a copy of `model` that evaluates accelerations.
         drives: the driven coordinates.
     """
 
@@ -57,7 +58,7 @@ class Built(Protocol):
 
 @dataclass(frozen=True)
 class Document:
-    """A document, and the names of the forces that a control of its keyframe can change."""
+    """A document, and the names of the forces whose values are controls of its keyframe."""
 
     root: Element
     controlled: tuple[str, ...]
@@ -66,10 +67,11 @@ class Document:
 def write_document(built: Built, edited: bool = False) -> Document:
     """Return a document that holds the mechanism, its start as the keyframe START, and the choice's options.
 
-    Constant forces are motors, with their values as the controls of the keyframe.
+    Constant forces become motors; their values are the controls of the keyframe.
 
-    A document cannot hold motion laws or scaled inverse weights. With `edited` the caller promises to add these to the compiled
-    model, as an exported script does; without it such a mechanism is refused.
+    Args:
+        edited: whether the caller adds motion laws and scaled inverse weights to the compiled model, as an exported script does. A
+            document cannot hold them, so without `edited` a mechanism that needs them is refused.
 
     Raises:
         RunFailure: a document cannot hold the mechanism.
@@ -95,12 +97,12 @@ def write_document(built: Built, edited: bool = False) -> Document:
 
 
 def write_numbers(x: Any) -> str:
-    """Write numbers in full precision, separated by spaces."""
+    """Return numbers in full precision, separated by spaces."""
     return " ".join(repr(float(value)) for value in np.atleast_1d(x))
 
 
 def draw(mechanism: Mechanism, link: int) -> list[tuple[Array, Array]]:
-    """Return the end points (2,) of each of a link's bars, in the frame of its centre of mass [m]."""
+    """Return the two end points (2,) [m] of each bar of a link, in the frame of its centre of mass; none for the ground."""
     bars = () if link == GROUND else mechanism.links[link].bars
     return [(mechanism.point(link, a).local, mechanism.point(link, b).local) for a, b in bars]
 
@@ -125,7 +127,7 @@ def _add_option(root: Element, built: Built) -> None:
 
 
 class _Writer:
-    """Writes the parts of a draft as elements of a document; what the compiler computes is taken from the built model."""
+    """Writes the parts of a draft as elements of a document, with the softness of closures from the built model."""
 
     def __init__(self, built: Built, draft: Draft):
         self.mujoco, self.mechanism, self.model, self.spec = built.mujoco, built.mechanism, built.model, draft.spec
@@ -135,6 +137,7 @@ class _Writer:
         self.look = {"size": write_numbers(THICKNESS * longest), "contype": "0", "conaffinity": "0", "group": "1"}
 
     def add_model(self, root: Element) -> None:
+        """Add all bodies, closures, tendons and actuators to a document."""
         self._add_body(SubElement(root, "worldbody"), self.spec.worldbody)
         lists = {"equality": self._closures(), "tendon": self._tendons(), "actuator": self._actuators()}
         for name, elements in lists.items():
@@ -143,7 +146,7 @@ class _Writer:
                 SubElement(root, name).extend(found)
 
     def _add_body(self, node: Element, body: Any) -> None:
-        """Write a body into `node`: its joints and sites, the geometry for viewers, and its child bodies."""
+        """Write a body into the element `node`: joints, sites, geometry for viewers, and the bodies that hang on it."""
         kinds = {self.mujoco.mjtJoint.mjJNT_HINGE: "hinge", self.mujoco.mjtJoint.mjJNT_SLIDE: "slide"}
         for joint in body.joints:
             written = {"axis": write_numbers(joint.axis), "pos": write_numbers(joint.pos), "ref": write_numbers(joint.ref)}
@@ -152,10 +155,11 @@ class _Writer:
             if joint.damping[0]:
                 written["damping"] = write_numbers(joint.damping[0])
             SubElement(node, "joint", written, name=joint.name, type=kinds[joint.type])
-        sites = {site.name: site.pos for site in body.sites}  # those that a force or closure uses
+        sites = {site.name: site.pos for site in body.sites}  # those of forces and closures, and then all points of the link
         link = self.links.get(body.name, GROUND)
         names = self.mechanism.ground_points if link == GROUND else self.mechanism.links[link].points
-        for point in (self.mechanism.point(link, name) for name in names):
+        for name in names:
+            point = self.mechanism.point(link, name)
             sites.setdefault(point.name, spatial(point.local))
         for name, place in sites.items():
             SubElement(node, "site", name=name, pos=write_numbers(place))
@@ -168,11 +172,13 @@ class _Writer:
             self._add_body(inner, child)
 
     def _closures(self) -> Iterator[Element]:
+        """Yield the closures."""
         for closure, solref, solimp in zip(self.spec.equalities, self.model.eq_solref, self.model.eq_solimp, strict=True):
             softness = {"solref": write_numbers(solref), "solimp": write_numbers(solimp)}
             yield Element("connect", softness, site1=closure.name1, site2=closure.name2)
 
     def _tendons(self) -> Iterator[Element]:
+        """Yield the tendons: spatial ones between points, and fixed ones on sums of joint coordinates."""
         for tendon in self.spec.tendons:
             fixed = tendon.path[0].type == self.mujoco.mjtWrap.mjWRAP_JOINT
             force = {"stiffness": write_numbers(tendon.stiffness[0]), "damping": write_numbers(tendon.damping[0])}
@@ -187,7 +193,7 @@ class _Writer:
             yield node
 
     def _actuators(self) -> Iterator[Element]:
-        """Yield the actuators: motors, and springs along an axis, whose force is bias . [1, L, dL/dt] whatever their control."""
+        """Yield the actuators: motors, and springs along an axis, whose force is bias . [1, L, dL/dt] for every control."""
         kinds = self.mujoco.mjtTrn
         targets = {kinds.mjTRN_JOINT: "joint", kinds.mjTRN_TENDON: "tendon", kinds.mjTRN_SITE: "site"}
         for actuator in self.spec.actuators:
@@ -203,13 +209,13 @@ class _Writer:
 
 
 def _verify(root: Element, built: Built) -> None:
-    """Have MuJoCo read the document, and compare its accelerations with those of the built model at states near the start.
+    """Let MuJoCo read the document, and compare its accelerations with those of the built model at states near the start.
 
     Raises:
         RunFailure: the start or the accelerations differ.
     """
     mujoco = built.mujoco
-    # Settings that a document cannot hold are repeated on the compiled model, as the exported script does.
+    # The exported script, too, sets on the compiled model what a document cannot hold.
     model = mujoco.MjModel.from_xml_string(tostring(root, encoding="unicode"))
     set_armatures(mujoco, model, built.drives)
     model.body_invweight0[:] *= built.options["body_invweight0_factor"]

@@ -1,8 +1,8 @@
-"""A linkage as a MuJoCo specification: bodies, joints, closures and forces, before MuJoCo compiles it.
+"""Build a linkage as a MuJoCo specification, which MuJoCo compiles: bodies, joints, closures and forces.
 
-Every link is a body whose frame lies at its centre of mass; joint coordinates are the tree coordinates y. MuJoCo's reference pose
-is the start of the mechanism, so that the loops are closed where the compiler computes body_invweight0. Names are those of the
-linkage.
+Every link is a body whose frame lies at its centre of mass. Joint coordinates are the tree coordinates y. MuJoCo's reference pose
+is the start of the mechanism, so that the loops are closed in the pose in which the compiler computes body_invweight0. Elements
+have the names of the linkage file.
 """
 
 from collections import defaultdict
@@ -21,19 +21,20 @@ from gauss_bench.terms import Array
 
 
 class Draft:
-    """A MuJoCo specification filled with a mechanism.
+    """A MuJoCo specification of a mechanism.
 
     Attributes:
         spec: the MjSpec that MuJoCo compiles.
-        torque: (n,) constant generalised force; MuJoCo keeps it in the data (qfrc_applied), not in the model.
-        steady: the constant forces that make it.
-        pushes: constant forces at points, with their actuators.
+        bodies: link -> element of its body.
+        torque: (n,) sum of all constant forces on tree coordinates; MuJoCo has it in the data (qfrc_applied), not in the model.
+        steady: the forces whose sum is `torque`.
+        pushes: constant forces at points, each with its actuator.
         controls: name of a motor -> its control; `add_motors` fills it.
-        cylinders: for every driven length the driver, its tendon, and the motor whose control is the force.
+        cylinders: for every driven length its driver, its tendon, and the motor whose control is the force.
     """
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, tree: Tree):
-        self.mujoco = mujoco
+        self.mujoco, self.mechanism, self.tree = mujoco, mechanism, tree
         self.spec: Any = new_spec(mujoco)
         self.spec.option.gravity = spatial(mechanism.gravity)
         self.torque = np.zeros(tree.n)
@@ -42,8 +43,8 @@ class Draft:
         self.controls: dict[str, float] = {}
         self.bodies: dict[int, Any] = {GROUND: self.spec.worldbody}
         self.joints: dict[int, Any] = {}
-        self.names: set[tuple[str, str]] = {("body", "world")}
-        self.sites: dict[tuple[Any, ...], str] = {}
+        self.names: set[tuple[str, str]] = {("body", "world")}  # kinds and names of all elements
+        self.sites: dict[tuple[Any, ...], str] = {}  # link, name and place of a point -> name of its site
         y, _ = tree.relative(mechanism.q0, mechanism.v0)
         for b in tree.branches:
             self._add_link(b, mechanism.links[b.link], y)
@@ -54,7 +55,7 @@ class Draft:
         self.cylinders = [self._add_cylinder(d) for d in mechanism.drivers if isinstance(d, LengthDriver)]
 
     def _add_link(self, b: Branch, link: Link, y: Array) -> None:
-        """Add a link as a body without geometry, placed at the tree coordinates y (n,), with its joints."""
+        """Add a link as a body without geometry, in its pose at the tree coordinates y (n,), with its joints."""
         origin, angle = rest_pose(b, y)
         quaternion = [np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)]
         body = self.bodies[b.parent].add_body(name=self._name("body", link.name), pos=spatial(origin), quat=quaternion)
@@ -66,6 +67,7 @@ class Draft:
         def add_joint(at: int, name: str, kind: Any, axis: list[float], anchor: Array) -> None:
             self.joints[at] = body.add_joint(name=self._name("joint", name), type=kind, axis=axis, pos=spatial(anchor), ref=y[at])
 
+        # a free link has slides along x and y and then a hinge
         slides = {"revolute": [], "prismatic": [b.axis], "free": [*np.eye(2)]}[b.kind]
         names = [b.joint.name] if b.joint else [f"{link.name} {x}" for x in ("x", "y", "theta")]
         for i, axis in enumerate(slides):  # MuJoCo takes axes in the child's frame
@@ -74,7 +76,7 @@ class Draft:
             add_joint(b.at + len(slides), names[-1], hinge, [0.0, 0.0, 1.0], b.anchor)
 
     def _name(self, kind: str, wanted: str) -> str:
-        """Return the wanted name, with a number after it if another element of that kind has it already."""
+        """Return a name for a new element of a kind: the wanted one, with a number if another element of the kind has it."""
         name, k = wanted, 1
         while (kind, name) in self.names:
             k += 1
@@ -83,7 +85,7 @@ class Draft:
         return name
 
     def _site(self, point: Point) -> str:
-        """Return the name of the site at a point; the site is added on the first call."""
+        """Return the name of the site at a point; the first call for a point adds the site."""
         key = point.link, point.name, tuple(point.local)
         if key not in self.sites:
             self.sites[key] = self._name("site", point.name)
@@ -91,11 +93,15 @@ class Draft:
         return self.sites[key]
 
     def _add_closure(self, a: Point, b: Point) -> None:
+        """Add a constraint that makes two points coincide."""
         connect, site = self.mujoco.mjtEq.mjEQ_CONNECT, self.mujoco.mjtObj.mjOBJ_SITE
         self.spec.add_equality(type=connect, objtype=site, name1=self._site(a), name2=self._site(b))
 
     def _add_force(self, f: Native) -> OnJoints | None:
-        """Add a force, or return it if it acts on a single joint: a joint has one spring, in which all of them must be summed."""
+        """Add the element of a force, or return the force if it is a spring or damper on a single joint.
+
+        A joint has one spring in MuJoCo, so all springs on it must be summed first.
+        """
         match f:
             case Steady():
                 self.torque += f.value * f.force
@@ -133,10 +139,10 @@ class Draft:
         return driver, tendon, motor
 
     def add_motors(self) -> list[str]:
-        """Make constant forces motors whose controls are their values, for a document that is used without this suite.
+        """Turn constant forces into motors whose controls are their values, for a document that is used without this suite.
 
         Returns:
-            the names of the forces that a control can change.
+            The names of the forces that a control can change.
         """
         changed: list[str] = []
         for f in self.steady:
@@ -154,12 +160,13 @@ class Draft:
     def _add_motor(self, f: Steady) -> str:
         """Add the motor of a constant generalised force, on a joint or on a sum of joints, and return its name."""
         name = self._name("actuator", f.names[0] if f.names else "torque")
-        joints, kinds = [(self.joints[int(at)].name, float(f.force[at])) for at in np.flatnonzero(f.force)], self.mujoco.mjtTrn
-        gear = 1.0
+        joints = [(self.joints[int(at)].name, float(f.force[at])) for at in np.flatnonzero(f.force)]
         if len(joints) == 1:
-            ((target, gear),), kind = joints, kinds.mjTRN_JOINT
+            kind = self.mujoco.mjtTrn.mjTRN_JOINT
+            [(target, gear)] = joints
         else:
-            tendon, kind = self.spec.add_tendon(name=self._name("tendon", name)), kinds.mjTRN_TENDON
+            kind, gear = self.mujoco.mjtTrn.mjTRN_TENDON, 1.0
+            tendon = self.spec.add_tendon(name=self._name("tendon", name))
             target = tendon.name
             for joint, coefficient in joints:
                 tendon.wrap_joint(joint, coefficient)
@@ -169,12 +176,12 @@ class Draft:
         return name
 
     def _make_motor(self, actuator: Any) -> None:
-        """Let the control of an actuator be its force."""
+        """Make the force of an actuator equal to its control."""
         actuator.gainprm = [1.0, *np.zeros(len(actuator.gainprm) - 1)]
         actuator.biastype, actuator.biasprm = self.mujoco.mjtBias.mjBIAS_NONE, np.zeros_like(actuator.biasprm)
 
     def _add_actuator(self, bias: tuple[float, float, float], **transmission: Any) -> Any:
-        """Add an actuator with the force bias . [1, L, dL/dt] on the length L of a transmission."""
+        """Add an actuator with the force bias . [1, L, dL/dt], where L is the length of its transmission, and return it."""
         actuator = self.spec.add_actuator(**transmission)
         actuator.gainprm = np.zeros_like(actuator.gainprm)  # the control has no effect
         actuator.biastype = self.mujoco.mjtBias.mjBIAS_AFFINE
@@ -182,6 +189,7 @@ class Draft:
         return actuator
 
     def _add_site_force(self, f: AtSite) -> None:
+        """Add the actuator of a force at a point."""
         name, target = self._name("actuator", f.name), self._site(f.point)
         actuator = self._add_actuator(f.bias, trntype=self.mujoco.mjtTrn.mjTRN_SITE, target=target, name=name)
         if f.frame is not None:
@@ -193,7 +201,7 @@ class Draft:
     def _add_fixed_tendon(self, f: OnJoints) -> None:
         """Add a spring and damper on a sum of joint coordinates.
 
-        Trap: MuJoCo reads a rest length of -1 as "the length at qpos0". The sum is negated if its rest length would be negative.
+        Trap: MuJoCo reads a rest length of -1 as "the length at qpos0". If the rest length is negative, the sum is negated.
         """
         rest = f.rest - f.constant
         sign = -1.0 if rest < 0 else 1.0
@@ -204,10 +212,10 @@ class Draft:
         tendon.springlength = [sign * rest] * 2
 
     def _set_joint_springs(self, springs: list[OnJoints]) -> None:
-        """Sum the springs and dampers on each joint into one.
+        """Sum the springs and dampers on each joint.
 
-        A spring acts on x = row . y + constant, where the row has a single entry of 1 or -1. Its square is 1, so stiffnesses add up
-        as they are; the rest position of the sum follows from the springs' forces at y = 0.
+        A spring acts on x = row . y + constant, where the row has a single entry, 1 or -1. The square of the entry is 1, so the
+        stiffness of the sum is the sum of stiffnesses. Its rest position follows from the springs' forces at y = 0.
         """
         by_joint: defaultdict[int, list[OnJoints]] = defaultdict(list)
         for f in springs:

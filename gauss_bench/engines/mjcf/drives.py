@@ -1,11 +1,11 @@
 """Motion laws in MuJoCo's model.
 
 Trap: MuJoCo has no prescribed motion of a joint. A driven slide, or a driven hinge on the ground, gets an armature (rotor inertia)
-A far larger than all masses, and the torque or force A law''(t). It then follows the law, with an error of the size load / A:
+A that is far larger than all masses, and the torque or force A law''(t). It follows the law with an error of the size load / A:
 
     (A + m) theta'' = A law''(t) + load
 
-A driven length is a tendon between two sites with such an armature (in kg), and a motor on it.
+A driven length is a tendon between two sites. It has such an armature [kg], and a motor.
 """
 
 from collections.abc import Sequence
@@ -14,17 +14,16 @@ from typing import Any
 
 from gauss_bench.engines.mjcf.draft import Draft
 from gauss_bench.engines.shared import drivers_by_coordinate
-from gauss_bench.engines.tree import Tree
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 
 
 @dataclass(frozen=True)
 class Drive:
-    """A driven joint coordinate, or a driven length, with its armature.
+    """A driven joint coordinate or a driven length, with its armature.
 
     Attributes:
-        armature: of a hinge [kg m^2], of a slide or length [kg].
+        law: its motion law.
+        armature: [kg m^2] of a hinge, [kg] of a slide or length.
         at: index of the joint coordinate, or of the tendon.
         motor: index of the tendon's motor; None for a joint coordinate.
     """
@@ -35,7 +34,7 @@ class Drive:
     motor: int | None = None
 
     def push(self, data: Any, t: float) -> None:
-        """Add the force armature * law''(t) to the joint coordinate, or set it at the motor."""
+        """Add the force armature * law''(t) at time t [s] to the joint coordinate in MuJoCo's data, or set it at the motor."""
         force = self.armature * float(self.law(t)[2])
         if self.motor is None:
             data.qfrc_applied[self.at] += force
@@ -44,21 +43,21 @@ class Drive:
 
 
 def set_armatures(mujoco: Any, model: Any, drives: Sequence[Drive]) -> None:
-    """Set the armatures of drives in a compiled model, and compute anew the constants that depend on them."""
+    """Set the armatures of drives in a compiled model, and let MuJoCo update the constants that depend on them."""
     for drive in drives:
         armatures = model.dof_armature if drive.motor is None else model.tendon_armature
         armatures[drive.at] = drive.armature
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
-def find_drives(model: Any, draft: Draft, mechanism: Mechanism, tree: Tree, share: float) -> list[Drive]:
+def find_drives(model: Any, draft: Draft, share: float) -> list[Drive]:
     """Return the drives of all hinges, slides and lengths that follow a law.
 
     Args:
-        model: compiled from `draft`, without armatures.
-        share: armature over the inertia of the tree at rest.
+        model: model that was compiled from the draft, without armatures.
+        share: armature divided by the inertia of the tree at rest.
     """
-    driven = drivers_by_coordinate(mechanism, tree)
+    driven = drivers_by_coordinate(draft.mechanism, draft.tree)
     drives = [Drive(driver.law, share * float(model.dof_M0[k]), k) for k, driver in driven.items()]
     for cylinder, tendon, motor in draft.cylinders:
         mass = share / float(model.tendon_invweight0[tendon.id])

@@ -1,7 +1,7 @@
 """The forces of a linkage as elements of MuJoCo. This module does not import MuJoCo.
 
-The angle of a link is a sum of hinge coordinates, theta = e . y + const. A force is modelled only if one of these elements
-represents it exactly; otherwise the linkage is skipped:
+The angle of a link is a sum of hinge coordinates, theta = e . y + const. A force is translated only if one of these elements
+expresses it exactly; otherwise the linkage is refused:
 
     torque                                                            constant generalised force on the hinges of the chain
     force along a slide, with its reaction on the guide               constant generalised force on the slide
@@ -36,14 +36,16 @@ class Tendon:
 
 @dataclass(frozen=True, eq=False)
 class AtSite:
-    """Force (bias . [1, L, dL/dt]) * direction at a point, with the opposite force on the frame.
+    """The force (bias . [1, L, dL/dt]) * direction at a point, with the opposite force on the link of `frame`.
 
-    `direction` (2,) is fixed in the link of `frame`; L is the coordinate of the point along it, measured from `frame`. Without a
-    frame, `direction` is fixed in the point's own link and nothing takes the reaction.
+    L is the coordinate of the point along the direction, measured from `frame`.
 
     Attributes:
-        name: the force of the linkage.
-        constant: whether it is a constant force as a whole, so that a single control can change it.
+        name: name of the force in the linkage.
+        frame: point from which L is measured. None for a direction that is fixed in the link of `point`, without any reaction.
+        direction: (2,) fixed in the link of `frame`.
+        bias: coefficients of 1, L and dL/dt.
+        constant: whether this is a whole constant force of the linkage, so that one control can change it.
     """
 
     name: str
@@ -70,8 +72,21 @@ def native_forces(mechanism: Mechanism, tree: Tree) -> list[Native]:
     return elements
 
 
+def refuse_forces(mechanism: Mechanism, tree: Tree) -> str | None:
+    """Return the reason why elements of MuJoCo cannot express a force, or None if they can express all."""
+    try:
+        native_forces(mechanism, tree)
+    except RunFailure as failure:
+        return str(failure)
+    return None
+
+
 def other_load(other: tree_loads.OtherLoad, mechanism: Mechanism, turns: Turning) -> list[Native]:
-    """Return the elements for a load that is no law on tree coordinates."""
+    """Return the elements for a load that is no law on tree coordinates.
+
+    Raises:
+        RunFailure: no element expresses the load exactly (status SKIP).
+    """
     load = other.load
     if isinstance(load, PointForce):
         return point_force(load, turns)
@@ -81,17 +96,17 @@ def other_load(other: tree_loads.OtherLoad, mechanism: Mechanism, turns: Turning
         case Distance(a, b):
             return [Tendon(a, b, load)]
         case _:
-            raise TypeError(f"force {other.name}: MuJoCo is given no law on {load.coordinate} here")
+            raise TypeError(f"force {other.name}: the adapter of MuJoCo does not support a law on {load.coordinate}")
 
 
 def point_force(f: PointForce, turns: Turning) -> list[Native]:
-    """Return the elements for a constant force that is fixed in the world, in its own link, or in another link.
+    """Return the elements for a constant force that is fixed in the world, in the link of its point, or in a third link.
 
-    If it is fixed in another link, it is exact only if that link's hinges do not move the point. That link only gives the
-    direction: a second force cancels the reaction on it.
+    A third link only gives the direction: a second element cancels the reaction on it. This is exact only if no hinge that turns
+    the third link moves the point.
 
     Raises:
-        RunFailure: the force is fixed in a link whose hinges move the point (status SKIP).
+        RunFailure: the force is fixed in a third link whose hinges move the point (status SKIP).
     """
     link, bias = f.point.link, (1.0, 0.0, 0.0)
     if not f.value.any():
@@ -109,13 +124,13 @@ def point_force(f: PointForce, turns: Turning) -> list[Native]:
 
 
 def along_axis(name: str, along: Along, law: Law, mechanism: Mechanism, turns: Turning) -> AtSite:
-    """Return the site transmission for a law along an axis to which no slide is parallel.
+    """Return the element for a law along an axis to which no slide is parallel: a site transmission.
 
-    Trap: a site transmission leaves out the torque that acts when the reference site turns. It is exact only if every hinge that
-    turns the reference site also turns the other site, because such a hinge does not change the coordinate.
+    Trap: a site transmission leaves out the law's torque on the reference site. It is exact only if every hinge that turns the
+    reference site also turns the other site, because such hinges do not change the coordinate.
 
     Raises:
-        RunFailure: it is not exact (status SKIP).
+        RunFailure: a hinge turns the reference site alone (status SKIP).
     """
     origin, point = along.origin.link, along.point.link
     if turns.turns_with(origin, point):

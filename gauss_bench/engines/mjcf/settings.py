@@ -1,11 +1,12 @@
 """Options of a compiled MuJoCo model: the softness of its closures, its solver, and the features that it does not use."""
 
+import copy
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from gauss_bench.engines.mjcf.across_releases import disable
 
-FLAGS: Mapping[str, Callable[[Any], bool]] = {  # flag of a feature that can be disabled -> whether a compiled model uses it
+FLAGS: Mapping[str, Callable[[Any], bool]] = {  # flag that disables a feature -> function that tells whether a model uses it
     "mjDSBL_ISLAND": lambda model: False,  # a linkage is one island: searching for islands only costs time
     "mjDSBL_CONTACT": lambda model: bool(model.ngeom),
     "mjDSBL_MIDPHASE": lambda model: bool(model.ngeom),
@@ -19,9 +20,9 @@ FLAGS: Mapping[str, Callable[[Any], bool]] = {  # flag of a feature that can be 
 def configure(mujoco: Any, model: Any, options: Mapping[str, Any], step: float) -> None:
     """Set the options of a newly compiled model that takes steps of `step` [s].
 
-    A second call would scale the inverse weights twice, unless mj_setConst has computed them anew in between.
+    Trap: a second call scales the inverse weights a second time, unless mj_setConst has computed them again in between.
     """
-    unit = step if options["solref_unit"] == "step" else 1.0
+    unit = step if options["solref_unit"] == "step" else 1.0  # [s]
     model.eq_solref[:] = [options["solref"][0] * unit, options["solref"][1]]
     model.eq_solimp[:] = options["solimp"]
     model.opt.tolerance, model.opt.iterations = options["tolerance"], options["iterations"]
@@ -30,3 +31,15 @@ def configure(mujoco: Any, model: Any, options: Mapping[str, Any], step: float) 
     model.body_invweight0[:] *= options["body_invweight0_factor"]
     if options["unused_features"] == "off":
         disable(mujoco, model, (flag for flag, uses in FLAGS.items() if not uses(model)))
+
+
+def copy_to_evaluate(mujoco: Any, model: Any) -> Any:
+    """Return a copy of a compiled model that evaluates accelerations at given states.
+
+    It has the Euler integrator, because MuJoCo's qacc is a difference of velocities under `discrete`. It has no warm start, so that
+    a result does not depend on the state that was evaluated before.
+    """
+    still = copy.copy(model)
+    still.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    still.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
+    return still

@@ -1,26 +1,26 @@
 """MJX: MuJoCo's tree of links and soft `connect` constraints between sites, computed in JAX on one processor core.
 
-The model is that of `engines/mjcf`, so this is a comparison of two programs for one model. MJX's own terms are compared with the
-suite's before they are used: mass matrix, velocity terms plus all forces, and gaps of the loops, at tree states with open loops.
+The model is that of `engines/mjcf`, which MuJoCo's own engine runs too. Before it is used, MJX's terms are compared with the
+suite's own: mass matrix, velocity terms plus all forces, and gaps of the loops, at tree states with open loops.
 
-Trap: MJX leaves out the velocity term of a closure, which the softness must then make up for: with the reference acceleration r of
-a constraint J a = r,
+Trap: MJX leaves out the velocity term of a closure. A closure is the constraint J a = r with the reference acceleration r,
 
     MuJoCo    r = gamma - b J v - k phi        gamma = - dJ/dt v
     MJX       r =       - b J v - k phi
 
-Accelerations at rest agree, those at a speed do not, and errors of a motion fall with the step only as far as k and b do.
+At rest the accelerations agree, and in motion they do not: then only the spring k and the damper b keep the loops closed. So the
+errors of a motion fall with the step only if k and b rise.
 """
 
 from pathlib import Path
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mjcf.draft import Draft
-from gauss_bench.engines.mjcf.forces import native_forces
-from gauss_bench.engines.mjx.compiled import INTEGRATORS, compile_model
+from gauss_bench.engines.mjcf.forces import refuse_forces
+from gauss_bench.engines.mjx.compiled import compile_model
 from gauss_bench.engines.mjx.program import write
 from gauss_bench.engines.mjx.xla import Device, load_libraries
-from gauss_bench.engines.shared import beyond_a_tree, joint_tree, undriven, unsteady
+from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, joint_tree, undriven, unsteady
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.mechanism.model import Mechanism
@@ -28,19 +28,14 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
 VARIANTS = read_variants(Path(__file__).parent)
-
 AGREEMENT = 1e-10  # relative: rounding causes about 1e-14, a wrong sign or factor about 1
 
 
-class Mjx:
-    """MJX with MuJoCo's integrators and settings, as far as it has them."""
+class Mjx(LibraryEngine, file=VARIANTS):
+    """MJX with those of MuJoCo's integrators and settings that it has."""
 
     name = "mjx"
-    integrators = tuple(INTEGRATORS)
-    stabilizations = ("none",)
-    settings = VARIANTS.settings
-    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
-    soft, unfinished = VARIANTS.soft, VARIANTS.unfinished
+    integrators = ("rk4", "euler", "implicitfast")
     native_loop = True
     python_loop = True
     resizable = True  # a built model can run with another step
@@ -53,17 +48,10 @@ class Mjx:
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
-        of_joints = beyond_a_tree(mechanism, "MJX") or unsteady(mechanism, "MJX")
-        if reason := of_joints or undriven(mechanism, tree, "MJX", any_law=False):  # it calls nothing at the stages of a step
+        if reason := beyond_a_tree(mechanism, "MJX") or unsteady(mechanism, "MJX"):
             return reason
-        try:
-            native_forces(mechanism, tree)
-        except RunFailure as failure:
-            return str(failure)
-        return None
-
-    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
-        return ""
+        # constant speeds only, because MJX cannot call Python at the stages of a step
+        return undriven(mechanism, tree, "MJX", any_law=False) or refuse_forces(mechanism, tree)
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "MjxModel":
         return MjxModel(mechanism, choice)
@@ -76,9 +64,10 @@ class MjxModel(TreeModel):
     """A mechanism in MJX under one integrator and setting.
 
     Attributes:
-        choice: may be given another step before `prepare`.
-        draft: the specification from which MuJoCo's model is compiled.
-        sized: the step [s] that the numbers on the device are for.
+        draft: the specification from which MuJoCo compiles the model.
+        device: the model on JAX's device.
+        sized: step [s] for which the numbers on the device were computed.
+        bodies: MuJoCo's indices of the links' bodies.
     """
 
     library = "MJX"
@@ -88,24 +77,24 @@ class MjxModel(TreeModel):
         self.libraries = load_libraries()
         try:
             self.draft = Draft(self.libraries.mujoco, mechanism, self.tree)
-            self.device = Device(
-                self.libraries, compile_model(self.libraries.mujoco, self, choice.step, driven=False)[0], self.draft.torque
-            )
+            model, _ = compile_model(self.libraries.mujoco, self.draft, choice, self.options, driven=False)
+            self.device = Device(self.libraries, model, self.draft.torque)
         except (ValueError, NotImplementedError) as error:
             raise RunFailure(Status.ERROR, f"MJX cannot take the model: {error}") from error
         self.bodies = [self.draft.bodies[i].id for i in range(len(mechanism.links))]
         verify(mechanism, self.tree, self.describe, AGREEMENT)
-        self._size(choice.step)
+        self._size()
 
-    def _size(self, step: float) -> None:
-        """Put the numbers for steps of `step` [s] on the device: those of closures may depend on it."""
-        self.device.set(compile_model(self.libraries.mujoco, self, step)[0])
-        self.sized = step
+    def _size(self) -> None:
+        """Put the numbers for the choice's step on the device: the softness of closures may depend on the step."""
+        model, _ = compile_model(self.libraries.mujoco, self.draft, self.choice, self.options)
+        self.device.set(model)
+        self.sized = self.choice.step
 
     def describe(self, y: Array, dy: Array) -> OpenModel:
-        """Return what MJX says of the tree at a tree state y, dy (n,), without drives; the forces of its closures are left out."""
+        """Return MJX's terms of the tree at a tree state y, dy (n,), without drives and without the forces of closures."""
         x = self.device.evaluate(y, dy)
-        return OpenModel(-x.gaps[:, :2], x.mass, x.forces, positions=x.centres[self.bodies][:, :2])  # gaps: a minus b
+        return OpenModel(-x.gaps[:, :2], x.mass, x.forces, positions=x.centres[self.bodies][:, :2])  # MJX's gaps are a minus b
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
         return self.device.evaluate(y, dy).acceleration
@@ -113,10 +102,10 @@ class MjxModel(TreeModel):
     def prepare(self, times: Array, native: bool = True) -> None:
         super().prepare(times, native)
         if self.choice.step != self.sized:
-            self._size(self.choice.step)
+            self._size()
         self.models = {stretch.size: self.device.with_step(stretch.size) for stretch in self.plan}
         self.state = self.device.start(self.y0, self.dy0, float(times[0]))
-        for model in self.models.values():  # compiles the loop unless it is compiled already
+        for model in self.models.values():  # the first call compiles the loop, which must not happen in a timed run
             self.device.take_steps(model, self.state, 0)
 
     def run(self) -> None:

@@ -1,36 +1,29 @@
-"""MuJoCo's compiled model, of which MJX takes the numbers."""
+"""Compile the model whose numbers MJX uses, by MuJoCo's compiler."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mjcf.across_releases import find_integrator
 from gauss_bench.engines.mjcf.draft import Draft
 from gauss_bench.engines.mjcf.drives import Drive, find_drives, set_armatures
 from gauss_bench.engines.mjcf.settings import configure
-from gauss_bench.engines.tree import Tree
-from gauss_bench.mechanism.model import Mechanism
-
-INTEGRATORS = {"rk4": "mjINT_RK4", "euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST"}
 
 
-class Drafted(Protocol):
-    """A mechanism under a choice, with its draft."""
+def compile_model(
+    mujoco: Any, draft: Draft, choice: Choice, options: Mapping[str, Any], driven: bool = True
+) -> tuple[Any, Sequence[Drive]]:
+    """Return MuJoCo's model of a draft under a choice, whose settings have these options, and the model's drives.
 
-    mechanism: Mechanism
-    choice: Choice
-    options: Mapping[str, Any]
-    tree: Tree
-    draft: Draft
-
-
-def compile_model(mujoco: Any, drafted: Drafted, step: float, driven: bool = True) -> tuple[Any, Sequence[Drive]]:
-    """Return MuJoCo's model for steps of `step` [s], and its drives; without `driven` none has an armature."""
-    model, options = drafted.draft.spec.compile(), drafted.options
+    Args:
+        driven: whether driven coordinates get their armatures; otherwise there are no drives.
+    """
+    model = draft.spec.compile()
     share = float(options["armature_of_a_driven_hinge_over_inertia"])
-    drives = find_drives(model, drafted.draft, drafted.mechanism, drafted.tree, share) if driven else []
+    drives = find_drives(model, draft, share) if driven else []
     if drives:
-        set_armatures(mujoco, model, drives)  # the second rate of their laws is zero, so that no force belongs to them
-    configure(mujoco, model, options, step)
-    model.opt.timestep = step
-    model.opt.integrator = getattr(mujoco.mjtIntegrator, INTEGRATORS[drafted.choice.integrator or "rk4"])
+        set_armatures(mujoco, model, drives)  # laws of constant speed need no force besides
+    configure(mujoco, model, options, choice.step)
+    model.opt.timestep = choice.step
+    model.opt.integrator = find_integrator(mujoco, choice.integrator or "rk4")
     return model, drives

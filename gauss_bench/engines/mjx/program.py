@@ -1,6 +1,5 @@
-"""A program for MJX: the model as MJCF, which MuJoCo compiles, and MJX's steps of it in JAX."""
+"""Write a program for MJX: the model as MJCF, which MuJoCo compiles, and a loop in JAX that takes MJX's steps."""
 
-import copy
 from collections.abc import Mapping
 from typing import Any
 from xml.etree.ElementTree import indent, tostring
@@ -8,6 +7,7 @@ from xml.etree.ElementTree import indent, tostring
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mjcf.document import write_document
 from gauss_bench.engines.mjcf.draft import Draft
+from gauss_bench.engines.mjcf.settings import copy_to_evaluate
 from gauss_bench.engines.mjx.compiled import compile_model
 from gauss_bench.engines.programs import Parts, write_tree_program
 from gauss_bench.engines.shared import joint_tree
@@ -50,18 +50,18 @@ RUN = """    for k in range(every, steps + 1, every):
 
 
 class OnMujoco:
-    """The model that MJX is given, compiled by MuJoCo, which evaluates it: `Built` of `engines/mjcf/document.py`."""
+    """The model that MJX is given, compiled and evaluated by MuJoCo, with the members of `Built` in `engines/mjcf/document.py`."""
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
         self.mujoco, self.mechanism, self.choice, self.options = mujoco, mechanism, choice, options
         self.tree = joint_tree(mechanism, options)
         self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
         self.draft = Draft(mujoco, mechanism, self.tree)
-        self.model, self.drives = compile_model(mujoco, self, choice.step)
-        self.still = copy.copy(self.model)
-        self.still.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)  # so that no answer depends on the one before
+        self.model, self.drives = compile_model(mujoco, self.draft, choice, options)
+        self.still = copy_to_evaluate(mujoco, self.model)
 
     def forward(self, y: Array, dy: Array) -> Any:
+        """Evaluate `still` at a tree state y, dy (n,), and return MuJoCo's data."""
         data = self.mujoco.MjData(self.still)
         data.qpos[:], data.qvel[:], data.qfrc_applied[:] = y, dy, self.draft.torque
         self.mujoco.mj_forward(self.still, data)
@@ -69,10 +69,10 @@ class OnMujoco:
 
 
 def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str:
-    """Return the program.
+    """Return the program of a mechanism under a choice, whose settings have these options.
 
     Raises:
-        RunFailure: MuJoCo's document cannot hold the mechanism.
+        RunFailure: an MJCF document cannot hold the mechanism.
         ImportError: MuJoCo is not installed.
     """
     import mujoco
@@ -81,8 +81,9 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
     root = write_document(built, edited=True).root
     indent(root)
     lines = tostring(root, encoding="unicode").splitlines(keepends=True)
+    text = "\n".join(["(", *(f"    {line!a}" for line in lines), ")"])  # one Python string, with a line for each of MJCF
     numbers = {
-        "MJCF": Script({}).stand_in("\n".join(["(", *(f"    {line!a}" for line in lines), ")"])),
+        "MJCF": Script({}).stand_in(text),
         "BODIES": [built.draft.bodies[i].name for i in range(len(mechanism.links))],
         "DRIVES": [[x.at, x.armature] for x in built.drives],
         "INVERSE_WEIGHTS": float(options["body_invweight0_factor"]),

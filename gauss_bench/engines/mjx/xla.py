@@ -1,7 +1,7 @@
 """MJX's functions, compiled by XLA for one processor core in double precision.
 
-Machine code is kept in the cache of the user, as to compile takes half a minute of the processor. It depends only on the shape of a
-model, its integrator and its solver: step size, masses, forces and softness are arguments, so that one compilation serves them all.
+The machine code is kept in the user's cache, because its compilation takes half a minute. It depends only on the shape of a model,
+its integrator and its solver. Step size, masses, forces and softness are arguments, so one compilation serves for all their values.
 """
 
 import contextlib
@@ -18,13 +18,13 @@ from gauss_bench.compiler.user_cache import is_trusted
 from gauss_bench.terms import Array
 
 ONE_CORE = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
-FOLDER = "jax"  # of machine code, in the folder of the user's cache
-KEPT_ABOVE = 1.0  # [s] of compilation
+FOLDER = "jax"  # folder of machine code, in the user's cache
+KEPT_ABOVE = 1.0  # [s] machine code is kept if its compilation took longer
 
 
 @dataclass(frozen=True)
 class Libraries:
-    """The modules that the adapter needs."""
+    """The modules `jax`, `mujoco` and `mujoco.mjx`."""
 
     jax: Any
     mujoco: Any
@@ -32,10 +32,10 @@ class Libraries:
 
 
 def load_libraries() -> Libraries:
-    """Import JAX and MJX, in double precision on the processor; both settings must stand before the first array is made.
+    """Import JAX and MJX, in double precision on the processor; both must be set before JAX makes its first array.
 
     Raises:
-        ImportError: one is not installed.
+        ImportError: one of them is not installed.
     """
     flags = os.environ.get("XLA_FLAGS", "")
     if ONE_CORE not in flags:
@@ -49,7 +49,7 @@ def load_libraries() -> Libraries:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", KEPT_ABOVE)
     import mujoco
 
-    with contextlib.redirect_stdout(io.StringIO()):  # it prints that Warp is missing, which only graphics cards need
+    with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that Warp is missing, which only graphics cards need
         from mujoco import mjx
     return Libraries(jax, mujoco, mjx)
 
@@ -59,9 +59,11 @@ class Evaluated:
     """MJX's terms at a tree state of n coordinates.
 
     Attributes:
-        acceleration: (n,) of the tree coordinates.
-        mass: (n, n); forces: (n,) all forces and velocity terms, without those of closures.
-        centres: (bodies, 3) centres of mass [m]; gaps: (pins, 3) of the closures [m].
+        acceleration: (n,) accelerations of the tree coordinates.
+        mass: (n, n) mass matrix.
+        forces: (n,) all forces and velocity terms, without the forces of closures.
+        centres: (bodies, 3) centres of mass [m].
+        gaps: (pins, 3) point a minus point b of each closure [m].
     """
 
     acceleration: Array
@@ -73,7 +75,7 @@ class Evaluated:
 
 @dataclass(frozen=True)
 class Shapes:
-    """The structure of MJX's model and state without their numbers, by which compiled functions are kept."""
+    """The structures of MJX's model and state without their numbers; models with equal structures share compiled functions."""
 
     model: Any
     state: Any
@@ -81,12 +83,12 @@ class Shapes:
 
 @cache
 def functions(jax: Any, mjx: Any, shapes: Shapes) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return two functions of the numbers of a model and a state, each a list of arrays; JAX compiles each at its first call.
+    """Return two functions of a model and a state, each given as a list of arrays; JAX compiles a function on its first call.
 
-        take_steps    model, state, number of steps -> state after them
-        terms         model, state -> acceleration, mass matrix, forces, centres of mass, gaps
+        take_steps    model, state, number of steps -> state after the steps
+        terms         model, state -> acceleration, mass matrix, forces, centres of mass, gaps (`Evaluated`)
 
-    Lists are passed because MJX's own classes take some milliseconds to pass, at every call.
+    They take lists because JAX needs some milliseconds in every call to pass MJX's own classes.
     """
     flatten, unflatten, over = jax.tree_util.tree_leaves, jax.tree_util.tree_unflatten, jax.tree_util.tree_map
 
@@ -94,7 +96,7 @@ def functions(jax: Any, mjx: Any, shapes: Shapes) -> tuple[Callable[..., Any], C
         whole, start = unflatten(shapes.model, model), unflatten(shapes.state, state)
 
         def take_step(_: Any, old: Any) -> Any:
-            # Trap: where there are tendons MJX returns integers of another size, and JAX's loop refuses a state that changes
+            # Trap: with tendons MJX returns integers of another size, and JAX's loop refuses a state whose types change
             return over(lambda new, kept: new.astype(kept.dtype), mjx.step(whole, old), old)
 
         return list(flatten(jax.lax.fori_loop(0, count, take_step, start)))
@@ -109,10 +111,10 @@ def functions(jax: Any, mjx: Any, shapes: Shapes) -> tuple[Callable[..., Any], C
 
 
 class Device:
-    """MuJoCo's compiled model on JAX's device, with the functions compiled for it; models and states are lists of arrays.
+    """MuJoCo's compiled model on JAX's device, with its compiled functions; its methods pass models and states as lists of arrays.
 
     Attributes:
-        rest: MJX's state at qpos0 and rest, with the forces `torque` (n,); every other state is a copy of it.
+        rest: MJX's state at qpos0 and at rest, with the constant forces `torque` (n,); all other states are changed copies of it.
     """
 
     def __init__(self, libraries: Libraries, model: Any, torque: Array):
@@ -120,20 +122,21 @@ class Device:
         self.trees = self.jax.tree_util
         rest = self.mjx.put_data(model, libraries.mujoco.MjData(model))
         self.rest: Any = rest.replace(qfrc_applied=self._put(torque))
-        count = self.trees.tree_structure(self.rest).num_leaves
-        places = self.trees.tree_unflatten(self.trees.tree_structure(self.rest), range(count))
-        self._places = places.qpos, places.qvel  # in the list of a state
+        # a state whose leaves are their own indices gives the indices of qpos and qvel in the list of a state
+        structure = self.trees.tree_structure(self.rest)
+        indices = self.trees.tree_unflatten(structure, range(structure.num_leaves))
+        self._places = indices.qpos, indices.qvel
         self.set(model)
 
     def _put(self, x: Any) -> Any:
         """Return numbers as an array that is bound to the device.
 
-        Trap: for an array that is not bound, as `jax.numpy.array` makes it, JAX compiles everything a second time, inside a run.
+        Trap: `jax.numpy.array` makes arrays that are not bound. For such an array JAX compiles everything a second time, in a run.
         """
         return self.jax.device_put(np.asarray(x, dtype=float), self.jax.devices("cpu")[0])
 
     def set(self, model: Any) -> None:
-        """Take the numbers of MuJoCo's model, and the functions for its shape."""
+        """Put the numbers of MuJoCo's model on the device, and choose the compiled functions for its structure."""
         self.model: Any = self.mjx.put_model(model)
         shapes = Shapes(self.trees.tree_structure(self.model), self.trees.tree_structure(self.rest))
         self._take_steps, self._terms = functions(self.jax, self.mjx, shapes)
@@ -148,11 +151,11 @@ class Device:
         return list(self.trees.tree_leaves(state))
 
     def take_steps(self, model: list[Any], state: list[Any], count: int) -> list[Any]:
-        """Return MJX's state after `count` steps with one of the models of `with_step`; JAX returns before it has computed."""
+        """Return MJX's state after `count` steps of a model from `with_step`; JAX returns before it has finished the steps."""
         return list(self._take_steps(model, state, count))
 
     def tree_state(self, state: list[Any]) -> tuple[Any, Any]:
-        """Return y and dy (n,) of a state; to read their numbers is to wait for them."""
+        """Return y and dy (n,) of a state; whoever reads their numbers waits until JAX has computed them."""
         y, dy = self._places
         return state[y], state[dy]
 

@@ -1,4 +1,4 @@
-"""MuJoCo: `adapter` runs the model of `engines/mjcf`, `own_model` that of a user's file.
+"""MuJoCo: `adapter` runs the model of `engines/mjcf`, and `own_model` runs the model of a user's file.
 
-`compiled` reads documents of others. `library_calls` times the library alone.
+`compiled` compiles MJCF files of users. `library_calls` times the library alone.
 """

@@ -1,12 +1,10 @@
 """MuJoCo: a tree of links in relative coordinates, closed by soft `connect` constraints between sites.
 
-The generated model is compared with the suite's own terms before it is used: mass matrix, velocity terms plus all forces, and gaps
-of the loops, at the start and at random tree states. Only the softness of the closures is not checked, because the settings vary
-it.
+Before the model is used, it is compared with the suite's own terms: mass matrix, velocity terms plus all forces, and gaps of the
+loops, at the start and at random tree states. Only the softness of the closures is not checked, because the settings vary it.
 """
 
 import contextlib
-import copy
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -18,9 +16,9 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mjcf.across_releases import disable, find_integrator, index_of, mass_matrix
 from gauss_bench.engines.mjcf.draft import Draft
 from gauss_bench.engines.mjcf.drives import Drive, find_drives, set_armatures
-from gauss_bench.engines.mjcf.forces import native_forces
-from gauss_bench.engines.mjcf.settings import configure
-from gauss_bench.engines.shared import beyond_a_tree, driven_coordinates, finite, joint_tree
+from gauss_bench.engines.mjcf.forces import refuse_forces
+from gauss_bench.engines.mjcf.settings import configure, copy_to_evaluate
+from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, driven_coordinates, finite, joint_tree
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.mechanism.forces import AppliedForces
@@ -28,21 +26,15 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
-INTEGRATORS = {"rk4": "mjINT_RK4", "euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST", "discrete": "mjINT_DISCRETE"}
 AGREEMENT = 1e-10  # relative: rounding causes about 1e-14, a wrong sign or factor about 1
-
 VARIANTS = read_variants(Path(__file__).parent)
 
 
-class Mujoco:
+class Mujoco(LibraryEngine, file=VARIANTS):
     """MuJoCo, with settings that make its closures softer or more rigid."""
 
     name = "mujoco"
-    integrators = tuple(INTEGRATORS)
-    stabilizations = ("none",)
-    settings = VARIANTS.settings
-    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
-    soft, unfinished = VARIANTS.soft, VARIANTS.unfinished
+    integrators = ("rk4", "euler", "implicitfast", "discrete")
     native_loop = True
     python_loop = True
 
@@ -57,11 +49,7 @@ class Mujoco:
         tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
         if None in driven_coordinates(mechanism, tree):
             return "MuJoCo needs a pin between a driven link and the ground, by which the link hangs in the tree of joints"
-        try:
-            native_forces(mechanism, tree)
-        except RunFailure as failure:
-            return str(failure)
-        return None
+        return refuse_forces(mechanism, tree)
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
         return "motion laws and varying forces, at every stage of a step" if mechanism.drivers or mechanism.varying else ""
@@ -75,12 +63,11 @@ class MujocoModel(TreeModel):
 
     Attributes:
         model, data: MuJoCo's model and state that a run steps.
-        still, still_data: a copy that evaluates accelerations at given states. It has the Euler integrator, because under
-            `discrete` MuJoCo's qacc is a difference of velocities, and no warm start, so that a result does not depend on the
-            state evaluated before.
+        still, still_data: a copy of both that evaluates accelerations at given states.
         torque: (n,) constant generalised force.
-        bodies: indices of the links' bodies.
+        bodies: MuJoCo's indices of the links' bodies.
         drives: the driven coordinates.
+        last: end of the present stretch of steps [s]; at later times forces are those before a jump at `last`.
     """
 
     library = "MuJoCo"
@@ -99,25 +86,22 @@ class MujocoModel(TreeModel):
         self.torque, self.bodies = draft.torque, [index_of(mujoco, self.model, "mjOBJ_BODY", body) for body in bodies]
         configure(mujoco, self.model, self.options, choice.step)
         self.model.opt.timestep = choice.step
-        self.model.opt.integrator = find_integrator(mujoco, INTEGRATORS[choice.integrator or "rk4"])
+        self.model.opt.integrator = find_integrator(mujoco, choice.integrator or "rk4")
         # Trap: without this flag MuJoCo resets a diverging run to the start, and the run would look like a motion.
         disable(mujoco, self.model, ["mjDSBL_AUTORESET"])
-        self.still: Any = copy.copy(self.model)
-        self.still.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
-        self.still.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
+        self.still: Any = copy_to_evaluate(mujoco, self.model)
         self.data: Any = mujoco.MjData(self.model)
         self.still_data: Any = mujoco.MjData(self.still)
         self.still_data.qfrc_applied[:] = self.torque
         self.varying_forces = AppliedForces(replace(mechanism, forces=mechanism.varying, gravity=np.zeros(2)))
-        self.last = np.inf  # [s] end of the present stretch: forces that jump there are evaluated before the jump
-        self.drives: list[Drive] = []
+        self.last = np.inf
+        self.drives: list[Drive] = []  # the model is compared without armatures
         verify(mechanism, self.tree, self.describe, AGREEMENT)
-        share = float(self.options["armature_of_a_driven_hinge_over_inertia"])
-        self.drives = find_drives(self.model, draft, mechanism, self.tree, share)
+        self.drives = find_drives(self.model, draft, float(self.options["armature_of_a_driven_hinge_over_inertia"]))
         if self.drives:
             for model in (self.model, self.still):
                 set_armatures(mujoco, model, self.drives)
-                configure(mujoco, model, self.options, choice.step)  # scales the inverse weights just computed anew
+                configure(mujoco, model, self.options, choice.step)  # because set_armatures computes the inverse weights again
 
     @property
     def sets_forces(self) -> bool:
@@ -143,7 +127,7 @@ class MujocoModel(TreeModel):
         return data
 
     def describe(self, y: Array, dy: Array) -> OpenModel:
-        """Return what MuJoCo says of the tree at a tree state y, dy (n,); the forces of its closures are left out."""
+        """Return MuJoCo's terms of the tree at a tree state y, dy (n,), without the forces of closures."""
         data = self.forward(y, dy)
         mass = mass_matrix(self.mujoco, self.still, data)
         forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
@@ -163,7 +147,7 @@ class MujocoModel(TreeModel):
 
     def run(self) -> None:
         control = self.mujoco.get_mjcb_control()
-        if self.sets_forces:  # called at every stage of a step, with the time of that stage
+        if self.sets_forces:  # MuJoCo calls this function at every stage of a step, with the time of the stage
             self.mujoco.set_mjcb_control(lambda model, data: self._set_forces(data, min(data.time, self.last)))
         try:
             with collect_warnings(self.mujoco, self.complaints):
@@ -172,12 +156,12 @@ class MujocoModel(TreeModel):
             self.mujoco.set_mjcb_control(control)
 
     def _run(self) -> None:
-        """Take the steps of every stretch in one call of MuJoCo's loop, or in one call from Python for each step."""
+        """Take the steps of every stretch in one call of MuJoCo's loop, or in a call from Python for each step."""
         step, model, data = self.mujoco.mj_step, self.model, self.data
         for begin, count, size, last, row in self.plan:
             model.opt.timestep, self.last = size, last
             if self.mechanism.kinks:
-                data.time = begin  # MuJoCo adds up steps: with rounding its time could still be before the kink at `begin`
+                data.time = begin  # MuJoCo sums up step sizes: by rounding its time could be before the kink at `begin`
             if self.native:
                 step(model, data, nstep=count)
             else:
@@ -187,12 +171,12 @@ class MujocoModel(TreeModel):
                 self.y[row], self.dy[row] = data.qpos, data.qvel
 
     def batch(self, q: Array, v: Array, count: int) -> Callable[[], Array]:
-        """Return a call that steps every state q, v (k, n) `count` times by `mujoco.rollout` on one thread.
+        """Return a function that takes `count` steps from each of the k states q, v (k, n), by `mujoco.rollout` on one thread.
 
-        The call returns the last tree states (k, 2, n).
+        The function returns the last tree states y, dy as one array (k, 2, n).
 
         Raises:
-            RunFailure: Python sets forces at every stage, which a rollout cannot (status SKIP).
+            RunFailure: Python sets forces at every stage, which is not possible in a rollout (status SKIP).
         """
         from mujoco import rollout
 
@@ -200,7 +184,7 @@ class MujocoModel(TreeModel):
             raise RunFailure(Status.SKIP, "MuJoCo's rollout cannot set forces that vary with time at every stage")
         kinds, data = self.mujoco.mjtState, self.mujoco.MjData(self.model)
         initial = np.zeros((len(q), self.mujoco.mj_stateSize(self.model, kinds.mjSTATE_FULLPHYSICS)))
-        tree_state = slice(1, 1 + 2 * self.tree.n)  # MuJoCo's full state is time, qpos, qvel, then activations and the like
+        tree_state = slice(1, 1 + 2 * self.tree.n)  # MuJoCo's full state is time, qpos, qvel and others, in this order
         initial[:, tree_state] = np.hstack(self.tree.relative(q, v))
         states = np.empty((len(q), count, initial.shape[1]))
         options = {"control_spec": int(kinds.mjSTATE_QFRC_APPLIED), "nstep": count, "state": states}
@@ -213,22 +197,24 @@ class MujocoModel(TreeModel):
         return step_all
 
     def read(self) -> Trajectory:
-        complaint = f"MuJoCo: {self.complaints[0]}" if self.complaints else ""
-        subject = "the motion law is" if self.drives else "forces that vary are"
-        note = f"{subject} evaluated in Python at every stage, which takes longer than MuJoCo does" if self.sets_forces else ""
-        with collect_warnings(self.mujoco, []):  # those about samples of a diverged run are dropped: the judge finds such a run
-            note = "; ".join(filter(None, (note, complaint)))
-            trajectory = self.trajectory(self.y, self.dy, self.count_steps(), note=note)
-        if finite(trajectory.q, trajectory.v) == len(self.times) and (complaint or any(w.number for w in self.data.warning)):
-            advice = "a smaller step or another integrator may help"
-            message = f"MuJoCo warned before t = {self.times[-1]:.6g} s{complaint and '; '}{complaint}; {advice}"
+        notes = []
+        if self.sets_forces:
+            subject = "the motion law is" if self.drives else "forces that vary are"
+            notes.append(f"{subject} evaluated in Python at every stage, which takes longer than MuJoCo does")
+        complaint = [f"MuJoCo: {x}" for x in self.complaints[:1]]
+        with collect_warnings(self.mujoco, []):  # warnings about samples of a diverged run are dropped: the judge finds such a run
+            trajectory = self.trajectory(self.y, self.dy, self.count_steps(), note="; ".join([*notes, *complaint]))
+        has_warned = complaint or any(x.number for x in self.data.warning)
+        if has_warned and finite(trajectory.q, trajectory.v) == len(self.times):
+            first = f"MuJoCo warned before t = {self.times[-1]:.6g} s"
+            message = "; ".join([first, *complaint, "a smaller step or another integrator may help"])
             raise RunFailure(Status.WARNING, message, trajectory)
         return trajectory
 
 
 @contextlib.contextmanager
 def collect_warnings(mujoco: Any, complaints: list[str]) -> Iterator[None]:
-    """Collect MuJoCo's warnings in a list; otherwise MuJoCo writes them to a file in the current folder."""
+    """Add MuJoCo's warnings to a list; without this, MuJoCo writes them to a file in the current folder."""
     usual = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(complaints.append)
     try:

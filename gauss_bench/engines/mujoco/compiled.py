@@ -1,4 +1,4 @@
-"""An MJCF document with its defaults, classes, frames and masses resolved by MuJoCo's compiler."""
+"""Compile an MJCF document: MuJoCo's compiler resolves its defaults, classes, frames and masses."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,11 +9,11 @@ import numpy as np
 
 from gauss_bench.terms import Array
 
-PARTS = ("body", "jnt", "site", "eq", "tendon", "actuator", "key", "geom", "sensor")  # kinds, as MuJoCo's fields call them
+PARTS = ("body", "jnt", "site", "eq", "tendon", "actuator", "key", "geom", "sensor")  # kinds, as in names of MuJoCo's fields
 
 
 class DoesNotCompile(ValueError):
-    """MuJoCo rejects a document; the message is MuJoCo's own."""
+    """MuJoCo rejects a document; the message is MuJoCo's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,9 +22,9 @@ class Compiled:
 
     Attributes:
         mujoco: the library.
-        model: MuJoCo's model, with MuJoCo's names of the fields.
-        data: its state at qpos0, with all poses.
-        inertia: (bodies, 3, 3) about the centres of mass, in world axes [kg m^2].
+        model: MuJoCo's model.
+        data: MuJoCo's state of the model at qpos0, with the poses of all parts.
+        inertia: (bodies, 3, 3) moments of inertia about the centres of mass, in world axes [kg m^2].
     """
 
     mujoco: Any
@@ -33,22 +33,22 @@ class Compiled:
     inertia: Array
 
     def names(self, kind: str) -> list[str]:
-        """Return the names of all parts of a kind; empty texts for those without a name."""
-        stored = self.model.names  # all of them in one text, each ended by a null
+        """Return the names of all parts of a kind of PARTS; a part without a name has an empty one."""
+        stored = self.model.names  # the names of all kinds in one text, each followed by a null
         return [stored[k : stored.index(b"\0", k)].decode() for k in getattr(self.model, f"name_{kind}adr")]
 
     def word(self, enumeration: str, number: Any) -> str:
-        """Return MuJoCo's word for a number of an enumeration: "hinge" for mjJNT_HINGE of mjtJoint."""
+        """Return the name of a number in one of MuJoCo's enumerations, such as "hinge" for mjJNT_HINGE of mjtJoint."""
         return str(getattr(self.mujoco, enumeration)(int(number)).name).partition("_")[2].lower()
 
     def disabled(self) -> set[str]:
-        """Return the flags that are off, such as "gravity"."""
+        """Return the names of the disabled features, such as "gravity"."""
         flags = {name: bit for name, bit in self.mujoco.mjtDisableBit.__members__.items() if "DSBL_" in name}
         return {x.removeprefix("mjDSBL_").lower() for x, bit in flags.items() if self.model.opt.disableflags & int(bit)}
 
 
 def compile_document(text: str) -> Compiled:
-    """Compile a document, which opens no other file.
+    """Compile the text of a document that refers to no other file.
 
     Raises:
         DoesNotCompile: MuJoCo rejects the document.
@@ -58,15 +58,17 @@ def compile_document(text: str) -> Compiled:
 
 
 def compile_file(path: Path) -> Compiled:
-    """Compile a file with all that it includes and refers to.
+    """Compile a file, together with the files that it includes and refers to.
 
     Raises:
-        DoesNotCompile, ImportError: as `compile_document`.
+        DoesNotCompile: MuJoCo rejects the file.
+        ImportError: MuJoCo is not installed.
     """
     return _compile(lambda mujoco: mujoco.MjModel.from_xml_path(str(path)))
 
 
 def _compile(compiler: Callable[[Any], Any]) -> Compiled:
+    """Compile a document by a function that takes the module `mujoco` and returns MuJoCo's model."""
     import mujoco
 
     try:
@@ -77,5 +79,5 @@ def _compile(compiler: Callable[[Any], Any]) -> Compiled:
     except (MemoryError, RuntimeError) as error:  # a RuntimeError says only "an unknown exception"
         raise DoesNotCompile("its compiler failed, as it does where memory does not suffice") from error
     mujoco.mj_kinematics(model, data)
-    turns = np.array(data.ximat).reshape(-1, 3, 3)  # from the principal axes of each body
+    turns = np.array(data.ximat).reshape(-1, 3, 3)  # (bodies, 3, 3) rotations R from principal axes to world axes: R diag(I) R^T
     return Compiled(mujoco, model, data, np.einsum("kij,kj,klj->kil", turns, np.array(model.body_inertia), turns))

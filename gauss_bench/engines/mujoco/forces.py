@@ -1,4 +1,4 @@
-"""Names that plug-ins look for here: they are now in `mjcf/forces.py` and `tree_loads.py`, and are found here with a warning."""
+"""Former names of functions that are now in `mjcf/forces.py` and `tree_loads.py`; a plug-in that uses one gets a warning."""
 
 import warnings
 from typing import Any

@@ -1,7 +1,7 @@
 """One evaluation of the right-hand side by MuJoCo alone: mj_forward, with sparse and with dense Jacobians.
 
-The closures are as soft as MuJoCo ships them, which causes most of the error. Features that the model does not use are off. The
-tree is the one of least depth: with a deep one the cost of a chain of N loops grows with N^2, not with N.
+The closures have MuJoCo's default softness, which causes most of the error. Features that the model does not use are off. The tree
+has the least depth: with a deep tree, the cost of a chain of N loops grows with N^2 and not with N.
 """
 
 from functools import partial
@@ -18,7 +18,7 @@ LEAN = "lean/rk4"  # a variant
 
 
 def prepare_forward(jacobian: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
-    """Prepare a call of mj_forward with `jacobian` "SPARSE" or "DENSE" at a state q, v (n,)."""
+    """Return a call of mj_forward at a state q, v (n,), with sparse or dense matrices (`jacobian` "SPARSE" or "DENSE")."""
     built = MujocoModel(mechanism, Choice(LEAN, "rk4"))
     mujoco, model = built.mujoco, built.model
     model.opt.jacobian = getattr(mujoco.mjtJacobian, f"mjJAC_{jacobian}")
@@ -26,7 +26,7 @@ def prepare_forward(jacobian: str, mechanism: Mechanism, q: Array, v: Array) -> 
     y, dy = built.tree.relative(q, v)
     data.qpos[:], data.qvel[:], data.qfrc_applied[:] = y, dy, built.torque
     mujoco.mj_forward(model, data)
-    return LibraryCall(lambda: mujoco.mj_forward(model, data), built.tree.absolute(y, dy, np.array(data.qacc))[2])
+    return LibraryCall(lambda: mujoco.mj_forward(model, data), built.tree.absolute(y, dy, np.array(data.qacc)).a)
 
 
 CALLS = {"sparse": partial(prepare_forward, "SPARSE"), "dense": partial(prepare_forward, "DENSE")}

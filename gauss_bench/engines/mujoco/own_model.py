@@ -1,48 +1,44 @@
-"""A user's MJCF model in MuJoCo: stepped with its own options, and seen as the motion of a planar linkage.
+"""Run a user's MJCF model in MuJoCo with the model's own options, and convert the result to the motion of a planar linkage.
 
-Where bodies are rigidly connected, the first of them stands for their link. Its pose in the plane follows from MuJoCo's kinematics
-of the joint coordinates, which holds however far soft closures are open:
+If bodies are rigidly connected, the first of them stands for their link. Its pose in the plane follows from MuJoCo's kinematics of
+the joint coordinates, which are right even if soft closures are open:
 
-    theta  = theta_0 + sum over its hinges of +-(qpos - ref),    omega = J_rotation qvel . normal,    alpha alike with qacc
+    theta  = theta_0 + sum over its hinges of +-(qpos - ref),    omega = J_rotation qvel . normal,    alpha = d omega / dt
     r_com  = xpos + xmat c,    dr/dt = J_point qvel,    d2r/dt2 = J_point qacc + dJ_point/dt qvel
 """
 
-import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from gauss_bench.engines.base import Choice
+from gauss_bench.engines.base import Choice, sample_arrays
+from gauss_bench.engines.mjcf.across_releases import find_integrator
+from gauss_bench.engines.mjcf.settings import copy_to_evaluate
 from gauss_bench.engines.mujoco.adapter import collect_warnings
 from gauss_bench.integrate.fixed_step import stretches
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
-INTEGRATORS = {
-    "Euler": "mjINT_EULER",
-    "RK4": "mjINT_RK4",
-    "implicit": "mjINT_IMPLICIT",
-    "implicitfast": "mjINT_IMPLICITFAST",
-    "discrete": "mjINT_DISCRETE",
-}
-CLOSE = 1e-10  # [m, rad] by which joint coordinates may miss a given state after Newton's method
-ITERATIONS = 30
-UNCOMPARED = ("opt", "signature", "paths", "text_data", "names", "stat", "vis", "nbuffer")  # options are compared one by one
+INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast", "discrete")  # as MJCF calls them
+CLOSE = 1e-10  # [m, rad] change of joint coordinates at which Newton's method has converged
+ITERATIONS = 30  # largest number of Newton's iterations
+# parts of a model that `compare_models` does not compare as a whole: options are compared one by one, others change no motion
+UNCOMPARED = ("opt", "signature", "paths", "text_data", "names", "stat", "vis", "nbuffer")
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """How the links of a linkage are seen in a compiled model of `nq` joint coordinates.
+    """The places of a linkage's links in a compiled model with `nq` joint coordinates.
 
     Attributes:
-        bodies: link -> number of its first body.
+        bodies: for each link the number of its first body.
         locals: (links, 3) centres of mass in the frames of these bodies [m].
-        plane: (3, 3) rows: the plane's axes and its normal.
-        angles: (links,) angles of the links where all joint coordinates are zero [rad].
-        turns: (links, nq) derivative of the angles by the joint coordinates: 0, 1 or -1.
+        plane: (3, 3) rows: the plane's two axes and its normal.
+        angles: (links,) angles of the links if all joint coordinates are zero [rad].
+        turns: (links, nq) derivatives of the angles by the joint coordinates: 0, 1 or -1.
     """
 
     bodies: tuple[int, ...]
@@ -52,12 +48,21 @@ class Seen:
     turns: Array
 
 
+class LinkStates(NamedTuple):
+    """Positions q, velocities v and accelerations a (n,) of all links, and the Jacobian dq/dy (n, nv) by joint coordinates."""
+
+    q: Array
+    v: Array
+    a: Array
+    jacobian: Array
+
+
 def settings_as_they_stand(path: str) -> dict[str, Any]:
-    """Return the options of a file's model by their names in MJCF; solref and solimp are those of every closure, by its name."""
+    """Return name in MJCF -> value of the options of a file's model; solref and solimp are tables by name of the closure."""
     import mujoco
 
     model = mujoco.MjModel.from_xml_path(path)
-    words = {int(getattr(mujoco.mjtIntegrator, value)): key for key, value in INTEGRATORS.items()}
+    words = {int(find_integrator(mujoco, name)): name for name in INTEGRATORS}
     names = [model.equality(k).name or f"closure {k + 1}" for k in range(model.neq)]
     return {
         "timestep": float(model.opt.timestep),
@@ -70,9 +75,12 @@ def settings_as_they_stand(path: str) -> dict[str, Any]:
 
 
 def change_options(mujoco: Any, model: Any, changes: Mapping[str, Any]) -> None:
-    """Set options of a compiled model, named as attributes of MJCF.
+    """Set options of a compiled model, given by their names in MJCF.
 
-    "body_invweight0" is a factor on the compiled inverse weights, which no attribute can express.
+    One option is no attribute of MJCF: "body_invweight0" is a factor on the compiled inverse weights.
+
+    Raises:
+        KeyError: an option has another name.
     """
     for key, value in changes.items():
         match key:
@@ -81,7 +89,7 @@ def change_options(mujoco: Any, model: Any, changes: Mapping[str, Any]) -> None:
             case "solimp":
                 model.eq_solimp[:] = value
             case "integrator":
-                model.opt.integrator = getattr(mujoco.mjtIntegrator, INTEGRATORS[value])
+                model.opt.integrator = find_integrator(mujoco, value)
             case "body_invweight0":
                 model.body_invweight0[:] *= value
             case "iterations" | "tolerance" | "timestep":
@@ -91,14 +99,14 @@ def change_options(mujoco: Any, model: Any, changes: Mapping[str, Any]) -> None:
 
 
 def open_model(mujoco: Any, path: Path | str) -> Any:
-    """Compile a file. A diverging run is not reset to the start, as MuJoCo does otherwise: the reset would pass for a motion."""
+    """Return the compiled model of a file. MuJoCo must not reset a diverging run to the start, which would look like a motion."""
     model = mujoco.MjModel.from_xml_path(str(path))
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     return model
 
 
 def start_model(mujoco: Any, model: Any, data: Any, key: int) -> None:
-    """Set joint coordinates, rates and controls of a keyframe; without any keyframe the model's own start."""
+    """Set MuJoCo's data to the keyframe with the index `key`; if the model has no keyframe, set it to the model's own start."""
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, key)
     else:
@@ -110,9 +118,10 @@ class OwnModelRun:
 
     Attributes:
         model, data: MuJoCo's model and state that a run steps.
-        still, still_data: a copy that evaluates accelerations at given states. It has the Euler integrator, whose qacc is the
-            acceleration at the state, and no warm start, so that results do not depend on what was evaluated before.
-        y0, dy0: joint coordinates and rates at the keyframe.
+        still, still_data: a copy of both that evaluates accelerations at given states.
+        key: index of the keyframe at which runs start.
+        y0, dy0: (nv,) joint coordinates and rates at the start.
+        y, dy: (k, nv) samples of joint coordinates and rates.
     """
 
     def __init__(self, path: Path, seen: Seen, key: int, changes: Mapping[str, Any], choice: Choice):
@@ -124,9 +133,7 @@ class OwnModelRun:
         change_options(mujoco, self.model, changes)
         if choice.integrator:
             change_options(mujoco, self.model, {"integrator": choice.integrator})
-        self.still: Any = copy.copy(self.model)
-        self.still.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
-        self.still.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
+        self.still: Any = copy_to_evaluate(mujoco, self.model)
         self.data, self.still_data = mujoco.MjData(self.model), mujoco.MjData(self.still)
         self.key = key
         start_model(mujoco, self.model, self.data, key)
@@ -139,14 +146,15 @@ class OwnModelRun:
         self.mujoco.mj_forward(self.still, self.still_data)
         return self.still_data
 
-    def absolute(self, y: Array, dy: Array) -> tuple[Array, Array, Array, Array]:
-        """Return q, v, a (n,) of the links at joint coordinates and rates, and the Jacobian dq/dy (n, nv)."""
+    def absolute(self, y: Array, dy: Array) -> LinkStates:
+        """Return the states of all links at joint coordinates and rates y, dy (nv,)."""
         data, model, seen = self.forward(y, dy), self.still, self.seen
         q: list[float] = []
         jacobian: list[Array] = []
-        bias: list[float] = []
+        bias: list[float] = []  # dJ/dt dy
         for link, body in enumerate(seen.bodies):
             place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ seen.locals[link]
+            # (3, nv) each: Jacobians of the point and of the rotation, and their time derivatives
             point, turn, point_rate, turn_rate = np.zeros((4, 3, model.nv))
             self.mujoco.mj_jac(model, data, point, turn, place, body)
             self.mujoco.mj_jacDot(model, data, point_rate, turn_rate, place, body)
@@ -154,30 +162,29 @@ class OwnModelRun:
             jacobian += [*(seen.plane[:2] @ point), seen.plane[2] @ turn]
             bias += [*(seen.plane[:2] @ point_rate @ dy), seen.plane[2] @ turn_rate @ dy]
         J = np.array(jacobian)
-        return np.array(q), J @ dy, J @ np.array(data.qacc) + np.array(bias), J
+        return LinkStates(np.array(q), J @ dy, J @ np.array(data.qacc) + np.array(bias), J)
 
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the joint coordinates and rates of a state q, v (n,), by Newton's method from the start.
+        """Return the joint coordinates and rates (nv,) of a state q, v (n,), by Newton's method from the start.
 
         Raises:
-            RunFailure: the tree of joints cannot take the state.
+            RunFailure: the joints of the model cannot reach the state.
         """
         y = self.y0.copy()
         for _ in range(ITERATIONS):
-            here, _, _, J = self.absolute(y, np.zeros_like(y))
-            change = np.linalg.lstsq(J, q - here, rcond=None)[0]
+            here = self.absolute(y, np.zeros_like(y))
+            change = np.linalg.lstsq(here.jacobian, q - here.q, rcond=None)[0]
             y += change
             if np.abs(change).max() < CLOSE:
-                return y, np.linalg.lstsq(self.absolute(y, np.zeros_like(y))[3], v, rcond=None)[0]
+                return y, np.linalg.lstsq(self.absolute(y, np.zeros_like(y)).jacobian, v, rcond=None)[0]
         raise RunFailure(Status.ERROR, "the joints of the model cannot take a state of its linkage")
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        return self.absolute(*self.relative(q, v))[2]
+        return self.absolute(*self.relative(q, v)).a
 
     def prepare(self, times: Array, native: bool = True) -> None:
         self.times, self.plan = times, list(stretches(times, self.choice.step))
-        self.y, self.dy = np.full((2, len(times), self.model.nv), np.nan)
-        self.y[0], self.dy[0] = self.y0, self.dy0
+        self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
         start_model(self.mujoco, self.model, self.data, self.key)
         self.data.time = times[0]
 
@@ -191,16 +198,20 @@ class OwnModelRun:
 
     def read(self) -> Trajectory:
         with collect_warnings(self.mujoco, []):
-            states = [self.absolute(*state)[:3] for state in zip(self.y, self.dy, strict=True)]
-        q, v, a = (np.array(x) for x in zip(*states, strict=True))
+            states = [self.absolute(*state) for state in zip(self.y, self.dy, strict=True)]
+        q, v, a, _ = (np.array(x) for x in zip(*states, strict=True))
         return Trajectory(self.times, q, v, a, sum(stretch.steps for stretch in self.plan))
 
 
 def acts_beside_loops(path: str, key: int, until: float) -> dict[str, Any]:
-    """Run the model of a file as it stands, and name what first acts beside its loops: a contact, a limit, dry friction.
+    """Run the model of a file with its own options until a contact, a joint limit or dry friction acts besides its closures.
+
+    Args:
+        key: index of the keyframe at which the run starts.
+        until: time [s] at which the run ends.
 
     Returns:
-        "what", a sentence or an empty text, and "at", the time [s].
+        A table of "what", a sentence that names the element that acts, or an empty text, and "at", the time [s].
     """
     import mujoco
 
@@ -219,9 +230,15 @@ def acts_beside_loops(path: str, key: int, until: float) -> dict[str, Any]:
 
 
 def name_row(mujoco: Any, model: Any, data: Any, kind: int, number: int) -> str:
-    """Return the element that a row of MuJoCo's constraints comes from, as a message names it, and what it does."""
+    """Return a sentence that names the element which causes a row of MuJoCo's constraints.
+
+    Args:
+        kind: the row's member of mjtConstraint.
+        number: index of the row's joint, tendon or contact.
+    """
 
     def call(tag: str, k: int) -> str:
+        """Return an element of MJCF by its name, or by its number if it has none."""
         name = getattr(model, tag)(k).name
         return f'<{tag} name="{name}">' if name else f"<{tag}> number {k + 1}"
 
@@ -240,7 +257,10 @@ def name_row(mujoco: Any, model: Any, data: Any, kind: int, number: int) -> str:
 
 
 def compare_models(before: str, after: str, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Tell whether two files compile to models that differ in the changed options alone; `reason` says why not, or is empty."""
+    """Return a table with the "reason" why two files compile to models that differ in more than the changed options.
+
+    The reason is an empty text if they differ in nothing else.
+    """
     import mujoco
 
     try:

@@ -1,8 +1,8 @@
-"""What tells MuJoCo's releases apart beside the adapter's runs: every kind of equality that closes a loop, and the defaults.
+"""Cases by which MuJoCo's releases are compared besides the adapter's runs: equalities that close loops, and the defaults.
 
-The models are documents, which every release reads. A release that does not know an equality refuses the document, and that is the
-answer. The reference pose is closed, because MuJoCo takes anchors, lengths and relative poses from it. Bodies are fixed by `weld`
-to each other where the rod of the four-bar is two bodies in one place.
+The models are MJCF documents, which every release reads. If a release does not know an equality, it refuses the document, and the
+refusal is its result. The loops are closed in the reference pose, because MuJoCo takes anchors, lengths and relative poses from it.
+For `weld`, the rod of the four-bar is two bodies in one place, which are welded to each other.
 """
 
 from collections.abc import Iterable, Sequence
@@ -28,7 +28,7 @@ from gauss_bench.engines.mjcf.across_releases import disable
 from gauss_bench.terms import Array
 
 SOLVERS = ("Newton", "CG", "PGS")
-EXACT = 'solref="0.004 1" solimp="0.9999 0.9999 0.001"'  # as stiff as documented options allow
+EXACT = 'solref="0.004 1" solimp="0.9999 0.9999 0.001"'  # the stiffest closures that documented options allow
 FOUR, LENGTH, COUPLED, CRANKS = "wide_four_bar", "rod_of_one_length", "coupled_bars", "three_cranks"
 POLYNOMIAL = f'polycoef="0 {RATIO} {CURVE} 0 0"'
 
@@ -38,7 +38,10 @@ class Closure:
     """A way to close a loop.
 
     Attributes:
-        model: whose states are asked; bars: of the document; equality, tendons, options: MJCF.
+        model: name of the linkage at whose states accelerations are computed.
+        bars: the bars of the document.
+        equality, tendons: elements of MJCF.
+        options: attributes of MJCF's element <option>.
     """
 
     model: str
@@ -61,7 +64,7 @@ CLOSURES = {
     "joint": Closure(COUPLED, CHAIN, f'<joint joint1="second" joint2="first" {POLYNOMIAL} {EXACT}/>'),
     "tendon of joints": Closure(COUPLED, CHAIN, f'<tendon tendon1="b" tendon2="a" {POLYNOMIAL} {EXACT}/>', FIXED),
     "tendon between sites": Closure(LENGTH, PAIR, f'<tendon tendon1="rod" {EXACT}/>', SPATIAL),
-    # branches whose loops share a body: a factor of sparse matrices has columns of different descendants
+    # two loops over different branches of the tree share a body, so that the sparse factor has columns of different descendants
     "connects of branches, dense": Closure(CRANKS, THREE_CRANKS, TWO_PINS, options='jacobian="dense"'),
     "connects of branches, sparse": Closure(CRANKS, THREE_CRANKS, TWO_PINS, options='jacobian="sparse"'),
 }
@@ -69,12 +72,12 @@ KINDS = ("mjtIntegrator", "mjtSolver", "mjtJacobian", "mjtCone", "mjtEq", "mjtDi
 
 
 def list_probes() -> list[dict[str, str]]:
-    """List the probes: every closure with every solver of the constraints."""
+    """List the cases: every closure with every solver of constraints; each has a name and the name of its linkage."""
     return [{"name": f"{name}, {solver}", "model": closure.model} for name, closure in CLOSURES.items() for solver in SOLVERS]
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of a probe at absolute states q, v (k, n)."""
+    """Return the absolute accelerations (k, n) of the case `name` at absolute states q, v (k, n)."""
     import mujoco
 
     named, _, solver = name.rpartition(", ")
@@ -92,7 +95,7 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
 
 
 def document(closure: Closure, solver: str) -> str:
-    """Return the model of bars with an equality as MJCF."""
+    """Return the bars of a closure and its equality as an MJCF document."""
     bars = closure.bars
     pose = reference_pose(bars)
     bodies = "".join(write_bar(k, bars, pose) for k, bar in enumerate(bars) if bar.parent < 0)
@@ -103,7 +106,11 @@ def document(closure: Closure, solver: str) -> str:
 
 
 def write_bar(number: int, bars: Sequence[Bar], pose: Sequence[float]) -> str:
-    """Return a bar and those that hang on it; its joint coordinate is its angle against its parent."""
+    """Return the body of a bar in MJCF, with the bars that hang on it; its joint coordinate is its angle relative to its parent.
+
+    Args:
+        pose: (bars,) angles in the reference pose, each relative to the parent's [rad].
+    """
     bar = bars[number]
     inner = "".join(write_bar(k, bars, pose) for k, x in enumerate(bars) if x.parent == number)
     inertia = f'<inertial pos="{bar.centre} 0 0" mass="{bar.mass}" diaginertia="{bar.inertia} {bar.inertia} {bar.inertia}"/>'
@@ -114,16 +121,17 @@ def write_bar(number: int, bars: Sequence[Bar], pose: Sequence[float]) -> str:
 
 
 def reference_pose(bars: Sequence[Bar]) -> list[float]:
-    """Return the angles of a closed pose, each against the parent's; zeros where that is one."""
-    if bars in (CHAIN, THREE_CRANKS):
+    """Return the angles (bars,) of a pose with closed loops, each relative to the parent's [rad]."""
+    if bars in (CHAIN, THREE_CRANKS):  # closed at zero angles
         return [0.0] * len(bars)
     crank = 0.9  # [rad]
     end = np.array([np.cos(crank), np.sin(crank)])
     ground, rod, rocker = np.array([2.2, 0.0]), 2.0, 1.5
     across = ground - end
     distance = float(np.hypot(*across))
+    # rod and rocker meet where circles about the crank's end and about the rocker's pin intersect
     share = (rod**2 - rocker**2 + distance**2) / (2 * distance)  # along the line from the crank's end to the rocker's pin
-    height = float(np.sqrt(rod**2 - share**2))
+    height = float(np.sqrt(rod**2 - share**2))  # above that line
     meeting = end + (share * across + height * np.array([-across[1], across[0]])) / distance
     angles = {"crank": crank, "rod": _angle(meeting - end), "rocker": _angle(meeting - ground)}
     theta = np.array([angles["rod" if bar.name == "twin" else bar.name] for bar in bars])
@@ -131,11 +139,12 @@ def reference_pose(bars: Sequence[Bar]) -> list[float]:
 
 
 def _angle(x: Array) -> float:
+    """Return the angle [rad] of a vector (2,)."""
     return float(np.arctan2(x[1], x[0]))
 
 
 def defaults() -> dict[str, str]:
-    """Return the values that MuJoCo sets in a model that says nothing, and the members of its lists."""
+    """Return name -> value of the options that MuJoCo sets by default, and name -> "there" for the members of its enumerations."""
     import mujoco
 
     body, equality = '<body name="a"><geom size="1"/><joint/></body>', '<connect body1="a" anchor="0 0 0"/>'
@@ -151,13 +160,15 @@ def defaults() -> dict[str, str]:
 
 
 def _fields(item: Any) -> Iterable[str]:
+    """Yield the names of an object's public fields."""
     return (name for name in dir(item) if not name.startswith("_") and not callable(getattr(item, name)))
 
 
 def _members(kind: Any) -> Iterable[str]:
+    """Yield the names of an enumeration's members."""
     return (name for name in dir(kind) if name.startswith("mj") and not name.startswith("mjN"))
 
 
 def write(value: Any) -> str:
-    """Return a value as text, the same in every release: numbers with the digits that tell them apart."""
+    """Return a value as a text that does not depend on the release's types: its numbers with 12 digits."""
     return " ".join(f"{x:.12g}" for x in np.ravel(np.asarray(value, dtype=float)))

@@ -1,18 +1,19 @@
-"""Accelerations that Kamino's steps imply at a given state, by steps of six copies of the linkage.
+"""Accelerations at a given state, found from Kamino's steps of six copies of the linkage.
 
-A step of h [s] from q, v solves for the velocities v1 = P(q) (v + h a_free), where P projects velocities onto those that the
-constraints at q allow, J(q) v1 = 0, and a_free are the accelerations without constraints. In a run q moves on, and so does P. In
-the limit of short steps, velocities change at the rate
+A step of h [s] from q, v solves for the velocities v1 = P(q) (v + h a_free). P projects velocities onto those that the constraints
+at q allow, J(q) v1 = 0, and a_free are the accelerations without constraints. In the limit of short steps, velocities change at the
+rate
 
     a = P(q) a_free + d/de P(q + e v) v        at e = 0
 
-Two copies of the linkage stand at q, with and without forces; their velocities then differ by h P a_free, whatever h. Four stand at
-q + k e v without forces, and their fourth-order difference is the second term. So the error of the time step is not in it, and
-little of rounding, which is that of single precision. Gaps, which are of the size e^2 in the four copies, must not be drawn shut.
+The first term is found from two copies at q, one with forces and one without: their velocities v1 differ by h P a_free for every h.
+The second term is the fourth-order difference of four copies at q + k e v without forces. So the result has no error of a time
+step, and little of rounding, although Newton computes in single precision. Kamino must not close the gaps of the four copies, which
+have the size e^2.
 
-Trap: the solvers leave a share of J v1, on a crank-slider a thousandth. In a run that is left of every step alike, so that no
-acceleration comes of it. Here a second step without forces projects again. PADMM often ends before it has converged, which is an
-error of runs; DVI solves for the impulses directly and is asked here under every setting.
+Trap: a step leaves a small part of J v1, on a crank-slider a thousandth. In a run every step leaves the same part, which makes no
+acceleration. Here it would make one, so a second step without forces projects again. The solver PADMM often ends before it has
+converged, which is an error of runs. Here DVI, which solves for the impulses directly, takes the steps under every setting.
 """
 
 import numpy as np
@@ -23,27 +24,28 @@ from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-WEIGHTS = {-2: 1.0, -1: -8.0, 1: 8.0, 2: -1.0}  # of the values at k e, over 12 e: the slope at 0, but for terms of the size e^4
-DIFFERENCE = 3e-2  # [rad, m] by which a copy is moved at most twice: truncation e^4/30 is 3e-8, rounding 1e-7/e is 3e-6
-STEP = 0.1  # [s]
-CONVERGED = {"dynamics_solver": "dvi", "alpha": 0.0, "contacts": 1}
+WEIGHTS = {-2: 1.0, -1: -8.0, 1: 8.0, 2: -1.0}  # k -> weight of the value at k e; the sum over 12 e is the slope at 0, to order 4
+DIFFERENCE = 3e-2  # [rad, m] a copy moves by 2 e v at most; at e v of this size truncation is 3e-8, rounding 3e-6
+STEP = 0.1  # [s]; the result does not depend on it
+CONVERGED = {"dynamics_solver": "dvi", "alpha": 0.0, "contacts": 1}  # options; alpha = 0 leaves gaps open
 
 
 class Accelerations:
-    """A call (q, v, forces) -> accelerations (n,), at a state q, v (n,) on the constraints, under forces (n,) besides gravity."""
+    """A function (q, v, forces) -> accelerations (n,), for a state q, v (n,) on the constraints and forces (n,) besides gravity."""
 
     def __init__(self, libraries: Libraries, mechanism: Mechanism):
-        self.weight = AppliedForces(mechanism).gravity  # what is no force takes it away
+        self.weight = AppliedForces(mechanism).gravity  # (n,)
         self.world = World(libraries, mechanism, CONVERGED, copies=2 + len(WEIGHTS))
 
     def __call__(self, q: Array, v: Array, forces: Array) -> Array:
         e = DIFFERENCE / max(float(np.abs(v).max()), DIFFERENCE)
         places = [q, q, *(q + k * e * v for k in WEIGHTS)]
-        given = [forces, *([-self.weight] * (1 + len(WEIGHTS)))]
+        weightless = -self.weight  # cancels gravity, which Newton adds to all copies
+        without_forces = [weightless] * len(places)
         speeds = np.tile(v, len(places))
-        for now in (given, [-self.weight] * len(places)):
+        for given in ([forces, *without_forces[1:]], without_forces):  # the second step only projects
             self.world.put(np.concatenate(places), speeds)
-            self.world.step(np.concatenate(now), STEP)
+            self.world.step(np.concatenate(given), STEP)
             speeds = self.world.state()[1]
         pushed, free, *moved = speeds.reshape(len(places), -1)
         turning = sum(weight * x for weight, x in zip(WEIGHTS.values(), moved, strict=True)) / (12 * e)

@@ -1,6 +1,5 @@
-"""Newton's kernels, which Warp compiles to machine code at their first use; that takes a minute, and they are kept."""
+"""The machine code of Newton's kernels: Warp compiles a kernel when it first runs, which takes minutes, and the code is kept."""
 
-import os
 import tempfile
 from dataclasses import dataclass
 from functools import cache
@@ -10,17 +9,17 @@ from typing import Any
 
 from gauss_bench.compiler.user_cache import is_trusted
 
-FOLDER = "warp"  # of machine code, in the folder of the user's cache
-MADE = "kamino-{}.made"  # file there: all kernels were compiled
+FOLDER = "warp"  # folder of machine code, in the user's cache
+MADE = "kamino-{}.made"  # file in FOLDER that marks that all kernels of these versions are compiled
 PACKAGES = ("newton", "warp-lang")
 
 
 @dataclass(frozen=True)
 class Libraries:
-    """The modules that the adapter needs.
+    """The modules `warp` and `newton`.
 
     Attributes:
-        folder: of the kernels; a temporary one is deleted when the process ends.
+        folder: folder of the kernels; if it is a temporary one, it is deleted together with this object.
     """
 
     warp: Any
@@ -30,16 +29,20 @@ class Libraries:
 
 @cache
 def load_libraries() -> Libraries:
-    """Import Warp and Newton, on the processor, with kernels in a folder that this user alone may enter.
+    """Import Warp and Newton, on the processor, with kernels in a folder that only this user may enter.
 
     Raises:
-        ImportError: one is not installed.
+        ImportError: one of them is not installed.
     """
     import warp
 
-    trusted = is_trusted()
-    folder = trusted / FOLDER if trusted else tempfile.TemporaryDirectory(prefix="gauss-bench-")
-    warp.config.kernel_cache_dir = os.fspath(folder) if isinstance(folder, Path) else folder.name
+    folder: Path | tempfile.TemporaryDirectory[str]
+    if trusted := is_trusted():
+        folder = trusted / FOLDER
+        warp.config.kernel_cache_dir = str(folder)
+    else:
+        folder = tempfile.TemporaryDirectory(prefix="gauss-bench-")
+        warp.config.kernel_cache_dir = folder.name
     warp.config.quiet = True
     import newton
 
@@ -48,19 +51,19 @@ def load_libraries() -> Libraries:
 
 
 def find_mark() -> Path | None:
-    """Return the path of the file that tells that all kernels of these releases are compiled; None if none are kept."""
+    """Return the path of the file that marks the kernels of the installed versions as compiled; None if none can be kept."""
     folder = is_trusted()
     return folder / FOLDER / MADE.format("-".join(map(version, PACKAGES))) if folder else None
 
 
 def are_compiled() -> bool:
-    """Tell whether no kernels are left to compile before a run; where none can be kept, each process compiles its own."""
+    """Tell whether `build_once` has nothing to do: all kernels are kept, or none can be kept and each process compiles them."""
     mark = find_mark()
     return mark is None or mark.exists()
 
 
 def mark_compiled() -> None:
-    """Note that all kernels are compiled."""
+    """Write the file that marks all kernels as compiled."""
     if mark := find_mark():
         mark.parent.mkdir(exist_ok=True)
         mark.touch()

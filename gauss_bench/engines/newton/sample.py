@@ -1,4 +1,4 @@
-"""A small linkage with pins and a slide, for which Newton's kernels are compiled; it needs no file."""
+"""A small linkage with pins and a slide, without a file: steps of it compile Newton's kernels."""
 
 import numpy as np
 

@@ -1,20 +1,21 @@
 """A linkage in Newton: rigid bodies in absolute coordinates, and joints that its solver Kamino takes as constraints.
 
-Joints that close loops are like all others, except that no articulation lists them. Frames of links lie at their centres of mass,
-with the linkage in the plane z = 0.
+Newton's articulation lists the joints of the spanning tree; joints that close loops differ in nothing else. Frames of links lie at
+their centres of mass, and the linkage lies in the plane z = 0.
 
-A step of h [s] from q, v takes forces and constraint rows J at q, and is one of the semi-implicit Euler method:
+A step of h [s] from q, v has forces Q and constraint rows J at q, and follows the semi-implicit Euler method:
 
     M (v1 - v) = h Q + J^T lambda      J v1 = -alpha phi / h      q1 = q + h v1
 
-A step launches some hundred kernels. Called from Python they take 0.1 s, so they are recorded once for each h, as Warp offers it,
-and replayed in C++.
+A step launches some hundred kernels. Launched from Python they take 0.1 s, so Warp records them once for each h, and replays them
+in C++.
 
-Traps: Newton knows single precision alone. Where there are no shapes, Kamino makes room for 1000 contacts (`contacts`).
+Traps: Newton computes in single precision only. For models without shapes, Kamino makes room for 1000 contacts; the option
+`contacts` is a smaller number.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,33 +29,40 @@ from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.terms import Array
 
 PLANE = slice(0, 2)  # x and y of a position, velocity or force
-TURN = 5  # the index of rotation about z in a velocity or force
+TURN = 5  # index of the rotation about z in a velocity or force (6,); a pose (7,) has sin and cos of half the angle at 5 and 6
 
 
-def joint_frames(joint: Joint) -> tuple[tuple[Array, float], tuple[Array, float]]:
-    """Return origin (2,) [m] and angle [rad] of a joint's frame in its first link, and in its second.
+class Frame(NamedTuple):
+    """A frame in the plane: its origin (2,) [m] and its angle [rad]."""
 
-    Joints let the two turn about, or slide along x of, the first; everything else is the same in both.
+    origin: Array
+    angle: float
+
+
+def joint_frames(joint: Joint) -> tuple[Frame, Frame]:
+    """Return a joint's frame in the first link, and its frame in the second link.
+
+    A pin lets the second frame turn about the first, and a slide lets it move along the first one's x axis.
     """
     first, second = joint.ends
     if not isinstance(joint, Prismatic):
-        return (first.local, 0.0), (second.local, 0.0)
+        return Frame(first.local, 0.0), Frame(second.local, 0.0)
     on_the_line = first.local + joint.offset * unit(joint.angle, across=True)
-    return (on_the_line, joint.angle), (second.local, joint.angle - joint.turn)
+    return Frame(on_the_line, joint.angle), Frame(second.local, joint.angle - joint.turn)
 
 
 class World:
-    """A linkage in Newton, which takes one step after another.
+    """A linkage in Newton that takes steps.
 
-    Newton steps several copies of it at once, none of which touches another: then q, v and forces (3 links copies,) are those of
-    the first copy, of the second and so on.
+    Newton can step several copies of a linkage at once, which do not touch each other. States q, v and forces (3 links copies,)
+    hold the entries of the first copy, then those of the second, and so on.
     """
 
     def __init__(self, libraries: Libraries, mechanism: Mechanism, options: Mapping[str, Any], copies: int = 1):
         self.warp, self.newton = libraries.warp, libraries.newton
-        empty = {"up_axis": self.newton.Axis.Y, "gravity": tuple(spatial(mechanism.gravity))}
-        self.builder, together = self.newton.ModelBuilder(**empty), self.newton.ModelBuilder(**empty)
-        self.bodies = {GROUND: -1}
+        common = {"up_axis": self.newton.Axis.Y, "gravity": tuple(spatial(mechanism.gravity))}
+        self.builder, together = self.newton.ModelBuilder(**common), self.newton.ModelBuilder(**common)
+        self.bodies = {GROUND: -1}  # link -> Newton's number of its body
         for k, link in enumerate(mechanism.links):
             inertia = self.warp.mat33(*(link.inertia * np.eye(3)).ravel().tolist())
             pose = self._frame(places(mechanism.q0)[k], angles(mechanism.q0)[k])
@@ -71,9 +79,9 @@ class World:
         self.put(np.tile(mechanism.q0, copies), np.tile(mechanism.v0, copies))
 
     def _add_joints(self, mechanism: Mechanism) -> None:
-        """Add the joints of a spanning tree, each from parent to child, as an articulation, and the others after it."""
+        """Add the joints of a spanning tree, each from parent to child, as an articulation; then add all other joints."""
         tree = spanning_tree(mechanism)
-        inside = []
+        inside = []  # Newton's numbers of the articulation's joints
         for branch in tree.branches:
             if branch.joint is None:
                 inside.append(self.builder.add_joint_free(child=self.bodies[branch.link]))
@@ -81,11 +89,11 @@ class World:
                 inside.append(self._add_joint(branch.joint, backwards=branch.joint.ends[0].link == branch.link))
         self.builder.add_articulation(inside)
         for joint in tree.closures:
-            # Newton lets no joint end at the ground
+            # Newton refuses joints whose child is the ground
             self._add_joint(joint, backwards=joint.ends[1].link == GROUND)
 
     def _add_joint(self, joint: Joint, backwards: bool) -> int:
-        """Add a joint from its first link to its second, or backwards, and return Newton's number of it."""
+        """Add a joint from its first link to its second, or backwards, and return Newton's number of the joint."""
         ends = [(self.bodies[end.link], self._frame(*frame)) for end, frame in zip(joint.ends, joint_frames(joint), strict=True)]
         (parent, near), (child, far) = reversed(ends) if backwards else ends
         if isinstance(joint, Prismatic):
@@ -95,13 +103,13 @@ class World:
         return int(add(parent, child, parent_xform=near, child_xform=far, axis=axis))
 
     def _frame(self, origin: Array, angle: float) -> Any:
-        """Return Newton's transform of a frame of the plane with its origin (2,) [m] and angle [rad]."""
+        """Return Newton's transform of a frame in the plane, given by its origin (2,) [m] and angle [rad]."""
         turn = self.warp.quat(0.0, 0.0, float(np.sin(angle / 2)), float(np.cos(angle / 2)))
         return self.warp.transform(self.warp.vec3(*spatial(origin)), turn)
 
     def put(self, q: Array, v: Array) -> None:
         """Set the absolute state q, v (3 links copies,)."""
-        self.angles = angles(q).copy()  # of the links when they were last read, from which turns are counted
+        self.angles = angles(q).copy()  # angles when they were last set or read: `state` counts turns from them
         poses, speeds = np.zeros((len(self.angles), 7)), np.zeros((len(self.angles), 6))
         poses[:, PLANE], speeds[:, PLANE], speeds[:, TURN] = places(q), places(v), angles(v)
         poses[:, 5], poses[:, 6] = np.sin(self.angles / 2), np.cos(self.angles / 2)
@@ -109,7 +117,7 @@ class World:
         self.now.body_qd.assign(speeds.astype(np.float32))
 
     def state(self) -> tuple[Array, Array]:
-        """Return the absolute state q, v (3 links copies,); links must turn by less than half a turn between two calls."""
+        """Return the absolute state q, v (3 links copies,); between two calls, no link may turn by half a turn."""
         poses, speeds = (np.asarray(x.numpy(), dtype=float) for x in (self.now.body_q, self.now.body_qd))
         q, v = np.empty(3 * len(poses)), np.empty(3 * len(poses))
         places(q)[:], places(v)[:] = poses[:, PLANE], speeds[:, PLANE]
@@ -118,8 +126,8 @@ class World:
         return q, v
 
     def record(self, h: float) -> Any:
-        """Return the recorded step of h [s], which is not taken by recording it."""
-        size = float(np.float32(h))
+        """Return the recording of a step of h [s]; to record a step does not take it."""
+        size = float(np.float32(h))  # sizes that differ only by double-precision rounding share a recording
         if size not in self.graphs:
             with self.warp.ScopedCapture(device="cpu") as capture:
                 self.solver.step(self.now, self.now, self.control, None, size)
@@ -130,7 +138,7 @@ class World:
         """Take a step of h [s], and tell whether the solver converged.
 
         Args:
-            forces: (3 links copies,) at the centres of mass, without gravity.
+            forces: (3 links copies,) forces and torques at the centres of mass, without gravity.
         """
         wrenches = np.zeros((len(self.angles), 6), dtype=np.float32)
         wrenches[:, PLANE], wrenches[:, TURN] = places(forces), angles(forces)

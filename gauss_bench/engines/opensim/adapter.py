@@ -1,7 +1,7 @@
-"""OpenSim: a tree of Simbody's mobilised bodies, closed by point constraints whose multipliers it solves for at every evaluation.
+"""OpenSim: a tree of Simbody's mobilised bodies, closed by point constraints; every evaluation solves for their multipliers.
 
-Simbody's integrators project states onto the constraints. With equal steps, too, the accuracy decides when they do so. The
-generated model is compared with the suite's own terms before it is used, at tree states at which loops are open.
+Simbody's integrators project states onto the constraints. The accuracy decides when they do so, even if steps are equal. Before the
+model is used, it is compared with the suite's own terms, at tree states at which loops are open.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.opensim.forces import JointForces
 from gauss_bench.engines.opensim.program import write
 from gauss_bench.engines.opensim.translate import Builder, Built, gaps, refusal
-from gauss_bench.engines.shared import beyond_a_tree, joint_tree, unsteady
+from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, joint_tree, unsteady
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.mechanism.model import Mechanism
@@ -30,19 +30,16 @@ MEMBER = "IntegratorMethod_"  # beginning of the names of methods in OpenSim's M
 AGREEMENT = 1e-9  # relative: rounding causes about 1e-13, a wrong sign or factor about 1
 
 
-class OpenSim:
-    """OpenSim with Simbody's explicit integrators, which take equal steps or choose them.
+class OpenSim(LibraryEngine, file=VARIANTS):
+    """OpenSim with Simbody's explicit integrators, which take equal steps or choose their steps.
 
     CPodes is not offered. At a tenth of the tolerance it is less exact than the method of Runge, Kutta and Merson (on the eight-bar
-    after 1 s, 5e-7 rad at 1e-9 against 7e-9 rad at 1e-8), and it prints a message about mxstep from which it goes on.
+    after 1 s, 5e-7 rad at 1e-9 against 7e-9 rad at 1e-8), and it prints a message about mxstep and goes on.
     """
 
     name = "opensim"
     integrators = tuple(METHODS)
     adaptive = tuple(x for x in METHODS if x.endswith(ADAPTIVE))
-    stabilizations = ("none",)
-    settings = VARIANTS.settings
-    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
     native_loop = True
     python_loop = False
     resizable = True
@@ -55,9 +52,6 @@ class OpenSim:
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         reason = beyond_a_tree(mechanism, "OpenSim") or unsteady(mechanism, "OpenSim")
         return reason or refusal(mechanism, joint_tree(mechanism, VARIANTS.options(choice.settings)))
-
-    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
-        return ""
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "OpenSimModel":
         return OpenSimModel(mechanism, choice)
@@ -95,7 +89,7 @@ class OpenSimModel(TreeModel):
         state = self.opensim.State(built.start)
         state.setTime(float(t))
         for coordinate, value, rate in zip(built.coordinates, y, dy, strict=True):
-            coordinate.setValue(state, float(value), False)  # without False it would assemble the loops
+            coordinate.setValue(state, float(value), False)  # without False OpenSim would close the loops
             coordinate.setSpeedValue(state, float(rate))
         return state
 
@@ -121,7 +115,7 @@ class OpenSimModel(TreeModel):
     def joint_forces(self, t: float, q: Array, v: Array) -> Mapping[str, Array]:
         """Return the forces that OpenSim has in joints and constraints; see `ModelDefaults`."""
         state = self._state(self.built, t, *self.tree.relative(q, v))
-        self._accelerations(self.built, state)  # which brings the state to the stage that has forces
+        self._accelerations(self.built, state)  # OpenSim has forces only after accelerations
         return self._joint_forces.read(state, q, v)
 
     def prepare(self, times: Array, native: bool = True) -> None:
@@ -129,7 +123,11 @@ class OpenSimModel(TreeModel):
         self.manager = self._manager(recorded=False)
 
     def _manager(self, recorded: bool) -> Any:
-        """Return an integration from the start; if it is recorded, every step is kept, which takes time and memory."""
+        """Return OpenSim's manager of an integration from the start.
+
+        Args:
+            recorded: whether it stores the state after every step, which takes time and memory.
+        """
         manager, method = self.opensim.Manager(self.built.model), self.choice.integrator or "rk_merson"
         manager.setWriteToStorage(recorded)
         manager.setPerformAnalyses(False)
@@ -149,7 +147,7 @@ class OpenSimModel(TreeModel):
         self._step_through(self.manager, self.y, self.dy)
 
     def _step_through(self, manager: Any, y: Array, dy: Array) -> None:
-        """Integrate to every sample time and store the tree states.
+        """Integrate to every sample time, and fill y, dy (k, n) with the tree states.
 
         Raises:
             RunFailure: Simbody gives up.
@@ -164,7 +162,9 @@ class OpenSimModel(TreeModel):
             dy[k] = [x.getSpeedValue(state) for x in self.built.coordinates]
 
     def count_steps(self) -> int:
-        """Return the number of steps of the run; one with chosen steps is repeated and recorded, as OpenSim does not count.
+        """Return the number of steps of the run.
+
+        OpenSim does not count steps that it chooses. Such a run is repeated with all states recorded, and the states are counted.
 
         Raises:
             RunFailure: the repeated run differs.

@@ -1,11 +1,11 @@
-"""Forces of joints by OpenSim: reactions in the tree's joints, and forces of the point constraints that close its loops.
+"""Joint forces by OpenSim: reactions in the tree's joints, and forces of the point constraints that close its loops.
 
-Both are turned into the suite's convention: fx, fy on the second link of a joint, and the moment about its point. OpenSim's
-reaction is everything that passes from one link to the other, and so includes what the joint itself does not exert:
+Both are converted to the suite's convention: fx, fy on the second link of a joint, and the moment about its point. OpenSim's
+reaction is the whole force between two links. It includes forces that the joint of the linkage does not exert:
 
-    loads on coordinates   a torque, slide motor, spring or damper that is a force on a coordinate in OpenSim: there it passes
-                           through that coordinate's joint, in the linkage it acts on the links that it names
-    drivers                the force on a prescribed coordinate, along which the joint is free
+    loads on coordinates   A torque, slide motor, spring or damper is a force on a coordinate in OpenSim, which passes through that
+                           coordinate's joint. In the linkage it acts on the links that the load names.
+    drivers                The force on a prescribed coordinate acts in a direction in which the joint is free.
 """
 
 from collections.abc import Iterable, Mapping
@@ -28,17 +28,22 @@ from gauss_bench.terms import Array
 class JointForces:
     """Reads joint forces from states of a mechanism's OpenSim model.
 
-    Joints whose forces redundant rows leave undetermined are left out: Simbody's multipliers are one of many solutions there.
+    If redundant rows leave a joint's force undetermined, the joint is left out: Simbody's multipliers are one of many solutions.
+
+    Attributes:
+        joints: branches of the tree with OpenSim's joints.
+        pins: closing pins with OpenSim's constraints.
+        on_bodies: loads that are forces on bodies in OpenSim; all others are forces on coordinates.
+        driven: index of a driven tree coordinate -> its driver.
+        beyond: link -> all links that hang on it in the tree, and itself.
     """
 
     def __init__(self, mechanism: Mechanism, tree: Tree, built: Built):
         self.mechanism, self.tree = mechanism, tree
         determined = list_determined(mechanism)
         joints, constraints = built.model.getJointSet(), built.model.getConstraintSet()
-        kept = [b for b in tree.branches if b.joint and b.joint.name in determined]
-        self.joints = [(b, joints.get(f"joint{b.at}")) for b in kept]
-        pins = [(joint, constraints.get(k)) for k, joint in enumerate(tree.closures)]
-        self.pins = [(pin, constraint) for pin, constraint in pins if pin.name in determined]
+        self.joints = [(b, joints.get(f"joint{b.at}")) for b in tree.branches if b.joint and b.joint.name in determined]
+        self.pins = [(pin, constraints.get(k)) for k, pin in enumerate(tree.closures) if pin.name in determined]
         self.on_bodies = [x.load for x in sort_loads(mechanism, tree) if isinstance(x, OtherLoad)]
         self.driven = drivers_by_coordinate(mechanism, tree)
         self.beyond = links_beyond(tree)
@@ -47,7 +52,7 @@ class JointForces:
         """Return name of a joint -> (3,) fx, fy [N] on its second link and moment [N m] about its point.
 
         Args:
-            state: OpenSim's, with its accelerations.
+            state: OpenSim's state, after its accelerations were computed.
             q, v: (n,) the same state in absolute coordinates.
         """
         on_coordinates = generalised(loads(self.mechanism.forces), q, v) - generalised(self.on_bodies, q, v)
@@ -57,11 +62,11 @@ class JointForces:
         return found
 
     def _read_joint(self, b: Branch, joint: Any, state: Any, q: Array, on_coordinates: Array) -> Array:
-        """Return fx, fy and moment (3,) of a joint of the tree.
+        """Return fx, fy and moment (3,) of the joint of a branch.
 
         Args:
-            joint: OpenSim's.
-            on_coordinates: (n,) generalised forces of the loads that OpenSim has on coordinates.
+            joint: OpenSim's joint.
+            on_coordinates: (n,) forces on links by the loads that are forces on coordinates in OpenSim.
         """
         assert b.joint
         second = b.joint.ends[1]
@@ -69,23 +74,24 @@ class JointForces:
         reaction = joint.calcReactionOnChildExpressedInGround(state)  # about the origin of the child's frame
         force, moment = np.array([reaction.get(1).get(i) for i in range(2)]), reaction.get(0).get(2)
         moment += moment_of(position(q, Point(b.link, b.anchor, "")) - about, force)
-        for i in self.beyond[b.link]:
+        for i in self.beyond[b.link]:  # in the linkage these loads do not pass through the joint
             push = place_at(on_coordinates, i)
             force = force - push
             moment -= angle_at(on_coordinates, i) + moment_of(place_at(q, i) - about, push)
         if b.at in self.driven and b.kind == "revolute":
             moment = 0.0
-        elif b.at in self.driven:  # a driver's force acts on the point of the block, so that it has no moment about it
+        elif b.at in self.driven:  # the force of a slide's driver acts on the point of the block, so it has no moment about it
             axis = turn_with(b.parent, b.axis, q)
             force = force - axis * (axis @ force)
         sign = 1.0 if second.link == b.link else -1.0  # a joint used backwards has its second link as parent
         return sign * np.array([*force, moment])
 
     def _read_pin(self, a: Point, b: Point, constraint: Any, state: Any, q: Array) -> Array:
-        """Return the force (2,) of a closing pin on its second link.
+        """Return the force (2,) of a closing pin from point a to point b, on its second link.
 
-        OpenSim lists for each body what stands at the left of the equations of motion, so that the first body's entry is the force
-        on the second. Trap: Simbody gives it in the frame of the outermost body from which both hang, and that may turn.
+        OpenSim lists the constraint's forces as they stand on the left side of the equations of motion, so the entry of the first
+        body is the opposite of the force on it, which is the force on the second body. Trap: its components are those in the frame
+        of the outermost body on which both bodies hang, and that frame may be turned.
         """
         values = constraint.getRecordValues(state)
         force = np.array([values.get(0), values.get(1)])
@@ -93,12 +99,12 @@ class JointForces:
 
 
 def turn_with(link: int, vector: Array, q: Array) -> Array:
-    """Return a vector (2,) of a link's frame, or of the ground's, in the world's."""
+    """Return the components (2,) in the world of a vector (2,) in the frame of a link or of the ground."""
     return vector if link == GROUND else rotate(vector, np.asarray(angle_at(q, link)))
 
 
 def moment_of(arm: Array, force: Array) -> float:
-    """Return the moment of a force (2,) at an arm (2,)."""
+    """Return the moment [N m] of a force (2,) [N] at an arm (2,) [m]."""
     return float(wedge(Vec(*arm), Vec(*force)))
 
 
@@ -112,15 +118,15 @@ def generalised(acting: Iterable[Load], q: Array, v: Array) -> Array:
 
 
 def links_beyond(tree: Tree) -> dict[int, list[int]]:
-    """Return link -> the links that hang on it in the tree, with itself."""
+    """Return link -> all links that hang on it in the tree, and itself."""
     beyond = {b.link: [b.link] for b in tree.branches}
-    for b in reversed(tree.branches):  # children before their parents
+    for b in reversed(tree.branches):  # a child's list is complete before its parent takes it
         if b.parent != GROUND:
             beyond[b.parent] += beyond[b.link]
     return beyond
 
 
 def nearest_common(beyond: Mapping[int, list[int]], a: int, b: int) -> int:
-    """Return the outermost link on which two links hang; GROUND if there is none."""
+    """Return the outermost link on which both links a and b hang; GROUND if there is none."""
     both = [link for link, hanging in beyond.items() if a in hanging and b in hanging]
     return min(both, key=lambda link: len(beyond[link]), default=GROUND)

@@ -1,4 +1,4 @@
-"""A program for OpenSim: the calls by which the builder makes the model, and an integration."""
+"""Write a program for OpenSim: the calls that build the model, and an integration by OpenSim's manager."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -32,7 +32,7 @@ STATEMENTS = {
     **dict.fromkeys([*OF_MODELS, *OF_COORDINATES, *OF_FORCES, *OF_PRESCRIBED], ""),
 }
 RUN = """    for coordinate, value, rate in zip(coordinates, Y0, DY0):
-        coordinate.setValue(state, value, False)  # without False it would assemble the loops
+        coordinate.setValue(state, value, False)  # without False OpenSim would close the loops
         coordinate.setSpeedValue(state, rate)
     manager = opensim.Manager(model)
     manager.setWriteToStorage(False)
@@ -51,11 +51,11 @@ $FURTHER    manager.initialize(state)
 
 
 def write(mechanism: Mechanism, tree: Tree, choice: Choice, options: Mapping[str, Any], method: str, accuracy: float | None) -> str:
-    """Return the program.
+    """Return the program of a mechanism under a choice, whose settings have these options.
 
     Args:
-        method: Simbody's integrator, a member of `opensim.Manager`.
-        accuracy: of an integrator that chooses its steps; None for equal steps.
+        method: name of Simbody's integrator, a member of `opensim.Manager`.
+        accuracy: accuracy of an integrator that chooses its steps; None for equal steps.
     """
     script = Script(STATEMENTS)
     built = Builder(script.stand_in("opensim"), mechanism, tree).build()

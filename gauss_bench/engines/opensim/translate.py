@@ -1,7 +1,7 @@
-"""A linkage as an OpenSim model: links hang in a tree of joints, and a PointConstraint closes each pin that the tree leaves open.
+"""A linkage as an OpenSim model: links hang on a tree of joints, and a PointConstraint closes each pin that the tree leaves open.
 
-The tree coordinates y are also OpenSim's. Frames of links lie at their centres of mass. Only what OpenSim's elements express
-exactly is translated; anything else is refused by name:
+OpenSim's coordinates are the tree coordinates y. Frames of links lie at their centres of mass. The adapter translates a force or
+driver only if an element of OpenSim expresses it exactly, and refuses all others by name:
 
     constant generalised force                     CoordinateActuator, whose actuation is overridden by the force
     spring and damper on one tree coordinate       SpringGeneralizedForce
@@ -16,14 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.shared import closing_pins, drivers_by_coordinate, spatial, undriven
+from gauss_bench.engines.shared import closing_pins, drivers_by_coordinate, measure_gaps, spatial, undriven
 from gauss_bench.engines.tree import Branch, Tree, Turning, turning
-from gauss_bench.engines.tree_loads import OnJoints, OtherLoad, Steady, TreeLoad, sort_loads
-from gauss_bench.mechanism.coordinates import rotate
+from gauss_bench.engines.tree_loads import OnJoints, OtherLoad, Steady, TreeLoad, refuse_load, sort_loads, turn_force
 from gauss_bench.mechanism.model import GROUND, Distance, Law, Mechanism, PointForce
 from gauss_bench.terms import Array
 
-FAR = 1e9  # [rad, m] end of a coordinate's range: OpenSim's own ends at some turns
+FAR = 1e9  # [rad, m] ends of a coordinate's range; by default the range ends after some turns
 
 
 def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
@@ -31,23 +30,8 @@ def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
     if reason := undriven(mechanism, tree, "OpenSim", any_law=False):
         return reason
     turns = turning(tree)
-    refusals = (load_refusal(load, turns) for load in sort_loads(mechanism, tree))
+    refusals = (refuse_load(load, turns, "OpenSim") for load in sort_loads(mechanism, tree))
     return next(filter(None, refusals), None)
-
-
-def load_refusal(load: TreeLoad, turns: Turning) -> str | None:
-    """Return the reason why no element of OpenSim expresses a load, or None if one does."""
-    match load:
-        case Steady():
-            return None
-        case OnJoints(row, name=name):
-            return f"OpenSim has no spring or damper on a sum of coordinates ({name})" if np.count_nonzero(row) > 1 else None
-        case OtherLoad(name, PointForce(frame=frame, point=point)):
-            fixed = turns.together(frame, GROUND) or turns.together(frame, point.link)
-            return None if fixed else f"OpenSim cannot turn the force {name} with a third link"
-        case OtherLoad(name, Law(coordinate=Distance())):
-            return None
-    return f"OpenSim has no spring or damper along an axis that is not a slide's ({load.name})"
 
 
 @dataclass(eq=False)
@@ -55,10 +39,12 @@ class Built:
     """An OpenSim model.
 
     Attributes:
-        model, coordinates: of OpenSim; start: a state of the model, from which others are copied.
-        pins: for each closing pin, OpenSim's body and the point in it, of both sides.
-        bodies: of OpenSim, in the order of the links.
-        elements: Python's references to joints and forces, without which OpenSim would lose them.
+        model: OpenSim's model.
+        coordinates: OpenSim's coordinates, in the order of the tree coordinates.
+        start: a state of the model, from which other states are copied.
+        pins: for each closing pin, its two ends: OpenSim's body and the point in its frame.
+        bodies: OpenSim's bodies, in the order of the links.
+        elements: Python's references to joints and forces, which keep them alive.
     """
 
     model: Any
@@ -70,7 +56,7 @@ class Built:
 
 
 class Builder:
-    """Builds the OpenSim model of a mechanism; `whole` is false for the open tree without drivers."""
+    """Builds the OpenSim model of a mechanism; without `whole`, the model of its open tree without drivers."""
 
     def __init__(self, opensim: Any, mechanism: Mechanism, tree: Tree, whole: bool = True):
         self.opensim, self.mechanism, self.tree, self.whole = opensim, mechanism, tree, whole
@@ -83,7 +69,7 @@ class Builder:
         self.motors: list[tuple[Any, float]] = []
 
     def build(self) -> Built:
-        """Return the model with all its parts."""
+        """Return the model and its parts."""
         opensim, mechanism = self.opensim, self.mechanism
         for i, link in enumerate(mechanism.links):
             inertia = opensim.Inertia(*[link.inertia] * 3)  # only the last moment of inertia acts
@@ -109,25 +95,28 @@ class Builder:
         return Built(self.model, coordinates, start, pins, bodies, [self.coordinates, self.elements])
 
     def _vector(self, x: Any) -> Any:
+        """Return a vector (2,) of the plane as OpenSim's vector of space."""
         return self.opensim.Vec3(*spatial(x))
 
     def _place(self, point: Any) -> tuple[Any, Any]:
-        """Return the body of a point, and the point in it."""
+        """Return OpenSim's body of a point, and the point in the body's frame."""
         return self.bodies[point.link], self._vector(point.local)
 
     def _add_joint(self, b: Branch) -> None:
         """Add the joint of a branch, and name its coordinates."""
         opensim, name = self.opensim, f"joint{b.at}"
-        if b.kind == "prismatic":  # OpenSim slides along x of both frames
-            direction = float(np.arctan2(b.axis[1], b.axis[0]))
-            joint = opensim.SliderJoint(name, *self._frames(b, direction))
-        else:
-            joint = (opensim.PinJoint if b.kind == "revolute" else opensim.PlanarJoint)(name, *self._frames(b))
-        if b.kind == "free":
-            kinds = (joint.Coord_TranslationX, joint.Coord_TranslationY, joint.Coord_RotationZ)
-            coordinates = [joint.updCoordinate(kind) for kind in kinds]
-        else:
-            coordinates = [joint.updCoordinate()]
+        match b.kind:
+            case "prismatic":  # OpenSim slides along x of both frames
+                direction = float(np.arctan2(b.axis[1], b.axis[0]))
+                joint = opensim.SliderJoint(name, *self._frames(b, direction))
+                coordinates = [joint.updCoordinate()]
+            case "revolute":
+                joint = opensim.PinJoint(name, *self._frames(b))
+                coordinates = [joint.updCoordinate()]
+            case _:
+                joint = opensim.PlanarJoint(name, *self._frames(b))
+                kinds = (joint.Coord_TranslationX, joint.Coord_TranslationY, joint.Coord_RotationZ)
+                coordinates = [joint.updCoordinate(kind) for kind in kinds]
         self.model.addJoint(joint)
         self.elements.append(joint)
         for k, coordinate in enumerate(coordinates, start=b.at):
@@ -138,7 +127,11 @@ class Builder:
             self.coordinates[k] = coordinate
 
     def _frames(self, b: Branch, direction: float = 0.0) -> tuple[Any, ...]:
-        """Return body, origin and angles of a joint's frame on both sides; x of the frames has a direction [rad] in the parent."""
+        """Return parent, origin and angles of a joint's frame in it, then the same for the link.
+
+        Args:
+            direction: angle [rad] of the frames' x axis in the parent's frame.
+        """
         near = self._vector(b.parent_anchor + b.base), self.opensim.Vec3(0, 0, direction)
         far = self._vector(b.anchor), self.opensim.Vec3(0, 0, direction - b.turn)
         return self.bodies[b.parent], *near, self.bodies[b.link], *far
@@ -159,6 +152,7 @@ class Builder:
                 self._add_law_between(law)
 
     def _add_force(self, element: Any) -> Any:
+        """Add a force element to the model under a name of its own, and return it."""
         element.setName(f"force{len(self.elements)}")
         self.model.addForce(element)
         self.elements.append(element)
@@ -174,9 +168,7 @@ class Builder:
 
     def _add_point_force(self, force: PointForce, turns: Turning) -> None:
         """Add a force that is fixed in the world or in the link of its point."""
-        in_world = turns.together(force.frame, GROUND)
-        fixed_in = GROUND if in_world else force.point.link
-        value = rotate(force.value, turns.constants[force.frame] - turns.constants[fixed_in])
+        in_world, value = turn_force(force, turns)
         element = self._add_force(self.opensim.PrescribedForce("", self.bodies[force.point.link]))
         element.setForceFunctions(*map(self.opensim.Constant, spatial(value)))
         element.setForceIsInGlobalFrame(in_world)
@@ -184,11 +176,11 @@ class Builder:
         element.setPointIsInGlobalFrame(False)
 
     def _add_law_between(self, law: Law) -> None:
-        """Add a law on a distance; a plain spring has an element that needs no expression."""
+        """Add a law on a distance: an element with an expression, or OpenSim's spring if the law is no more than a spring."""
         assert isinstance(law.coordinate, Distance)
         a, b = self._place(law.coordinate.a), self._place(law.coordinate.b)
         if law.c or law.bias:
-            # OpenSim's force draws the points together, a law pushes them apart; ddot is OpenSim's name of the rate of d
+            # in OpenSim a positive force pulls the points together, in a law it pushes them apart; ddot is the rate of d
             text = f"{float(law.k)!r}*(d-({float(law.rest)!r}))+{float(law.c)!r}*ddot-({float(law.bias)!r})"
             ends = a[0].getName(), a[1], b[0].getName(), b[1]
             self._add_force(self.opensim.ExpressionBasedPointToPointForce(*ends, text))
@@ -205,5 +197,10 @@ class Builder:
 
 def gaps(built: Built, state: Any) -> Array:
     """Return point b minus point a of every closing pin (pins, 2) [m], by OpenSim's own kinematics."""
-    places = [[body.findStationLocationInGround(state, point) for body, point in pin] for pin in built.pins]
-    return np.array([[b.get(i) - a.get(i) for i in range(2)] for a, b in places]).reshape(-1, 2)
+
+    def place(end: tuple[Any, Any]) -> Array:
+        body, point = end
+        found = body.findStationLocationInGround(state, point)
+        return np.array([found.get(0), found.get(1)])
+
+    return measure_gaps(built.pins, place)

@@ -1,8 +1,8 @@
-"""The differences between Pinocchio's releases that the adapter must bridge; they stand here alone.
+"""The differences between Pinocchio's releases; only this file deals with them.
 
-The adapter is written for the newest release. Those before 4 differ in this:
+The adapter is written for the newest release. Releases before 4 differ as follows:
 
-    constraints     initConstraintDynamics takes no data of the constraints; the gains are those of `corrector`
+    constraints     initConstraintDynamics takes no data of the constraints; Baumgarte's gains are in `corrector`
     algorithms      there is no lcaba
 """
 
@@ -14,7 +14,7 @@ from gauss_bench.trajectory import RunFailure, Status
 
 
 def find_algorithm(pin: Any, name: str) -> Any:
-    """Return an algorithm.
+    """Return Pinocchio's function of that name.
 
     Raises:
         RunFailure: the release does not have it.
@@ -25,7 +25,11 @@ def find_algorithm(pin: Any, name: str) -> Any:
 
 
 def prepare(pin: Any, algorithm: str, model: Any, data: Any, rows: Any, row_data: Any) -> None:
-    """Prepare the data of a model for an algorithm with constraints."""
+    """Prepare the data of a model for an algorithm with constraints.
+
+    Args:
+        rows, row_data: the constraints and their data.
+    """
     if algorithm == "lcaba":
         pin.computeJointMinimalOrdering(model, data, rows)
         return
@@ -36,12 +40,12 @@ def prepare(pin: Any, algorithm: str, model: Any, data: Any, rows: Any, row_data
 
 
 def corrector_of(row: Any) -> Any:
-    """Return Baumgarte's gains of a constraint, with the fields Kp and Kd."""
+    """Return the object that holds Baumgarte's gains of a constraint in the fields Kp and Kd."""
     return row.m_baumgarte_parameters if hasattr(row, "m_baumgarte_parameters") else row.corrector
 
 
 def set_gains(row: Any, gains: tuple[float, float]) -> None:
-    """Set Baumgarte's gains Kp, Kd of a constraint: numbers, or in older releases one for each of its rows."""
+    """Set Baumgarte's gains Kp, Kd of a constraint; in older releases each of its rows has its own gains."""
     corrector = corrector_of(row)
     for name, gain in zip(("Kp", "Kd"), gains, strict=True):
         if isinstance(getattr(corrector, name), np.ndarray):

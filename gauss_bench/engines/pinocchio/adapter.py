@@ -1,16 +1,16 @@
 """Pinocchio: a tree of joints in relative coordinates, closed by rigid point constraints and integrated by the suite.
 
-Its proximal iterations solve
+Pinocchio's proximal iterations solve
 
     M y'' + h = tau + J^T f,    J y'' + mu (f - f_before) = gamma
 
-so that mu times the last change of the forces f is the remaining residual of the constraints. f itself is not used, so its sign and
-frame do not matter. A prescribed motion is imposed by a torque or force, which takes one further solution for each driver.
+So mu times the last change of the forces f is the residual of the constraints. f itself is not used, so its sign and frame do not
+matter. A torque or force imposes a prescribed motion, which takes one further solution for each driver.
 
-Pinocchio has no springs and dampers, and no integrator for constrained systems: forces other than gravity reach it as tau, and the
-steps are the suite's, in tree coordinates. Baumgarte's terms are Pinocchio's own. Projection is the suite's, in absolute
-coordinates; mapped back to the tree, the projected state has closed loops. Redundant rows that have drifted apart contradict
-each other: the iterations then do not converge, and the run ends with that reason. Projection keeps such rows consistent.
+Pinocchio has no springs and dampers, and no integrator for constrained systems. Forces other than gravity are given to it as tau,
+and the suite's integrators step the tree coordinates. Pinocchio computes Baumgarte's terms. The suite projects states in absolute
+coordinates; after they are mapped back to the tree, the loops are closed. Redundant rows that have drifted apart contradict each
+other. Then the iterations do not converge, and the run ends with that reason. Projection keeps such rows consistent.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ from gauss_bench.engines.pinocchio.compiled import CompiledDynamics, beyond_the_
 from gauss_bench.engines.pinocchio.dynamics import SOLVED, ConstrainedDynamics
 from gauss_bench.engines.pinocchio.forces import TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody, verify
-from gauss_bench.engines.shared import beyond_a_tree, finite
+from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, finite
 from gauss_bench.engines.tree_model import TreeModel
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate import STABILIZATIONS
@@ -38,14 +38,12 @@ from gauss_bench.trajectory import RunFailure, Status, Trajectory
 VARIANTS = read_variants(Path(__file__).parent)
 
 
-class Pinocchio:
+class Pinocchio(LibraryEngine, file=VARIANTS):
     """Pinocchio's constrained dynamics with the suite's integrators."""
 
     name = "pinocchio"
     integrators = ("rk4", "semi_implicit_euler", "dop853", "dop853_fixed")
     stabilizations = STABILIZATIONS
-    settings = VARIANTS.settings
-    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
     resizable = True  # a built model can run with another step or tolerance
     native_loop = False
     python_loop = True
@@ -56,8 +54,7 @@ class Pinocchio:
         return f"Pinocchio {pinocchio.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        reason = beyond_a_tree(mechanism, "Pinocchio")
-        if reason:
+        if reason := beyond_a_tree(mechanism, "Pinocchio"):
             return reason
         if choice.integrator == "dop853" and choice.stabilization == "projection":
             return "projection between steps needs a fixed-step integrator"
@@ -69,12 +66,12 @@ class Pinocchio:
         return PinocchioModel(mechanism, choice)
 
     def unbuilt(self, settings: str) -> str:
-        """Name the library that these settings need and that must still be built; an empty text if there is none."""
+        """Name the compiled loop if these settings need it and it must still be built; otherwise return an empty text."""
         must_build = is_compiled(settings) and not building.missing() and building.absent()
         return "Pinocchio's compiled loop (about 2 minutes, once)" if must_build else ""
 
     def build_once(self) -> None:
-        """Build the library that `unbuilt` names; it is kept for all later runs of this user."""
+        """Build the compiled loop, which is kept for all later runs of this user."""
         building.build_loop()
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
@@ -82,7 +79,7 @@ class Pinocchio:
 
 
 def is_compiled(settings: str) -> bool:
-    """Tell whether steps under these settings are taken in the compiled loop, not in Python."""
+    """Tell whether the compiled loop takes the steps under these settings; otherwise Python does."""
     return bool(VARIANTS.options(settings)["loop"] == "compiled")
 
 
@@ -116,11 +113,11 @@ class PinocchioModel(OwnSteps, TreeModel):
         return self.plain(t, y, dy)
 
     def accelerate_sample(self, t: float, y: Array, dy: Array) -> Array:
-        # mapped as a batch of one, in numpy, like the states of the samples: plain numbers differ from it in the last digit
-        return np.asarray(self.tree.absolute(y[None], dy[None], self.plain(t, y, dy)[None])[2][0])
+        # mapped in numpy as a batch of one, as the states of the samples are; Python numbers would differ in the last digit
+        return np.asarray(self.tree.absolute(y[None], dy[None], self.plain(t, y, dy)[None]).a[0])
 
     def bare_calls(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
-        """Return two calls at the start: Pinocchio's solver alone, and a trivial function, to time the call itself."""
+        """Return two functions: Pinocchio's solver at the start, and a trivial one of Pinocchio, which shows the cost of a call."""
         return self.plain.bare(*self.start), lambda: self.pin.difference(self.plain.model, *self.start)
 
     def run(self) -> None:
@@ -156,9 +153,10 @@ class PinocchioModel(OwnSteps, TreeModel):
         """Check that the accelerations of the samples satisfy the suite's own constraint rows, J a = gamma.
 
         Raises:
-            RunFailure: they do not; it carries the samples before.
+            RunFailure: those of a sample do not; the failure has the samples before it.
         """
         rows = self.evaluator.constraints(x.t, x.q, x.v)
+        # (k,) largest residual of each sample, relative to its accelerations
         residual = np.abs(np.einsum("kij,kj->ki", rows.J, x.a) - rows.gamma).max(axis=1, initial=0.0)
         residual /= np.maximum(1.0, np.abs(x.a).max(axis=1))
         if (residual > SOLVED).any():

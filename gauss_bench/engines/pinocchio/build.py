@@ -1,8 +1,8 @@
-"""Build `loop.cpp` against the headers and the library of Pinocchio's wheel, once for a user.
+"""Build `loop.cpp` against the headers and the library of Pinocchio's wheel, once for each user.
 
-The build takes about 75 s of a processor and 2.2 GB of memory, so a run never starts it: only a search does, or a user who names
-these settings. One process builds at a time. The library is kept in the user's cache under a name made of its sources, flags,
-compiler and libraries; it is moved there only when it is complete.
+The build takes about 75 s of a processor and 2.2 GB of memory, so a run never starts it. Only a search starts it, or a user who
+names settings that need the loop. Only one process builds at a time. The library is kept in the user's cache under a name that
+depends on its sources, flags, compiler and libraries. It is moved there only when it is complete.
 """
 
 import fcntl
@@ -23,16 +23,16 @@ from gauss_bench.compiler import user_cache
 from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
 
 SOURCE = Path(__file__).parent / "loop.cpp"
-# No -march, which changes the alignment of Eigen's objects: they are passed to a library that was built for any processor. The
-# definitions are those of Pinocchio's own build targets.
+# No -march: it changes the alignment of Eigen's objects, which are passed to a library that was built without it. The definitions
+# are those of Pinocchio's own build targets.
 DEFINED = "PINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION BOOST_MPL_LIMIT_LIST_SIZE=30 BOOST_MPL_LIMIT_VECTOR_SIZE=30"
 DEFINED += " BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS BOOST_FUSION_INVOKE_MAX_ARITY=12 NDEBUG"
 FLAGS = ("-std=c++17", "-O2", *(f"-D{x}" for x in DEFINED.split()), "-shared", "-fPIC", "-w")
 COMPILERS = ("c++", "g++", "clang++")
 LIBRARIES = ("pin", "libpinocchio", "cmeel-eigen", "cmeel-boost")
 MEMORY = 3 << 30  # [bytes] limit of the compiler
-LONGEST = 1800.0  # [s] limit of the build; long, for a busy machine
-NEEDED = {
+LONGEST = 1800.0  # [s] limit of the build, long enough for a busy machine
+NEEDED = {  # file that must be there -> the reason to tell if it is not
     "include/pinocchio/multibody.hpp": "the headers of Pinocchio's wheel are missing",
     "include/eigen3/Eigen/Core": "Eigen's headers are missing; pip install 'gauss-bench[pinocchio-compiled]'",
 }
@@ -41,7 +41,7 @@ HOW = "gauss-bench simulate four_bar --engine pinocchio --settings 'compiled/rk4
 
 
 def prefix() -> Path | None:
-    """Return the folder that holds `include` and `lib` of the Pinocchio that Python imports, or None."""
+    """Return the folder with `include` and `lib` of the Pinocchio that Python imports; None if there is none."""
     found = find_spec("pinocchio")
     if found is None or not found.origin:
         return None
@@ -49,12 +49,12 @@ def prefix() -> Path | None:
 
 
 def compiler() -> str | None:
-    """Return the path of a C++ compiler, or None."""
+    """Return the path of a C++ compiler; None if there is none."""
     return next(filter(None, map(shutil.which, COMPILERS)), None)
 
 
 def find_tools() -> tuple[str, Path]:
-    """Return the compiler and the folder of Pinocchio's headers.
+    """Return the path of a C++ compiler, and the folder with Pinocchio's `include` and `lib`.
 
     Raises:
         RunFailure: the loop cannot be built on this machine.
@@ -72,7 +72,7 @@ def find_tools() -> tuple[str, Path]:
 
 
 def missing() -> str | None:
-    """Return the reason why the loop cannot be built on this machine, or None if it can."""
+    """Return the reason why the loop cannot be built on this machine, or None if it can be."""
     try:
         find_tools()
     except RunFailure as failure:
@@ -81,14 +81,14 @@ def missing() -> str | None:
 
 
 def absent() -> str | None:
-    """Return a sentence that says that the loop was not built yet, or None if it was built."""
+    """Return a sentence that the loop was not built yet and how to build it, or None if it was built."""
     if (user_cache.folder() / _cache_name()).is_file():
         return None
     return f"{NOT_INSTALLED}: it was not built yet, which takes about 2 minutes: {HOW}"
 
 
 def command(program: str, root: Path, source: Path, target: Path) -> list[str]:
-    """Return the compiler's command line."""
+    """Return the compiler's command line; `root` is the folder with Pinocchio's `include` and `lib`."""
     include, library = root / "include", root / "lib"
     paths = [f"-I{include}", f"-I{include / 'eigen3'}", f"-L{library}", "-lpinocchio_default", f"-Wl,-rpath,{library}"]
     return [program, *FLAGS, str(source), "-o", str(target), *paths]
@@ -98,7 +98,7 @@ def loop_library() -> bytes:
     """Return the content of the built library.
 
     Raises:
-        RunFailure: it cannot be built on this machine, or was not built yet.
+        RunFailure: the loop cannot be built on this machine, or was not built yet.
     """
     content = user_cache.load(_cache_name())
     if content is None:
@@ -107,10 +107,10 @@ def loop_library() -> bytes:
 
 
 def build_loop() -> None:
-    """Build the loop and keep it in the user's cache, unless another process has done so.
+    """Build the loop and keep it in the user's cache, unless another process has done that.
 
     Raises:
-        RunFailure: it cannot be built on this machine, the compiler rejects it, or it cannot be kept.
+        RunFailure: the loop cannot be built on this machine, the compiler rejects it, or the library cannot be kept.
     """
     name, folder = _cache_name(), user_cache.is_trusted()
     if folder is None:
@@ -121,7 +121,11 @@ def build_loop() -> None:
 
 
 def _compile() -> bytes:
-    """Return the content of a newly built library."""
+    """Compile the loop and return the content of the library.
+
+    Raises:
+        RunFailure: the loop cannot be built on this machine, or the compiler rejects it or takes too long.
+    """
     program, root = find_tools()
     with TemporaryDirectory() as folder:
         target = Path(folder) / "loop.so"
@@ -150,18 +154,18 @@ def _limit_memory() -> None:
 
 @contextmanager
 def _hold_lock(path: Path) -> Iterator[None]:
-    """Hold a lock that only one process can have at a time; the system releases it if that process dies."""
+    """Hold a lock file, which only one process can hold at a time; the system releases it if the process ends."""
     with path.open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
 
 def _cache_name() -> str:
-    """Return the name of the loop in the cache: a hash of everything that it is built from."""
+    """Return the name of the library in the cache, with a hash of its sources, flags, compiler and libraries."""
     program, root = find_tools()
     parts = [
         SOURCE.read_text(encoding="utf-8"),
-        *command(program, root, Path(SOURCE.name), Path("loop.so")),  # without the folder of the package
+        *command(program, root, Path(SOURCE.name), Path("loop.so")),  # the same wherever this package is installed
         platform.machine(),
         _describe_compiler(program),
         *map(_describe_package, LIBRARIES),
@@ -179,5 +183,5 @@ def _describe_package(package: str) -> str:
 
 @lru_cache
 def _describe_compiler(program: str) -> str:
-    """Return a compiler's name and version."""
+    """Return the text by which a compiler tells its name and version."""
     return subprocess.run([program, "--version"], capture_output=True, text=True, timeout=60.0, check=False).stdout

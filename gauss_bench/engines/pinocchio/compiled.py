@@ -1,4 +1,4 @@
-"""The adapter's dynamics and steps in C++: `loop.cpp`, with the numbers of the model that Python has built and verified."""
+"""The adapter's dynamics and steps in C++ by `loop.cpp`, with the numbers of the model that Python has built and verified."""
 
 import ctypes
 from collections.abc import Mapping
@@ -25,9 +25,10 @@ from gauss_bench.trajectory import RunFailure, Status
 METHODS = ("rk4", "semi_implicit_euler", "dop853_fixed")  # in the order of the numbers that `advance` of loop.cpp takes
 KINDS = {"JointModelRZ": b"z", "JointModelPX": b"x", "JointModelPY": b"y"}
 AGREEMENT = 1e-9  # relative: rounding causes about 1e-13; a memory layout that differs from the library's causes errors of any size
-VANISHING, FAILED = -1, -3  # returned by `advance_adaptive` instead of the number of steps, as is -2 for too many steps
+# `advance_adaptive` of loop.cpp returns these in place of the number of steps, and -2 for too many steps
+VANISHING, FAILED = -1, -3
 ARRAY, INT, LONG, DOUBLE = np.ctypeslib.ndpointer(float, flags="C_CONTIGUOUS"), ctypes.c_int, ctypes.c_long, ctypes.c_double
-ARGUMENTS = {  # of the functions of loop.cpp that take a linkage: the types after it
+ARGUMENTS = {  # function of loop.cpp -> types of its arguments after the linkage
     "add_joint": (INT, ctypes.c_char, ARRAY, DOUBLE, ARRAY, ARRAY),
     "add_closure": (INT, ARRAY, INT, ARRAY, ARRAY),
     "add_spring": (INT, ARRAY, INT, ARRAY, ARRAY, ARRAY),
@@ -42,7 +43,7 @@ ARGUMENTS = {  # of the functions of loop.cpp that take a linkage: the types aft
 
 
 def beyond_the_loop(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str | None:
-    """Return the reason why the compiled loop cannot run this mechanism or choice, although the adapter in Python can, or None."""
+    """Return the reason why the compiled loop cannot run a mechanism with a choice that Python can run, or None if it can."""
     if choice.stabilization == "projection":
         return "Pinocchio's compiled loop has no projection: it is the suite's own"
     if mechanism.drivers:
@@ -54,16 +55,16 @@ def beyond_the_loop(mechanism: Mechanism, choice: Choice, options: Mapping[str, 
 
 
 class CompiledDynamics(ConstrainedDynamics):
-    """A call (t, y, dy) -> tree accelerations (n,), and whole steps, both computed in C++.
+    """A function (t, y, dy) -> tree accelerations (n,), and methods that take whole steps, all in C++.
 
     Raises:
-        RunFailure: the loop is not built, or its accelerations at the start differ from those of Python's calls.
+        RunFailure: the loop is not built, or its accelerations at the start differ from those of calls from Python.
     """
 
     def __init__(self, body: Multibody, forces: TreeForces, options: Mapping[str, Any], gains: tuple[float, float]):
         super().__init__(body, forces, options, gains)
         self.n, self.library = forces.tree.n, _library()
-        self.tableau = _tableau()  # imports scipy, which must not happen inside a run
+        self.tableau = _tableau()  # imports scipy, which must not happen in a timed run
         self.linkage = self.library.create(_numbers(body.model.gravity.linear))
         self._add_joints(body.model)
         for row in self.rows:
@@ -89,11 +90,19 @@ class CompiledDynamics(ConstrainedDynamics):
             self.library.add_joint(self.linkage, int(model.parents[j]), kind, placement, body.mass, lever, inertia)
 
     def _add_load(self, body: Multibody, load: Law | PointForce) -> None:
+        """Add a load to the linkage in C++.
+
+        Raises:
+            RunFailure: the loop has no such load.
+        """
+
         def place(point: Point) -> tuple[int, Array]:
+            """Return the joint that carries a point, and the point (2,) in the joint's frame."""
             joint, placement = body.place(point)
             return int(joint), _numbers(placement.translation[:2])
 
         def direction(link: int, x: Array) -> tuple[int, Array]:
+            """Return the joint that carries a link, and the vector x (2,) of the link in the joint's frame."""
             joint, placement = body.carriers[link]
             return int(joint), _numbers(placement.rotation[:2, :2] @ x)
 
@@ -109,9 +118,12 @@ class CompiledDynamics(ConstrainedDynamics):
                 raise RunFailure(Status.SKIP, f"Pinocchio's compiled loop has no force on {load.coordinate}")
 
     def _compare(self, forces: TreeForces) -> None:
-        """Compare accelerations at the start with those of calls from Python.
+        """Compare the accelerations at the start with those of calls from Python.
 
         If Eigen's headers have another memory layout than Pinocchio's library, the loop computes nonsense.
+
+        Raises:
+            RunFailure: the accelerations differ.
         """
         start = forces.tree.relative(forces.weightless.q0, forces.weightless.v0)
         own, expected = self(0.0, *start), np.array(super().__call__(0.0, *start))
@@ -125,10 +137,10 @@ class CompiledDynamics(ConstrainedDynamics):
         return a
 
     def advance(self, integrator: str, t: float, y: Array, dy: Array, h: float, count: int) -> tuple[Array, Array]:
-        """Return the state after `count` steps of h [s] from t.
+        """Return the tree state y, dy (n,) after `count` steps of h [s] from t [s].
 
         Raises:
-            RunFailure: the accelerations have no solution at some stage.
+            RunFailure: the solver finds no accelerations at a stage of a step.
         """
         y, dy = y.copy(), dy.copy()
         done = self.library.advance(self.linkage, METHODS.index(integrator), self.tableau, h, count, y, dy)
@@ -138,11 +150,11 @@ class CompiledDynamics(ConstrainedDynamics):
         return y, dy
 
     def advance_adaptive(self, times: Array, y: Array, dy: Array, rtol: float, atol: float) -> int:
-        """Fill the states y, dy (k, n) at the times (k,), beginning with their first rows; return the number of steps.
+        """Integrate from the first rows of y, dy (k, n), fill the other rows at the times (k,) [s], and return the number of steps.
 
         Raises:
             StepFailure: the error control could not continue.
-            RunFailure: the accelerations have no solution at some stage.
+            RunFailure: the solver finds no accelerations at a stage of a step.
         """
         y_last, dy_last, times = y[0].copy(), dy[0].copy(), _numbers(times)
         steps: int = self.library.advance_adaptive(
@@ -158,12 +170,12 @@ class CompiledDynamics(ConstrainedDynamics):
         return steps
 
     def _fail(self, t: float, y: Array, dy: Array) -> None:
-        """Raise the failure for the state at which the loop stopped; calling Pinocchio from Python usually gives a precise reason.
+        """Raise a failure for the state at which the loop stopped.
 
         Raises:
             RunFailure: always.
         """
-        super().__call__(t, y, dy)
+        super().__call__(t, y, dy)  # a call from Python usually fails with a more precise reason
         raise RunFailure(Status.NOT_CONVERGED, f"after t = {t:.6g} s: Pinocchio's compiled loop misses the constraints")
 
 
@@ -173,10 +185,12 @@ def _numbers(x: Any) -> Array:
 
 
 def _placement(x: Any) -> Array:
+    """Return the translation (3,) and then the rotation (9,) of a placement."""
     return np.concatenate([x.translation, _numbers(x.rotation)])
 
 
 def _law(law: Law) -> Array:
+    """Return k, c, rest and bias of a law."""
     return _numbers([law.k, law.c, law.rest, law.bias])
 
 
@@ -194,10 +208,10 @@ def _tableau() -> Array:
 
 @lru_cache(maxsize=1)
 def _library() -> ctypes.CDLL:
-    """Load the compiled loop, once in a process.
+    """Return the compiled loop as a library of this process, with the types of its functions.
 
     Raises:
-        RunFailure: it is not built.
+        RunFailure: the loop is not built.
     """
     with TemporaryDirectory() as folder:
         path = Path(folder) / "loop.so"

@@ -1,4 +1,4 @@
-"""Accelerations of Pinocchio's constrained tree, called from Python: the suite computes tau, Pinocchio the accelerations."""
+"""Accelerations of a constrained tree in Pinocchio, called from Python: the suite computes tau, and Pinocchio the accelerations."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -12,11 +12,11 @@ from gauss_bench.engines.shared import finite_acceleration
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
-SOLVED = 1e-6  # residual relative to the largest acceleration: independent rows reach 1e-13, drifting redundant rows exceed it
+SOLVED = 1e-6  # largest residual relative to accelerations: independent rows reach 1e-13, redundant rows that drift exceed it
 
 
 class ConstrainedDynamics:
-    """A call (t, y, dy) -> tree accelerations (n,), for the suite's integrators; `evaluations` counts the calls."""
+    """A function (t, y, dy) -> tree accelerations (n,), for the suite's integrators; `evaluations` counts its calls."""
 
     def __init__(self, body: Multibody, forces: TreeForces, options: Mapping[str, Any], gains: tuple[float, float]):
         pin = body.pin
@@ -39,21 +39,27 @@ class ConstrainedDynamics:
         return self.drive(self._solve, t, y, dy, tau) if self.drive.laws else self._solve(t, y, dy, tau)
 
     def bare(self, y: Array, dy: Array) -> Callable[[], Array]:
-        """Return a call of Pinocchio's solver at a tree state that runs no code of the suite."""
+        """Return a function that only calls Pinocchio's solver at a tree state y, dy (n,)."""
         tau = np.ascontiguousarray(self.forces(y, dy, 0.0))
         return lambda: self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
 
     def _solve(self, t: float, y: Array, dy: Array, tau: Array) -> Array:
+        """Return the accelerations (n,) at time t [s] and a tree state y, dy (n,) under forces tau (n,).
+
+        Raises:
+            RunFailure: the accelerations are not finite, or miss the constraints.
+        """
         a: Array = self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
         if not self.prox.relative_residual <= self.limit:  # NaN fails too
             self._check_residual(t, a)
         return a
 
     def _check_residual(self, t: float, a: Array) -> None:
-        """Check the residual of a solution relative to its accelerations (n,).
+        """Check the residual of a solution relative to its accelerations a (n,).
 
-        `relative_residual` is the last change of the forces f. `absolute_residual` cannot be used: at exact accelerations it is as
-        large as they are (Pinocchio 4.1). Nor can `iter`: with redundant rows f keeps changing in directions without any effect.
+        Pinocchio's `relative_residual` is the last change of the forces f. Two other fields cannot be used. `absolute_residual` is
+        as large as the accelerations even if they are exact (Pinocchio 4.1). `iter` can reach its limit: with redundant rows f
+        keeps changing in directions that have no effect.
 
         Raises:
             RunFailure: the accelerations are not finite, or miss the constraints.

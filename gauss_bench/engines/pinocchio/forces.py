@@ -1,4 +1,4 @@
-"""The forces of a linkage as generalised forces of the tree: Pinocchio has no springs, dampers or drives of its own."""
+"""The forces of a linkage as forces on tree coordinates, because Pinocchio has no springs, dampers or drives."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,19 +14,20 @@ from gauss_bench.mechanism.model import Force, LengthDriver, Mechanism, factor_o
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
-AFFINE = 1e-10  # relative: largest deviation of a force that counts as affine in the state; rounding leaves about 1e-14
+AFFINE = 1e-10  # largest relative deviation of a force that counts as affine in the state; rounding leaves about 1e-14
 
 
 class TreeForces:
-    """A call (y, dy, t) -> tau (n,), the generalised forces of all applied forces except gravity.
+    """A function (y, dy, t) -> tau (n,), all applied forces except gravity, as forces on the tree coordinates.
 
-    Forces that are affine in the tree state (torques, dampers of joints, springs along slides) are computed from three constant
-    arrays, as a user of Pinocchio would do. The others are evaluated at every call, with v = T dy from Pinocchio's joint Jacobians:
+    Forces that are affine in the tree state (torques, dampers of joints, springs along slides) follow from three constant arrays,
+    as a user of Pinocchio would compute them. Others are evaluated in every call, with v = T dy from Pinocchio's joint Jacobians:
 
         tau = constant + stiffness y + damping dy + T^T Q_others(q, v, t)
 
     Attributes:
         others: the forces that are not affine, or that vary with time or direction.
+        constant: (n,); stiffness, damping: (n, n).
         inertia: (n, n) mass matrix of the tree at the start.
     """
 
@@ -49,7 +50,7 @@ class TreeForces:
         self.inertia = body.mass(y)
 
     def _fit_affine(self, f: Force) -> tuple[Array, Array] | None:
-        """Return the constant (n,) and slope (n, 2n) of a force, found at unit states, or None if it is not affine."""
+        """Return constant (n,) and slope (n, 2n) of a force as a function of y, dy (2n,); None if the force is not affine."""
         n, applied = self.tree.n, AppliedForces(replace(self.weightless, forces=(f,)))
         states = np.vstack([np.zeros(2 * n), np.eye(2 * n), np.random.default_rng(0).uniform(-3.0, 3.0, (8, 2 * n))])
         q, v, _ = self.tree.absolute(states[:, :n], states[:, n:], np.zeros((len(states), n)))
@@ -73,21 +74,21 @@ class TreeForces:
 class DrivingTorques:
     """The driving torques and forces that give driven angles, slides and lengths their prescribed accelerations.
 
-    Accelerations are affine in the torques. With x' = R y' the rates of the driven coordinates, a0 the accelerations without any
-    driving torque and a_j those with a probe torque on driver j alone, the factors s_j of the probes follow from
+    Accelerations are affine in the torques. The rates of the driven coordinates are x' = R y'. Without any driving torque the
+    accelerations are a0, and with a probe torque on driver j alone they are a_j. The factors s_j of the probes follow from
 
         y'' = a0 + sum s_j (a_j - a0),    R y'' + R' y' = law''(t) - Kd (x' - law'(t)) - Kp (x - law(t))
 
     where Kp, Kd are Baumgarte's gains. A probe has about the size of the torque itself, so that few digits cancel. Angles and
-    slides are sums of tree coordinates, so their rows of R are constant. The row of a length, G T with G = dL/dq, depends on the
-    state; the other terms of its second derivative, G dT/dt y' + dG/dt v, are taken from the linkage's own constraint row.
+    slides are sums of tree coordinates, so their rows of R are constant. The row of a length L is G T with G = dL/dq, which depends
+    on the state. The other terms of its second derivative, G dT/dt y' + dG/dt v, come from the linkage's own constraint row.
     """
 
     def __init__(self, forces: TreeForces, gains: tuple[float, float]):
         self.forces, self.gains = forces, gains
         self.laws = [d.law for d in forces.drivers]
-        self.rows = np.zeros((len(self.laws), forces.tree.n))  # R where it is constant: x = rows . y + origin
-        self.origin = np.zeros(len(self.laws))
+        # (k, n) and (k,) for the k drivers: x = rows . y + origin, except for lengths
+        self.rows, self.origin = np.zeros((len(self.laws), forces.tree.n)), np.zeros(len(self.laws))
         joints = [k for k, d in enumerate(forces.drivers) if not isinstance(d, LengthDriver)]
         self.rows[joints], self.origin[joints] = driven_rows(forces.weightless, forces.tree)
         self.lengths = [k for k, d in enumerate(forces.drivers) if isinstance(d, LengthDriver)]
@@ -97,13 +98,13 @@ class DrivingTorques:
         self.inertias = np.einsum("ij,jk,ik->i", start, forces.inertia, start)  # (k,) of the tree at the start, along each driver
 
     def _rows_at(self, t: float, y: Array, dy: Array) -> tuple[Array, Array, Array]:
-        """Return R (k, n), x (k,) and R' y' (k,) of the k drivers at a tree state."""
+        """Return R (k, n), x (k,) and R' y' (k,) of the k drivers at time t [s] and a tree state y, dy (n,)."""
         x, bias = self.origin + self.rows @ y, np.zeros(len(self.laws))
         if not self.lengths:
             return self.rows, x, bias
         R = self.rows.copy()
         q, T = self.forces.motion(y)
-        at_rest = self.forces.tree.absolute(y, dy, np.zeros_like(dy))[2]
+        at_rest = self.forces.tree.absolute(y, dy, np.zeros_like(dy)).a  # accelerations if y'' = 0
         joints = self.constraints(t, q, T @ dy)
         for k in self.lengths:
             row, law = self.constraints.joint_rows + k, self.laws[k](t)
@@ -113,10 +114,13 @@ class DrivingTorques:
         return R, x, bias
 
     def __call__(self, solve: Callable[..., Array], t: float, y: Array, dy: Array, tau: Array) -> Array:
-        """Return the accelerations (n,) that `solve` finds at t, y, dy under tau (n,) together with the driving torques.
+        """Return the accelerations (n,) at t, y, dy under the forces tau (n,) and the driving torques.
+
+        Args:
+            solve: function (t, y, dy, tau) -> accelerations (n,) under the forces tau (n,) alone.
 
         Raises:
-            RunFailure: no torque gives the prescribed accelerations, as at a dead point.
+            RunFailure: no torque gives the prescribed accelerations, as at a dead centre.
         """
         value, rate, second = np.array([law(t) for law in self.laws], dtype=float).T
         kp, kd = self.gains
@@ -134,18 +138,18 @@ class DrivingTorques:
 
 
 class Motion:
-    """A call y -> absolute positions q (3 links,) and T (3 links, n) with v = T dy; ten times faster than `Tree`.
+    """A function y -> absolute positions q (3 links,) and T (3 links, n) with v = T dy; it is ten times faster than `Tree`.
 
-    It uses Pinocchio's world Jacobian, which has a column for each joint: the velocity [u, w] at the world's origin and the angular
-    speed omega that the joint gives to every link beyond it. The centre of mass of such a link, at [x, y], moves with
-    [u - omega y, w + omega x].
+    Pinocchio's world Jacobian has a column for each joint. The column holds the velocity [u, w] at the world's origin and the
+    angular speed omega of all links beyond the joint, at unit rate of the joint. The centre of mass of such a link, at [x, y],
+    moves with [u - omega y, w + omega x].
     """
 
     def __init__(self, tree: Tree, body: Multibody):
         self.model, self.data, self.jacobians = body.model, body.model.createData(), body.pin.computeJointJacobians
         self.centres = [(joint, np.array(own.translation)) for joint, own in (body.carriers[i] for i in range(tree.links))]
         states = np.vstack([np.zeros(tree.n), np.eye(tree.n)])
-        theta = tree.absolute(states, states, states)[0][:, 2::3]
+        theta = tree.absolute(states, states, states).q[:, 2::3]
         self.theta0, self.turns = theta[0], (theta[1:] - theta[0]).T  # theta = theta0 + turns . y
         self.carried = np.zeros((tree.links + 1, tree.n))  # 1 where a joint moves a link; the last row is the ground
         for b in tree.branches:

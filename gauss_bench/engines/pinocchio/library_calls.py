@@ -1,7 +1,7 @@
 """One evaluation of the right-hand side by Pinocchio alone: its two algorithms for constrained trees, on the tree of least depth.
 
 lcaba is the algorithm of Sathya and Carpentier, Constrained articulated body dynamics algorithms (2024). Its penalty and accuracy
-are the best compromise that was found: tighter ones take longer and give no better accelerations.
+are the best compromise found: smaller ones take longer and give no better accelerations.
 """
 
 from functools import partial
@@ -16,11 +16,11 @@ from gauss_bench.terms import Array
 
 
 def prepare_solver(variant: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
-    """Prepare a call of the algorithm that a variant selects, at a state q, v (n,)."""
+    """Return a call of the algorithm that a variant selects, at a state q, v (n,)."""
     model = PinocchioModel(mechanism, Choice(variant, "rk4"))
     y, dy = model.tree.relative(q, v)
     call = model.plain.bare(y, dy)
-    return LibraryCall(call, model.tree.absolute(y, dy, np.array(call()))[2])
+    return LibraryCall(call, model.tree.absolute(y, dy, np.array(call())).a)
 
 
 CALLS = {

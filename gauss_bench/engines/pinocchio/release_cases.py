@@ -1,4 +1,4 @@
-"""What tells Pinocchio's releases apart beside the adapter's runs: kinds of constraints, algorithms, and the defaults."""
+"""Cases by which Pinocchio's releases are compared besides the adapter's runs: constraints, algorithms, and the defaults."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -20,13 +20,13 @@ ACCURACY = 1e-14
 
 
 def list_probes() -> list[dict[str, str]]:
-    """List the probes: every kind of constraint in every frame by every algorithm, and the solution by a Jacobian."""
+    """List the cases: every kind of constraint in every frame by every algorithm, and the solution by a Jacobian."""
     names = [f"{kind} {frame}, {way}" for kind in KINDS for frame in FRAMES for way in ALGORITHMS]
     return [{"name": name, "model": FOUR} for name in (*names, BY_JACOBIAN)]
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of a probe at absolute states q, v (k, n)."""
+    """Return the absolute accelerations (k, n) of the case `name` at absolute states q, v (k, n)."""
     import pinocchio
 
     kind, _, algorithm = name.rpartition(", ")
@@ -44,7 +44,7 @@ Solve = Callable[[Array, Array], Array]
 
 
 def build(pin: Any, bars: Sequence[Bar]) -> tuple[Any, list[int]]:
-    """Return the tree of bars, and the joint of each bar; the frame of a joint lies at the bar's first pin, along the bar."""
+    """Return the model of a tree of bars, and the joint of each bar, whose frame lies at the bar's first pin along the bar."""
     model = pin.Model()
     model.gravity.linear = np.array([0.0, GRAVITY, 0.0])
     joints: list[int] = []
@@ -58,14 +58,14 @@ def build(pin: Any, bars: Sequence[Bar]) -> tuple[Any, list[int]]:
 
 
 def shift(pin: Any, at: float) -> Any:
-    """Return the placement at `at` [m] along a bar."""
+    """Return the placement of a point `at` [m] along a bar, in the bar's frame."""
     return pin.SE3(np.eye(3), np.array([at, 0.0, 0.0]))
 
 
 def by_constraint(
     pin: Any, model: Any, joints: Sequence[int], bars: Sequence[Bar], contact: str, frame: str, algorithm: str
 ) -> Solve:
-    """Return a function (y, dy) -> joint accelerations by one of Pinocchio's algorithms for constrained dynamics."""
+    """Return a function (y, dy) -> joint accelerations (bars,) by one of Pinocchio's algorithms for constrained dynamics."""
     ends = (joints[1], shift(pin, 2.0)), (joints[2], shift(pin, 1.5))
     if contact == "CONTACT_6D":  # the two halves of the rod, which lie in one place
         ends = (joints[1], shift(pin, 1.0)), (joints[3], shift(pin, -1.0))
@@ -83,7 +83,7 @@ def by_constraint(
 
 
 def by_jacobian(pin: Any, model: Any, joints: Sequence[int]) -> Solve:
-    """Return a function (y, dy) -> joint accelerations by forwardDynamics, from Pinocchio's Jacobians and bias accelerations."""
+    """Return a function (y, dy) -> joint accelerations (bars,) by forwardDynamics, from Jacobians and bias accelerations."""
     world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     kind = pin.FrameType.OP_FRAME
     frames = [
@@ -104,7 +104,7 @@ def by_jacobian(pin: Any, model: Any, joints: Sequence[int]) -> Solve:
 
 
 def defaults() -> dict[str, str]:
-    """Return the values of new ProximalSettings and of Baumgarte's parameters, and the algorithms that there are."""
+    """Return name -> default of ProximalSettings and of Baumgarte's gains, and name -> "there" for Pinocchio's algorithms."""
     import pinocchio as pin
 
     found: dict[str, str] = {}

@@ -1,7 +1,7 @@
-"""Pinocchio with its symbolic scalar, which its authors recommend for speed; the engine reports that the wheel has none.
+"""Pinocchio with its symbolic scalar, which Pinocchio's authors recommend for speed; the engine reports that the wheel has none.
 
-`pinocchio.casadi` is built with conda, Nix or from source. The wheel does not contain it, because CasADi's wheel cannot be linked
-against (https://github.com/stack-of-tasks/pinocchio/issues/2759). As long as that is so, the suite cannot try it, and makes no
+Conda and Nix have builds with `pinocchio.casadi`, and a build from source can have it. The wheel does not, because nothing can be
+linked against CasADi's wheel (https://github.com/stack-of-tasks/pinocchio/issues/2759). So the suite cannot try it, and makes no
 claim about its speed.
 """
 
@@ -15,7 +15,7 @@ SETTINGS: dict[str, dict[str, object]] = {"default": {"code": "generated C"}}
 
 
 class PinocchioCasadi:
-    """An engine that refuses every linkage, with the reason."""
+    """An engine that refuses every linkage and says why."""
 
     name = "pinocchio_casadi"
     integrators = ("rk4", "dop853_fixed")
@@ -41,4 +41,5 @@ class PinocchioCasadi:
         raise RunFailure(Status.SKIP, str(self.skip(mechanism, choice)))
 
     def _is_installed(self) -> bool:
+        """Tell whether `pinocchio.casadi` can be imported."""
         return bool(find_spec("pinocchio") and find_spec("pinocchio.casadi"))

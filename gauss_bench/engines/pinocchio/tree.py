@@ -1,14 +1,14 @@
 """A linkage as a Pinocchio model: a tree of joints in relative coordinates, and the point constraints that close it.
 
-The tree coordinates y are also Pinocchio's configuration vector, so `Tree` alone maps them to absolute states. A_k is the placement
-of link k's centre of mass in the frame of the joint that carries it. The joints are placed as follows, where T shifts, R turns
-about z, and RZ, PX, PY are Pinocchio's joint types:
+Pinocchio's configuration vector holds the tree coordinates y, so `Tree` maps it to absolute states. A is the placement of a link's
+centre of mass in the frame of the joint that carries the link. Each kind of branch has a joint placement, a joint type of Pinocchio
+(RZ, PX, PY) and an A; T is a translation and R a rotation about z:
 
     revolute    A_parent T(anchor on the parent),                  RZ,    A = T(-anchor)
     prismatic   A_parent T(anchor + base) R(axis),                 PX,    A = R(turn - axis) T(-anchor)
     free        PX, PY, RZ from the ground at the centre of mass,         A = 1
 
-Each pin that closes a loop becomes a CONTACT_3D constraint: two rows in the plane and a third that is identically zero.
+Each pin that closes a loop becomes a CONTACT_3D constraint: two rows in the plane, and a third row that is always zero.
 """
 
 from dataclasses import replace
@@ -18,7 +18,7 @@ import numpy as np
 
 from gauss_bench.engines import tree_model
 from gauss_bench.engines.pinocchio.across_releases import set_gains
-from gauss_bench.engines.shared import closing_pins, spatial
+from gauss_bench.engines.shared import closing_pins, measure_gaps, spatial
 from gauss_bench.engines.tree import Branch, Tree
 from gauss_bench.engines.tree_model import OpenModel
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point
@@ -32,7 +32,9 @@ class Multibody:
     """A mechanism built with the module `pin`: Pinocchio's model of the tree, and the constraints that close it.
 
     Attributes:
-        carriers: for every link and the ground, the joint that carries it and the placement of its centre of mass in that joint.
+        model: Pinocchio's model.
+        carriers: link or ground -> the joint that carries it, and the placement of its centre of mass in the joint's frame.
+        pins: the pairs of points that must coincide to close the loops.
     """
 
     def __init__(self, pin: Any, mechanism: Mechanism, tree: Tree):
@@ -46,6 +48,7 @@ class Multibody:
             raise RunFailure(Status.ERROR, "Pinocchio refuses the generated tree: its own check of the model fails")
 
     def _add_link(self, mechanism: Mechanism, b: Branch) -> None:
+        """Add the joints and the body of a branch."""
         pin, link = self.pin, mechanism.links[b.link]
         name = b.joint.name if b.joint else ""
         parent, centre = self.carriers[b.parent]
@@ -62,27 +65,28 @@ class Multibody:
                 joint, own = 0, pin.SE3.Identity()
                 for axis, kind in (("x", pin.JointModelPX()), ("y", pin.JointModelPY()), ("theta", pin.JointModelRZ())):
                     joint = self._joint(f"{link.name}.{axis}", joint, kind, pin.SE3.Identity())
-        # the moments of inertia of a flat plate, of which only the third acts in the plane
+        # the moments of inertia of a flat plate; only the third acts in the plane
         lamina = np.diag([link.inertia / 2, link.inertia / 2, link.inertia])
         self.model.appendBodyToJoint(joint, pin.Inertia(link.mass, np.zeros(3), lamina), own)
         self.carriers[b.link] = joint, own
 
     def _joint(self, name: str, parent: int, kind: Any, placement: Any) -> int:
+        """Add a joint of a kind to a parent joint, and return its index."""
         joint: int = self.model.addJoint(parent, kind, placement, name)
         return joint
 
     def planar(self, origin: Array, angle: float = 0.0) -> Any:
-        """Return the SE3 of a planar displacement (2,) [m] and rotation [rad]; without a rotation it is exact."""
+        """Return the SE3 with an origin (2,) [m] in the plane and an angle [rad] about z; it is exact if the angle is 0."""
         c, s = np.cos(angle), np.sin(angle)
         return self.pin.SE3(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array(spatial(origin)))
 
     def place(self, point: Point) -> tuple[int, Any]:
-        """Return the joint that carries a point, and the point's placement in the frame of that joint."""
+        """Return the joint that carries a point, and the point's placement in the joint's frame."""
         joint, centre = self.carriers[point.link]
         return joint, centre * self.planar(point.local)
 
     def constraints(self, gains: tuple[float, float]) -> Any:
-        """Return one point constraint for each closing pin, with Baumgarte gains Kp, Kd; its rows are along the world's axes."""
+        """Return a point constraint for each closing pin, with Baumgarte's gains Kp, Kd and rows along the world's axes."""
         pin = self.pin
         rows = pin.StdVec_RigidConstraintModel()
         for a, b in self.pins:
@@ -99,7 +103,7 @@ class Multibody:
         return np.array(self.pin.crba(self.model, self.model.createData(), y))  # both triangles are filled
 
     def describe(self, y: Array, dy: Array) -> OpenModel:
-        """Return the model of the open tree at a tree state y, dy (n,), by Pinocchio's own kinematics and dynamics."""
+        """Return Pinocchio's terms of the open tree at a tree state y, dy (n,)."""
         data = self.model.createData()
         forces = -np.array(self.pin.nonLinearEffects(self.model, data, y, dy))
         self.pin.forwardKinematics(self.model, data, y)
@@ -108,12 +112,11 @@ class Multibody:
             joint, placement = self.place(point)
             return np.array((data.oMi[joint] * placement).translation)[:2]
 
-        gaps = np.array([world_place(b) - world_place(a) for a, b in self.pins]).reshape(-1, 2)
-        return OpenModel(gaps, self.mass(y), forces)
+        return OpenModel(measure_gaps(self.pins, world_place), self.mass(y), forces)
 
 
 def verify(body: Multibody, mechanism: Mechanism, tree: Tree) -> None:
-    """Compare the generated model, to which only gravity is applied, with the linkage; only Pinocchio's solver remains unchecked.
+    """Compare Pinocchio's model, in which only gravity acts, with the linkage; this checks all but Pinocchio's solver.
 
     Raises:
         RunFailure: mass matrix, forces or gaps differ.
