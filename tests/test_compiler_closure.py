@@ -305,7 +305,7 @@ def test_what_does_not_fit_is_refused() -> None:
             compile_closure(four, **more)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="knife edges"):
         compile_closure(load("sleigh"))
-    with pytest.raises(ValueError, match="a turn is of one"):
+    with pytest.raises(ValueError, match="a turn needs a single one"):
         closure("five_bar/driven").turn(10)
     with pytest.raises(ValueError, match="inputs of shape"):
         closure("five_bar/driven").sweep(np.zeros(5))
