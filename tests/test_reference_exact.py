@@ -44,20 +44,15 @@ def test_a_linkage_that_only_bears_the_name_has_no_closed_form() -> None:
 BEFORE = [0.2, 0.4, 0.6]  # the bars of a chain lie on the ground line, a singular position, after 0.7 s
 
 
-@pytest.mark.long("n_four_bar_2-projection", "n_four_bar_7", "sleigh-udwadia_kalaba")
-@pytest.mark.slow("n_four_bar_2-projection", "n_four_bar_1", "sleigh-gauss", "sleigh-lagrange")
+@pytest.mark.long("n_four_bar_2-gauss")
+@pytest.mark.slow("n_four_bar_2-gauss", "sleigh-gauss")
 @pytest.mark.parametrize(
     ("name", "engine", "stabilization", "at", "allowed"),
     [
-        pytest.param("n_four_bar_1", "gauss", "none", BEFORE, 1e-8, id="n_four_bar_1"),
-        pytest.param("n_four_bar_2", "lagrange", "none", BEFORE, 1e-8, id="n_four_bar_2"),
-        pytest.param("n_four_bar_7", "gauss", "none", BEFORE, 1e-8, id="n_four_bar_7"),
+        pytest.param("n_four_bar_2", "lagrange", "none", BEFORE, 1e-8, id="n_four_bar_2-lagrange"),
         # the singular positions that are passed cost the digits
-        pytest.param("n_four_bar_2", "gauss", "projection", [2.0, 3.0], 1e-4, id="n_four_bar_2-projection"),
-        *(
-            pytest.param("sleigh", x, "none", [0.5, 1.0, 2.0], 1e-9, id=f"sleigh-{x}")
-            for x in ("gauss", "lagrange", "udwadia_kalaba")
-        ),
+        pytest.param("n_four_bar_2", "gauss", "projection", [2.0, 3.0], 1e-4, id="n_four_bar_2-gauss"),
+        pytest.param("sleigh", "gauss", "none", [0.5, 1.0], 1e-9, id="sleigh-gauss"),
     ],
 )
 def test_engines_follow_closed_forms(name: str, engine: str, stabilization: str, at: list[float], allowed: float) -> None:
