@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.compiler.elimination import program as elimination
 from gauss_bench.compiler.elimination.function import Function, Instruction
 from gauss_bench.compiler.elimination.partition import study
 from gauss_bench.compiler.elimination.program import Program, check, generate, partitions
@@ -23,6 +22,7 @@ from gauss_bench.mechanism.model import CoulombFriction, Mechanism
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.minimal import MinimalCoordinate
 from tests.conftest import DATA, everything, exhaustive, redundant
+from tests.test_engines_rivals import changed
 
 FILES = ("all_kinds", "loaded", "pushed", "slides", "swinging_block", "wedge")
 OWN = {"everything": everything, "redundant": redundant}
@@ -186,18 +186,6 @@ def test_a_program_is_shorter_than_plain_elimination_in_matrix_entries() -> None
     assert costs.divisions <= 7
 
 
-@pytest.mark.long
-@pytest.mark.slow
-def test_auto_takes_the_cheaper_formulation(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(elimination, "ATTEMPTS", 12)  # fewer do not find what makes eight pendulums cheap
-    taken = {}
-    for name in ("four_bar", "pendulums_8"):
-        both = {f: generate(linkage(name, None), f).acceleration.costs.single for f in FORMULATIONS}
-        taken[name] = generate(linkage(name, None), "auto").formulation
-        assert taken[name] == min(both, key=lambda f: both[f])
-    assert taken == {"four_bar": "gauss", "pendulums_8": "lagrange"}  # few unknowns where few are free
-
-
 def test_the_same_linkage_gives_the_same_program() -> None:
     first, second = (generate(linkage("six_bar", "torque"), "gauss").acceleration.instructions for _ in range(2))
     assert first == second
@@ -235,33 +223,29 @@ OPEN = {
     "links.rod.com.y": 0.01,
     "points.rod.B.x": 0.6,
     "points.ground.O.y": 0.02,
+}
+OPEN |= {
     "forces.motor.value": -1.5,
     "forces.spring.k": 9.0,
     "forces.spring.rest": 0.6,
     "gravity.y": -1.6,
     "joints.guide.offset": 0.03,
 }
+FILE = {name: x for name, x in OPEN.items() if not name.endswith((".x", ".y"))}  # the same numbers as a file has them
+FILE |= {"links.rod.com": [0.28, 0.01], "links.rod.points.B": [0.6, 0.0], "ground.points.O": [0.0, 0.02], "gravity": [0.0, -1.6]}
+FILE |= {"links.crank.inertia": 0.37 * 0.15**2 / 12}  # a uniform bar's would follow its mass
 
 
 def test_open_parameters_give_the_linkage_with_other_numbers() -> None:
-    p = generate(linkage("crank_slider", "paper"), "gauss", open_parameters=tuple(OPEN))
+    """At states near the start of the other linkage, which its loops close."""
+    p, other = (
+        generate(linkage("crank_slider", "paper"), "gauss", open_parameters=tuple(OPEN)),
+        changed("crank_slider", "paper", FILE),
+    )
     assert p.parameters == tuple(OPEN)
-    document = tomllib.loads(built_in()["crank_slider"].read_text(encoding="utf-8"))
-    document["links"]["crank"] |= {"mass": 0.5}
-    document["links"]["rod"] |= {"inertia": 0.03, "com": [0.28, 0.01]}
-    document["links"]["rod"]["points"]["B"] = [0.6, 0.0]
-    document["ground"]["points"]["O"] = [0.0, 0.02]
-    document["forces"]["motor"]["value"] = -1.5
-    document["forces"]["spring"] |= {"k": 9.0, "rest": 0.6}
-    document["gravity"] = [0.0, -1.6]
-    document["joints"]["guide"]["offset"] = 0.03
-    document["links"]["crank"]["inertia"] = 0.37 * 0.15**2 / 12  # a uniform bar's would follow its mass
-    other = load_document(document, "paper")
-    closed = generate(other, "gauss")
-    t, q, v = (np.array(x) for x in zip(*states(other, range(10, 11)), strict=True))
-    numbers = np.array(list(OPEN.values()))
-    found, wanted = p.acceleration(t[:, None], q, v, numbers)[0], closed.acceleration(t[:, None], q, v, np.zeros(0))[0]
-    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9)
+    motion, numbers = MinimalCoordinate(other), np.array(list(OPEN.values()))
+    q, v, true = motion.free_state(other.q0[2] + np.linspace(0.5, 1.0, 6), np.linspace(-3.0, 3.0, 6))
+    np.testing.assert_allclose(p.acceleration(np.zeros((6, 1)), q, v, numbers)[0], true, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(p.energy(q, v, numbers)[0][:, 0], Evaluator(other).energy(q, v), rtol=1e-12)
 
 

@@ -209,19 +209,6 @@ def test_a_lane_does_not_leap(backend: str) -> None:
         assert tracker.follower.run(tracker.q[None], tracker.least[None], inputs, rows)[0].tolist() == [closed]
 
 
-def test_nothing_is_closed_behind_a_loss() -> None:
-    """The way goes beyond the limit and back, which an odd sample would not show."""
-    m = mechanism("four_bar")
-    rocker = [link.name for link in m.links].index("rocker")
-    compiled = compile_closure(by_rocker(m))
-    start = float(m.q0[3 * rocker + 2])
-    angles = start + 1.5 * np.sin(np.linspace(0.0, np.pi, 800))
-    loss = compiled.sweep(angles).loss
-    assert loss is not None
-    assert 0 < loss.sample < 400
-    assert (compiled.sweep(angles).status[loss.sample :] == Status.LOST).all()
-
-
 def test_parts_that_do_not_join_are_followed_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """A start that is a whole turn off closes as well as the right one, and on the same sides."""
     compiled = compile_closure(mechanism("four_bar"))

@@ -10,12 +10,10 @@ from gauss_bench.compiler.equations.sampling import manifold_states
 from gauss_bench.compiler.kernel import Kernel, compile_kernel
 from gauss_bench.compiler.stepping import steps
 from gauss_bench.compiler.stepping.rollout import bodies
-from gauss_bench.engines import get
-from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.exact import closed_form
-from tests.conftest import DATA, exhaustive, needs
+from tests.conftest import exhaustive, needs
 
 needs("llvmlite")
 
@@ -89,21 +87,6 @@ def test_a_loop_over_stages_takes_the_steps_that_are_written_out(stabilization: 
         lengths.append(sum(body.operations for body in bodies(code, "rk4", steps.reaches(code, "rk4")[-1:])))
     np.testing.assert_allclose(*ends, rtol=0, atol=1e-12)
     assert lengths[1] < (0.5 if stabilization == "none" else 1.0) * lengths[0]
-
-
-@pytest.mark.long("lagrange")
-@pytest.mark.slow
-@pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_where_no_pivot_serves_everywhere_another_program_goes_on(formulation: str) -> None:
-    m = load(str(DATA / "uneven_pivots_07.toml"))
-    kernel = compile_kernel(m, formulation, "projection")
-    found = np.concatenate(kernel.rollout(m.q0, m.v0, 1e-3, 200))
-    model = get("gauss").build(m, Choice(integrator="rk4", stabilization="projection", step=1e-3))
-    model.prepare(np.array([0.0, 0.2]))
-    model.run()
-    expected = model.read()
-    np.testing.assert_allclose(found, np.concatenate([expected.q[-1], expected.v[-1]]), rtol=0, atol=1e-6)  # lagrange's metric
-    assert kernel.lost == 0
 
 
 def test_a_form_of_code_that_is_named_warns_and_has_no_effect() -> None:

@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 
 import gauss_bench.reference.extended_linkage as extended_linkage
-from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.linkage.closure import list_held
 from gauss_bench.linkage.load import decimal_document, load, merge
-from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.numbers import PI
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.collocation import gauss_legendre
@@ -147,18 +145,6 @@ def test_a_driver_beyond_a_limit_of_motion_stops_there() -> None:
     assert float(motion.times[-1]) == pytest.approx(limit, abs=2 * STEP)
     assert motion.stopped
     assert motion.drift[0] < 8 * EPS
-
-
-def test_multipliers_balance_the_forces() -> None:
-    motion = run("shaper", "torque", "0.1")
-    assert motion.multipliers is not None
-    mechanism = build_mechanism(decimals("shaper", "torque"), "torque", "", "", LONG)
-    evaluator = Evaluator(mechanism)
-    for k in range(len(motion.q)):
-        terms = evaluator.terms(LONG(motion.times[k]), motion.q[k], motion.v[k])
-        rest = terms.M @ motion.a[k] + terms.J.T @ motion.multipliers[k] - terms.Q
-        assert np.abs(rest).max() < 32 * EPS * (1 + np.abs(motion.multipliers[k]).max())
-    assert run("parallelogram", "torque", "0.02").multipliers is None
 
 
 def test_a_law_that_ends_between_samples_costs_no_digits() -> None:
