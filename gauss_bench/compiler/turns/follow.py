@@ -87,7 +87,7 @@ def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, _Sample]
     start = [sincos(guess[k]) for k in angles]
     end = [sincos(closed[k]) if plain else trigonometry.rotate(g, at_q[q[k]], z[k], REACH) for k in angles]
     at_closed = {closed[k]: pair for k, pair in zip(angles, end, strict=True)}
-    step = [g.sub(x, y) for x, y in zip(u, next_u, strict=True)]
+    step = [g.sub(y, x) for x, y in zip(u, next_u, strict=True)]
     guards, advance, stored = inline(g, program.motion, (closed, u, w, b, step), at_closed.__getitem__)
     following = [g.add(x, way) for x, way in zip(closed, advance, strict=True)]
     norms = [g.squares([x[k] for k in angles]) for x in (z, advance)]
