@@ -37,8 +37,9 @@ class AbsoluteCoordinates:
         free = Q / self.root  # M^(-1/2) Q
         friction = self.evaluator.friction
         if friction:
-            W = friction.directions(q, v) / self.root[:, None]
-            lift = U * inverse[..., None, :]
+            # lambda is affine in the loads N of the joints: base + lift V1^T W N
+            W = friction.directions(q, v) / self.root[:, None]  # (k, n, joints), in weighted coordinates
+            lift = U * inverse[..., None, :]  # U1 S1^-1
             base = lift @ (Vt @ free[..., None] - moved[..., None])
             multipliers = friction.consistent(base[..., 0], lift @ Vt @ W)
             free = free + (W @ friction.loads(multipliers)[..., None])[..., 0]

@@ -197,7 +197,7 @@ def function(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None) ->
             forms[node.index] = node, operation, operands
             left += operands
     place = {name: k for k, (name, _) in enumerate(inputs)}
-    number: dict[int, int] = {}
+    number: dict[int, int] = {}  # index of a node -> index of its instruction
     instructions: list[Instruction] = []
     for index in sorted(forms):
         node, operation, operands = forms[index]

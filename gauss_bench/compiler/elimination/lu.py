@@ -375,7 +375,7 @@ class _Markowitz:
         known = self.sizes.get(r)
         if known is None:
             row = self.rows[r]
-            values = np.array([e.at[: self.graph.samples][self.trusted] for e in row.values()])
+            values = np.array([e.at[: self.graph.samples][self.trusted] for e in row.values()])  # (entries, samples)
             sizes = np.abs(values)
             scaled = sizes / np.array([self.scale[c] for c in row])[:, None]
             largest = np.maximum(scaled.max(axis=0), np.finfo(float).tiny)

@@ -260,5 +260,6 @@ def covering(study: Study) -> list[tuple[int, ...]]:
     """
     chosen = candidates(study)
     crank = None if study.mechanism.crank is None else angle_slot(study.mechanism.crank)
+    # the best of them: one with the crank's angle, and of these the one with the best condition
     chosen = sorted(chosen, key=lambda x: (crank not in x, -float(conditions(study, x).min())))[:1]
     return _covering(study.bases, chosen, range(study.mechanism.n))

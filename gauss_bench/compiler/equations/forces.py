@@ -43,7 +43,8 @@ def _weights(links: Links) -> Iterable[dict[int, Node]]:
     """Yield the generalised weight of every link, index of a coordinate -> node."""
     for i, link in enumerate(links.mechanism.links):
         mass = links.number(f"links.{link.name}.mass")
-        yield {k: mass * links.number(f"gravity.{axis}") for k, axis in enumerate("xy", slots(i).start)}
+        x = slots(i).start  # index of the link's coordinate x; that of y is the next
+        yield {x: mass * links.number("gravity.x"), x + 1: mass * links.number("gravity.y")}
 
 
 def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
