@@ -20,7 +20,6 @@ from gauss_bench.terms import Array
 from tests.conftest import exhaustive, redundant
 
 TURNING = ["four_bar", "crank_slider", "six_bar", "eight_bar", "shaper", "jansen", "parallelogram", "squeezer", "redundant"]
-SEVERAL = ["five_bar/driven", "excavator/dig"]
 BACKENDS = ["llvm", "numpy"]
 ROUNDING = 1e-12  # of the largest value of its kind: rounding times the condition of J, squared for accelerations
 
@@ -87,8 +86,7 @@ def test_a_whole_turn_is_that_of_the_link_units(name: str, backend: str) -> None
     assert_same(sweep, truth.q, truth.v, truth.a)
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("name", SEVERAL)
+@pytest.mark.parametrize(("name", "backend"), [("five_bar/driven", "llvm"), ("excavator/dig", "numpy")])
 def test_several_inputs_follow_their_laws(name: str, backend: str) -> None:
     m = mechanism(name)
     times = np.linspace(0.0, m.duration, 301)

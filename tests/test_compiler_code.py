@@ -319,6 +319,7 @@ def test_without_another_partition_the_rank_decides() -> None:
 
 
 @pytest.mark.usefixtures("full_search")  # what a short one finds may be singular where rounding decides
+@pytest.mark.long("lagrange-projection")
 @pytest.mark.parametrize(("formulation", "stabilization"), [("gauss", "none"), ("lagrange", "projection")])
 def test_three_parallel_cranks_turn_without_a_hand_over(formulation: str, stabilization: str) -> None:
     """Whichever row is dropped, the others are singular twice a turn; not so what is left of a combination of two rows."""
@@ -354,16 +355,17 @@ def test_steps_of_their_own_choice_take_redundant_rows_back_too() -> None:
 
 @pytest.mark.parametrize(
     ("integrator", "h", "far"),
-    [("rk4", 1e-4, False), ("rk4", 1e-2, True), ("dop853_fixed", 6e-3, False), ("dop853_fixed", 0.03, True)],
+    [("rk4", 1e-4, False), ("rk4", 1e-2, True), ("dop853_fixed", 6e-3, False), ("dop853_fixed", 0.015, True)],
 )
 def test_a_step_that_goes_too_far_is_done_by_the_exact_variant(integrator: str, h: float, far: bool) -> None:
-    """Rotations of sines do not reach as far as 0.4 rad in one step; numpy computes all sines from scratch."""
+    """Numpy computes all sines from scratch; in steps of order 8 they are rotated to either side of the middle."""
     q, v = running("crank_slider", 20_000)
     code = compile_kernel(mechanism("crank_slider"), "gauss", "projection")
     exact = kernel("crank_slider", "projection", "numpy", formulation="gauss")
-    found, expected = (np.array(x.rollout(q, v, h, 40, every=1, integrator=integrator)) for x in (code, exact))
+    found, expected = (np.array(x.rollout(q, v, h, 10, every=1, integrator=integrator)) for x in (code, exact))
     assert (code._programs.runner(0, integrator).further is None) == far
-    assert (np.abs(found[1][:, 2]).max() * h > steps.REACHES[integrator][0].step) == far
+    reach = steps.REACHES[integrator][0].step * (2 if integrator == "dop853_fixed" else 1)
+    assert (np.abs(found[1][:, 2]).max() * h > reach) == far
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)  # rounding, grown by coarse steps
 
 
