@@ -219,7 +219,7 @@ class Kernel:
             2 `every`, ... steps and after the last. A trajectory that cannot go on is NaN from there on, and counted in `lost`.
 
         Raises:
-            ValueError: a number of steps or an integrator that does not exist, or steps backwards over kinks of forces.
+            ValueError: a negative number of steps, an unknown integrator, or steps backwards in time over kinks of forces.
         """
         if n < 0 or (every is not None and every < 1) or integrator not in INTEGRATORS:
             raise ValueError(f"cannot take {n} steps of {integrator} with a sample every {every}")

@@ -154,7 +154,7 @@ def _sleigh(name: str, t: list[Any]) -> States:
         return V * mpmath.tanh(kappa * x + c) * mpmath.expj(angle(x))
 
     def from_edge(x: Any) -> Numbers:
-        """Return the coordinates relative to the edge."""
+        """Return the coordinates of the sleigh relative to the edge."""
         return stack_bodies([(lead * mpmath.expj(angle(x)), angle(x))])
 
     def edge_rate(x: Any) -> Numbers:

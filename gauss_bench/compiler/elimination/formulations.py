@@ -412,7 +412,10 @@ class Workspace:
         return {k: row.phi for k, row in enumerate(moved) if row.phi is not None and not row.phi.zero}
 
     def spread_out(self, multipliers: Right) -> Right:
-        """Return the multipliers of all rows; a dropped row has its shares of those of the kept rows to which it was added."""
+        """Return the multipliers of all rows, given those of the kept rows, index of a kept row -> node.
+
+        A dropped row that was added to kept rows has its factors times their multipliers.
+        """
         of_rows = {self.kept[k]: x for k, x in multipliers.items()}
         for dropped in self.drop.rows:
             parts = [of_rows[k] * factor for k, row, factor in self.drop.shares if row == dropped and k in of_rows]

@@ -221,7 +221,7 @@ CHUNK = 4096  # trajectories that numpy steps at a time: they share the fixed co
 
 @dataclass(frozen=True)
 class Target:
-    """The target of code.
+    """The target for which code is generated.
 
     Attributes:
         backend: "llvm" or "numpy".

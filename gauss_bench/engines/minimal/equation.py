@@ -71,7 +71,7 @@ class Equation:
         return np.concatenate([q, v])
 
     def spring_angles(self, q: Array) -> dict[int, float]:
-        """Return the angles [rad] that springs need, by link, at the program's q (n,)."""
+        """Return link -> angle [rad], for the angles that springs need, at the program's q (n,)."""
         return {link: float(q[k]) + turn for link, (k, turn) in self.angles.items()}
 
 

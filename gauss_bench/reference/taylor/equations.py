@@ -74,7 +74,7 @@ def choose_chart(rows: LoopRows, at: Instant, scale: Array | None = None) -> tup
 
 
 def rates(rows: LoopRows, chart: Chart, at: Instant, u: Sequence[Value], laws: Sequence[Law]) -> Rates:
-    """Return the rates at a state (x, u), where the instant has x, for value, rate and second rate of every driver."""
+    """Return the rates at a state (x, u); `at` has x, and `laws` are value, rate and second rate of every driver."""
     factors = factorise(rows.entries(at), chart.order)
     N = null_space(factors, rows.coordinates.n)
     prescribed = rows.rates(laws)
