@@ -85,7 +85,7 @@ def compile_kernel(
         warnings.warn("compile_kernel(form=...) has no effect: all code is straight-line code", DeprecationWarning, stacklevel=2)
     target = choose_target(backend, lanes, cache)
     options = Options(formulation, stabilization, tuple(open_parameters), independent, baumgarte, target)
-    return Kernel(mechanism, options, start)
+    return Kernel(mechanism, options, "straight line", start)
 
 
 def _generate_programs(mechanism: Mechanism, o: Options) -> Iterator[Program]:
@@ -139,8 +139,8 @@ class Kernel:
         generate_seconds: time [s] to generate and check the first program.
     """
 
-    def __init__(self, mechanism: Mechanism, options: Options, start: float):
-        self.mechanism, self.options, self.form = mechanism, options, "straight line"
+    def __init__(self, mechanism: Mechanism, options: Options, form: str, start: float):
+        self.mechanism, self.options, self.form = mechanism, options, form
         self.backend, self.lanes, self.parameters = options.target.backend, options.target.lanes, options.open_parameters
         self._programs = Programs(_generate_programs(mechanism, options), options.stabilization, options.target)
         first = self._programs.codes[0].program
