@@ -19,6 +19,7 @@ Newton's method starts at a guess whose sines are computed from scratch, so that
 correction moves q by z and rotates its sines, which is exact because z is short.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,6 +67,7 @@ class _Sample:
 
 
 def _leaves(g: Graph, letter: str, count: int) -> list[int]:
+    """Return the leaves of a vector with `count` components."""
     return [g.leaf(f"%{letter}{k}") for k in range(count)]
 
 
@@ -87,12 +89,12 @@ def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, _Sample]
     start = [sincos(guess[k]) for k in angles]
     end = [sincos(closed[k]) if plain else trigonometry.rotate(g, at_q[q[k]], z[k], REACH) for k in angles]
     at_closed = {closed[k]: pair for k, pair in zip(angles, end, strict=True)}
-    step = [g.sub(y, x) for x, y in zip(u, next_u, strict=True)]
+    step = [g.sub(after, before) for before, after in zip(u, next_u, strict=True)]
     guards, advance, stored = inline(g, program.motion, (closed, u, w, b, step), at_closed.__getitem__)
     following = [g.add(x, way) for x, way in zip(closed, advance, strict=True)]
     norms = [g.squares([x[k] for k in angles]) for x in (z, advance)]
     flat_start, flat_end = ([x for pair in pairs for x in pair] for pairs in (start, end))
-    parts = [flat_start, flat_end, closed, guards, following, stored, norms]
+    parts = [flat_start, flat_end, closed, guards, following, stored, norms]  # in the order of the fields of `_Sample`
     if not plain:
         g, moved = rewrite(g, [x for part in parts for x in part])
         values = iter(moved)
@@ -100,37 +102,42 @@ def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, _Sample]
     return g, _Sample(*parts)
 
 
+def _settle(g: Graph, program: ClosingProgram, sample: _Sample, values: Sequence[int], alive: int) -> tuple[Loop, int]:
+    """Build the loop of corrections, which ends when all lanes have settled; `values` are those that a correction computes.
+
+    Return it, and the mask where no correction was longer than the reach of the rotation.
+    """
+    always, one = g.all(True), g.whole(1)
+    near, j = g.make("mask", payload="%near"), g.count("%j")
+    size, _ = sample.norms
+    still_near = g.both([near, g.make("le", size, g.const(REACH**2))])
+    unsettled = g.both([still_near, alive, g.make("lt", g.const(SETTLED**2), size)])
+    again = g.make("also", g.make("any", unsettled), g.make("below", j, g.whole(LIMIT)))
+    leaves = [*_leaves(g, "q", program.driven.n), *(g.leaf(f"%{letter}{k}") for k in program.angles for letter in "sc")]
+    first = [*_leaves(g, "guess", program.driven.n), *sample.start]
+    carried = dict(zip(leaves, zip(first, [*sample.closed, *sample.end], strict=True), strict=True))
+    carried |= {near: (always, still_near), j: (one, g.make("sum", j, one))}
+    return Loop(carried, [Compute(values)], again), still_near
+
+
 def follow(program: ClosingProgram, plain: bool = False) -> Routine:
     """Build the routine that follows a group of lanes; `plain` leaves sines and the order of operations to the target."""
     g, sample = _write_sample(program, plain)
-    n, K, angles = program.driven.n, program.inputs, program.angles
-    first, least = _leaves(g, "first", n), _leaves(g, "least", program.guards)
-    guess = _leaves(g, "guess", n)
+    n, K = program.driven.n, program.inputs
+    first, guess, least = _leaves(g, "first", n), _leaves(g, "guess", n), _leaves(g, "least", program.guards)
     every = [*sample.start, *sample.end, *sample.closed, *sample.guards, *sample.following, *sample.stored, *sample.norms]
     values = order(g, every, {f"%guess{k}": x for k, x in enumerate(sample.following)}, plain)
     before = set(live(g, sample.start))
     repeated = set(live(g, [*sample.closed, *sample.end, sample.norms[0]])) - before  # the values that a correction computes
-    always, one = g.all(True), g.whole(1)
-    alive, near = (g.make("mask", payload=f"%{x}") for x in ("alive", "near"))
-    i, j, done = g.count("%i"), g.count("%j"), g.leaf("%done")  # number of the sample, of the correction, of closed samples
-
-    # corrections, until all lanes have settled
+    alive, i, done = g.make("mask", payload="%alive"), g.count("%i"), g.leaf("%done")  # i, done: numbers of samples, of closed ones
+    corrections, still_near = _settle(g, program, sample, [x for x in values if x in repeated], alive)
     size, turn = sample.norms
-    still_near = g.both([near, g.make("le", size, g.const(REACH**2))])
-    unsettled = g.both([still_near, alive, g.make("lt", g.const(SETTLED**2), size)])
-    again = g.make("also", g.make("any", unsettled), g.make("below", j, g.whole(LIMIT)))
-    leaves = [*_leaves(g, "q", n), *(g.leaf(f"%{letter}{k}") for k in angles for letter in "sc")]
-    changes = zip([*guess, *sample.start], [*sample.closed, *sample.end], strict=True)
-    carried = dict(zip(leaves, changes, strict=True)) | {near: (always, still_near), j: (one, g.make("sum", j, one))}
-    corrections = Loop(carried, [Compute([x for x in values if x in repeated])], again)
-
-    # samples, while a lane is alive
     sides = [g.make("le", g.mul(a, a), g.mul(x, a)) for x, a in zip(sample.guards, least, strict=True)]  # x / a >= 1
     good = g.both([alive, still_near, g.make("le", size, g.const(SETTLED**2)), *sides])
     goes_on = g.both([good, g.make("le", turn, g.const(TURN**2))])
-    counted, later = g.add(done, g.flag(good)), g.make("sum", i, one)
+    counted, later = g.add(done, g.flag(good)), g.make("sum", i, g.whole(1))
     carried = dict(zip(guess, zip(first, sample.following, strict=True), strict=True))
-    carried |= {alive: (always, goes_on), done: (g.const(0.0), counted), i: (g.whole(0), later)}
+    carried |= {alive: (g.all(True), goes_on), done: (g.const(0.0), counted), i: (g.whole(0), later)}
     rows = {g.leaf(f"%{letter}{k}"): level * K + k for level, letter in enumerate("uwbn") for k in range(K)}
     body: list[Statement] = [
         Load(
