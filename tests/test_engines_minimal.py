@@ -1,8 +1,6 @@
 """The equation in one coordinate: right on every dyad and force and through dead centres, refused where one is not enough."""
 
-import ast
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,11 +16,10 @@ from gauss_bench.reference.build import random_states
 from gauss_bench.reference.certificate import find_certified
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
-from tests.conftest import DATA, needs
+from tests.conftest import needs
 from tests.engine_runs import linkage, open_by, ran, relative_error
 from tests.test_engines_rivals import changed
 
-ROOM = Path(adapter.__file__).parent
 ENGINE = Minimal()
 LINKAGES = [("crank_slider", "paper"), ("four_bar", "torque"), ("six_bar", "torque"), ("shaper", "torque"), ("jansen", "walk")]
 FREE = [*LINKAGES, ("squeezer", "squeeze"), ("dyads", "loaded"), ("small/pendulum", None)]  # a pendulum has no dyad
@@ -183,21 +180,3 @@ def test_a_derivation_that_is_wrong_is_refused(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(adapter, "write_equation", wrong)
     with pytest.raises(RunFailure, match="differs from the linkage"):
         ENGINE.build(load("four_bar", "torque"), Choice())
-
-
-def test_it_shares_no_code_with_the_reference_in_minimal_coordinates() -> None:
-    """Neither imports the other, and what both import is the linkage itself, not how it is closed or what acts."""
-
-    def used(path: Path) -> set[str]:
-        found = set()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("gauss_bench"):
-                found |= {f"{node.module}.{x.name}" for x in node.names}
-        return found
-
-    here = set().union(*map(used, ROOM.glob("*.py")))
-    there = used(DATA.parents[1] / "gauss_bench" / "reference" / "minimal.py")
-    assert there
-    assert not any(name.startswith("gauss_bench.reference") for name in here)
-    assert not any(name.startswith("gauss_bench.engines") for name in there)
-    assert here & there == {"gauss_bench.mechanism.model.Mechanism", "gauss_bench.terms.Array"}
