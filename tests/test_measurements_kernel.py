@@ -19,7 +19,6 @@ from gauss_bench.bench.measurements.rivals import rhs_rows
 from gauss_bench.bench.measurements.turns import LEVELS, race_turns
 from gauss_bench.bench.runner import complete_rows
 from gauss_bench.bench.survived import ROOM, at_work, race_here
-from gauss_bench.bench.tasks import Context
 from gauss_bench.compiler.closure import Closure
 from gauss_bench.compiler.kernel import Kernel
 from gauss_bench.compiler.machine import native_code
@@ -173,16 +172,6 @@ def test_the_claim_is_the_median_of_processes_and_its_spread_where_a_second_race
     lost = claim.claim_row(start, [{"what": "step", "status": "crashed", "message": "SIGSEGV"}])
     assert (lost["status"], lost["message"], lost["processes"]) == ("crashed", "SIGSEGV", 0)
     assert claim.claim_row(start, [])["status"] == "skip"
-
-
-def test_every_linkage_is_raced_in_every_process_and_those_of_one_lie_apart() -> None:
-    part = CLAIM.model_copy(update={"linkages": {"four_bar": "torque", "pendulums_2": "swing"}, "processes": 3})
-    suite = SUITE.model_copy(update={"claim": (part,)})
-    tasks = claim.timing_tasks(suite, Context("", "stamp"), {})
-    assert [(t.start["mechanism"], t.start["process"]) for t in tasks] == [
-        (name, k) for k in range(3) for name in ("four_bar", "pendulums_2")
-    ]
-    assert len({t.key for t in tasks}) == 6
 
 
 def test_both_formulations_in_a_batch_count_each_trajectory(costs: dict[str, Rows]) -> None:

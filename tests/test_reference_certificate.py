@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -47,7 +48,7 @@ def test_a_certificate_survives_its_file_and_the_same_one_gives_the_same_bytes(c
     for name, value in vars(certificate).items():
         found = getattr(read, name)
         assert (found == value).all() if isinstance(value, np.ndarray) else found == value, name
-    assert list(tmp_path.iterdir()) == [one, two] or list(tmp_path.iterdir()) == [two, one]
+    assert {*tmp_path.iterdir()} == {one, two}
 
 
 def test_a_comment_changes_nothing_and_another_mass_or_scenario_is_refused(certificate: Certificate, tmp_path: Path) -> None:
@@ -100,12 +101,6 @@ def test_the_bar_of_a_certified_reference_holds_the_rounding_of_what_is_stored(c
     assert (reference.error_q <= np.spacing(largest)).all()
 
 
-def shifted(c: Certificate, level: str, size: float) -> Certificate:
-    values: Array = getattr(c, level).copy()
-    values[len(values) // 2 :] += size
-    return replace(c, **{level: values})  # type: ignore[arg-type]
-
-
 @pytest.mark.long("four_bar-torque")
 @pytest.mark.parametrize(("name", "scenario"), [("four_bar", "torque"), ("parallelogram", "driven"), ("sleigh", "glide")])
 def test_a_true_certificate_is_verified_and_a_false_one_is_not(name: str, scenario: str) -> None:
@@ -113,17 +108,9 @@ def test_a_true_certificate_is_verified_and_a_false_one_is_not(name: str, scenar
     found = verify(certificate, mechanism)
     assert found.passed, found
     for level in ("q", "v", "a"):
-        assert not verify(shifted(certificate, level, 1e-7), mechanism).passed, level
-
-
-@pytest.mark.long
-def test_a_certificate_of_a_slightly_heavier_linkage_is_not_verified() -> None:
-    document, _, _ = document_of("crank_slider")
-    document["links"]["rod"]["mass"] *= 1.0 + 1e-6
-    heavier = load_document(document, "paper")
-    r = build_reference(heavier, 0.1)
-    true = from_doubles("crank_slider", "paper", 0.1)
-    assert not verify(replace(true, q=r.q, v=r.v, a=r.a), load("crank_slider", "paper")).passed
+        values: Array = getattr(certificate, level).copy()
+        values[len(values) // 2 :] += 1e-7
+        assert not verify(replace(certificate, **{level: values}), mechanism).passed, level  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -138,14 +125,9 @@ def test_samples_are_exact_decimals_neither_too_many_nor_too_few(duration: float
 
 
 def test_differences_are_right_far_below_double_precision() -> None:
-    from decimal import Decimal
-
-    import mpmath
-
     with mpmath.workdps(40):
         one = np.array([[mpmath.mpf("0.1")]])
         other = np.array([[mpmath.mpf("0.1") + mpmath.mpf("1e-25")]])
     assert distance(one, other)[0] == pytest.approx(1e-25, rel=1e-5)
-    long = np.array([[np.longdouble("0.1")]])
-    assert distance(one, long)[0] == pytest.approx(float(abs(Decimal(str(long[0, 0])) - Decimal("0.1"))), rel=0.5, abs=1e-20)
+    assert distance(one, np.array([[np.longdouble("0.1")]]))[0] < 1e-20
     assert split(one).high[0, 0] == 0.1

@@ -14,7 +14,6 @@ from gauss_bench.papers.published import VALUES, list_published_values
 from gauss_bench.reference.certificate import as_reference, certificate_path, check_holds, read_certificate
 from gauss_bench.reference.certify import certify
 from gauss_bench.reference.taylor.series import taylor_motion
-from gauss_bench.reference.verification import verify
 from tests.conftest import needs
 
 DATA = Path(__file__).parent / "data"
@@ -39,17 +38,6 @@ def test_every_certificate_of_the_suite_holds_and_vouches_for_twelve_digits(name
     bars = np.array([getattr(certificate, f"error_{x}") for x in ("q", "v", "a")])
     assert (np.diff(bars, axis=1) >= 0).all()
     assert (bars < 1e-9 * (1 + np.abs(certificate.a).max())).all()
-
-
-def test_the_papers_crank_slider_is_known_to_rounding_for_ten_seconds() -> None:
-    path = certificate_path(load("crank_slider", "paper"))
-    assert path is not None
-    certificate = read_certificate(path)
-    crank = np.abs(certificate.q[:, 2])
-    for t, allowed in ((2.0, 1e-16), (10.0, 1e-15)):
-        at = int(np.abs(certificate.t - t).argmin())
-        assert certificate.t[at] == t
-        assert certificate.error_q[at] < allowed * crank[at]
 
 
 @pytest.mark.slow
@@ -94,9 +82,7 @@ def test_a_users_linkage_is_certified_until_chaos_takes_the_digits(capsys: pytes
     assert not found["complete"]
     assert 1.0 < found["until"] < 9.0
     assert "small errors grow" in found["message"]
-    certificate = read_certificate(out)
-    assert certificate.until == found["until"]
-    assert verify(certificate, load(file)).passed
+    assert read_certificate(out).until == found["until"]
     assert main(["verify", str(out)]) == 0
     assert "holds" in capsys.readouterr().out
     longer = round(found["until"] + 0.3, 1)

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gauss_bench.api.simulate import simulate
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.exact import closed_form
@@ -39,29 +38,3 @@ def test_a_closed_form_starts_with_the_linkage_and_obeys_its_equations_of_motion
 def test_a_linkage_that_only_bears_the_name_has_no_closed_form() -> None:
     assert closed_form(replace(load("pendulum"), digest="another"), ["0"]) is None
     assert closed_form(load("four_bar"), ["0"]) is None
-
-
-BEFORE = [0.2, 0.4, 0.6]  # the bars of a chain lie on the ground line, a singular position, after 0.7 s
-
-
-@pytest.mark.long("n_four_bar_2-projection", "n_four_bar_7", "sleigh-udwadia_kalaba")
-@pytest.mark.slow("n_four_bar_2-projection", "n_four_bar_1", "sleigh-gauss", "sleigh-lagrange")
-@pytest.mark.parametrize(
-    ("name", "engine", "stabilization", "at", "allowed"),
-    [
-        pytest.param("n_four_bar_1", "gauss", "none", BEFORE, 1e-8, id="n_four_bar_1"),
-        pytest.param("n_four_bar_2", "lagrange", "none", BEFORE, 1e-8, id="n_four_bar_2"),
-        pytest.param("n_four_bar_7", "gauss", "none", BEFORE, 1e-8, id="n_four_bar_7"),
-        # the singular positions that are passed cost the digits
-        pytest.param("n_four_bar_2", "gauss", "projection", [2.0, 3.0], 1e-4, id="n_four_bar_2-projection"),
-        *(
-            pytest.param("sleigh", x, "none", [0.5, 1.0, 2.0], 1e-9, id=f"sleigh-{x}")
-            for x in ("gauss", "lagrange", "udwadia_kalaba")
-        ),
-    ],
-)
-def test_engines_follow_closed_forms(name: str, engine: str, stabilization: str, at: list[float], allowed: float) -> None:
-    found = simulate(name, engine, stabilization=stabilization, step=1e-3, at=at)
-    links, (q, v, _) = found["links"].values(), exact(name, at)
-    assert np.abs(np.column_stack([x[key] for x in links for key in ("x", "y", "theta")]) - q).max() < 0.1 * allowed
-    assert np.abs(np.column_stack([x[key] for x in links for key in ("vx", "vy", "omega")]) - v).max() < allowed

@@ -93,7 +93,9 @@ def test_pieces_of_motion_laws_are_the_laws(law: str) -> None:
     rise: dict[str, Any] = {"travel_deg": 40.0, "time": 0.33}
     knots: dict[str, Any] = {"rows": [[0.05, 0.0], [0.2, 10.0], [0.37, 15.0], [0.45, 12.0]]}
     driver = {"link": "left", "law": law, "start_deg": 100.0, **(knots if law == "table" else rise)}
-    document = decimal_document("five_bar") | {"scenarios": {"part": part_driven(driver)}}
+    start = {"angles_deg": {"right": 80.0}, "speeds": {"right": -1.0}}
+    part = {"duration": 0.5, "drivers": [driver], "forces": ["spring"], "start": start}
+    document = decimal_document("five_bar") | {"scenarios": {"part": part}}
     mechanism = load_document(to_doubles(document), "part")
     found = cut_pieces(mechanism.drivers, document["scenarios"]["part"], float)
     assert len(found) == (5 if law == "table" else 2)
@@ -102,12 +104,6 @@ def test_pieces_of_motion_laws_are_the_laws(law: str) -> None:
         t = np.linspace(piece.begin, end, 9)[1:-1]
         for value, wanted in zip(piece.laws(t, NUMBERS)[0], mechanism.drivers[0].law(t), strict=True):
             assert off(value + 0 * t, wanted) < 1e-13 * (1.0 + np.abs(wanted).max())
-
-
-def part_driven(driver: dict[str, Any]) -> dict[str, Any]:
-    """The five-bar with one crank driven and the other free."""
-    start = {"angles_deg": {"right": 80.0}, "speeds": {"right": -1.0}}
-    return {"duration": 0.5, "drivers": [driver], "forces": ["spring"], "start": start}
 
 
 @pytest.mark.slow("n_four_bar_3-fall-0.6")
@@ -126,28 +122,11 @@ def test_motions_in_closed_form_are_met_to_28_digits(linkage: str, scenario: str
         assert off(getattr(found, level), wanted) < LAST_DIGITS * (1.0 + np.abs(wanted.astype(float)).max())
 
 
-TAKE_LONG = ("eight_bar", "jansen", "parallelogram", "squeezer")  # seconds each: loops in loops, forces, redundant rows, stiffness
-MOVING = [
-    ("shaper", "torque"),
-    ("five_bar", "spring"),
-    *(
-        pytest.param(linkage, scenario, marks=pytest.mark.slow)
-        for linkage, scenario in zip(TAKE_LONG, ("conservative", "walk", "torque", "squeeze"), strict=True)
-    ),
-]
-DRIVEN = [
-    ("eight_bar", "cycloid"),
-    ("parallelogram", "driven"),
-    ("five_bar", "driven"),
-    ("excavator", "dig"),
-    (str(DATA / "pushed.toml"), "push"),
-]
+MOVING = [("shaper", "torque"), ("five_bar", "spring"), ("eight_bar", "conservative"), ("jansen", "walk"), ("squeezer", "squeeze")]
+DRIVEN = [("five_bar", "driven"), ("excavator", "dig"), (str(DATA / "pushed.toml"), "push")]
 
 
-@pytest.mark.long(
-    "eight_bar-conservative", "five_bar-spring", "jansen-walk", "parallelogram-torque", "shaper-torque", "squeezer-squeeze"
-)
-@pytest.mark.parametrize(("linkage", "scenario"), [*MOVING, *DRIVEN])
+@pytest.mark.parametrize(("linkage", "scenario"), exhaustive([*MOVING, ("eight_bar", "cycloid"), *DRIVEN], *DRIVEN[1:]))
 def test_motions_agree_with_other_integrators_in_other_coordinates(linkage: str, scenario: str) -> None:
     mechanism = load(linkage, scenario)
     end = Decimal("0.01") if linkage == "squeezer" else Decimal("0.1")
@@ -160,11 +139,10 @@ def test_motions_agree_with_other_integrators_in_other_coordinates(linkage: str,
     assert max(found.drift) < LAST_DIGITS
 
 
-# a guide that moves, two freedoms, redundant rows, drivers of links and slides, and every kind of force and joint
-BALANCED = [*MOVING[:2], ("parallelogram", "torque"), *DRIVEN[-3:], (str(DATA / "everything.toml"), "free")]
-
-
-@pytest.mark.parametrize(("linkage", "scenario"), BALANCED)
+# a guide that moves, redundant rows, drivers of links and slides, and every kind of force and joint
+@pytest.mark.parametrize(
+    ("linkage", "scenario"), [MOVING[0], ("parallelogram", "torque"), *DRIVEN[1:], (str(DATA / "everything.toml"), "free")]
+)
 def test_multipliers_balance_the_equations_row_by_row(linkage: str, scenario: str) -> None:
     mechanism = load(linkage, scenario)
     found = motion(linkage, scenario, ["0", "0.003"], double=True)
@@ -190,45 +168,13 @@ def test_starts_are_held_at_the_decimals_of_the_file() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("count", "end"), [(2, "10"), pytest.param(5, "10", marks=pytest.mark.slow)])
-def test_a_singular_position_is_never_passed(count: int, end: str) -> None:
-    times = decimals(end, 100)
-    found = motion(f"n_four_bar_{count}", "fall", times)
+def test_a_singular_position_is_never_passed() -> None:
+    found = motion("n_four_bar_2", "fall", decimals("10", 100))
     assert "singular" in found.stopped
-    assert 0.0 < np.pi / 2 - abs(np.pi / 2 - float(found.q[-1, 2])) < np.pi / 2
     assert float(found.times[-1]) < 0.75  # the bars lie on the ground line after 0.72 s
-    driven = motion(f"n_four_bar_{count}", "driven", decimals("2", 100))
+    driven = motion("n_four_bar_2", "driven", decimals("2", 100))
     assert "singular" in driven.stopped
     assert driven.times[-1] == "1.56"  # pi / 2 at 1 rad/s
-
-
-@pytest.mark.long
-def test_redundant_loops_stay_closed_through_the_positions_where_one_of_them_is_singular() -> None:
-    found = motion("parallelogram", "conservative", decimals("0.8", 20))
-    assert float(found.q[-1, 2]) > 2 * np.pi  # a whole turn: every loop has been flat
-    assert max(found.drift) < LAST_DIGITS
-
-
-LAWS: list[dict[str, Any]] = [
-    {"law": "constant", "speed": 1.3},
-    {"law": "cosine", "travel_deg": 40.0, "time": 0.1},
-    {"law": "table", "rows": [[0.05, 0.0], [0.12, 10.0], [0.18, 12.0]]},
-]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "law", [pytest.param(x, id=x["law"], marks=() if x["law"] == "constant" else pytest.mark.slow) for x in LAWS]
-)
-def test_a_linkage_driven_in_part_follows_the_law_and_moves_freely_otherwise(law: dict[str, Any]) -> None:
-    document = decimal_document("five_bar")
-    document["scenarios"]["part"] = part_driven({"link": "left", "start_deg": 100.0, **law})
-    times = decimals("0.2", 20)
-    found = taylor_motion(document, "part", times, True)
-    reference = build_reference(load_document(to_doubles(document), "part"), 0.2)
-    for level in ("q", "v", "a"):
-        wanted = getattr(reference, level)
-        assert off(getattr(found, level), wanted) < OTHER_COORDINATES * (1.0 + np.abs(wanted).max())
 
 
 def test_an_override_that_is_merged_is_not_merged_again() -> None:

@@ -1,1 +1,1 @@
-"""A linkage becomes native code: equations, elimination, machine code, and the programs made of it."""
+"""The compiler, which turns a linkage into native code: equations, elimination, machine code, time steps. See README.md."""

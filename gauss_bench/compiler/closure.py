@@ -1,4 +1,4 @@
-"""Kinematics of a linkage compiled for this machine: positions, velocities and accelerations over whole turns, many at once.
+"""The kinematics of a linkage as native code: positions, velocities and accelerations at thousands of samples of its inputs.
 
 closure = compile_closure(mechanism)
 turn = closure.turn(3600)             # derivatives by the crank angle
@@ -21,7 +21,7 @@ from gauss_bench.terms import Array
 
 __all__ = ["Closure", "Loss", "Status", "Sweep", "compile_closure"]
 
-PARTS = 32  # lanes of the numpy backend: they share the overhead of a call
+PARTS = 32  # lanes of the numpy backend, which share the overhead of a call
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +31,8 @@ class Sweep:
     Attributes:
         q, v, a: (k, n) positions, velocities, accelerations of all links in the mechanism's absolute coordinates [m, rad]; angles
             are continuous from the start. NaN where lost.
-        status: (k,) of Status.
-        loss: where and why the motion ended; None if it did not.
+        status: (k,) how each sample was closed, as numbers of `Status`.
+        loss: place and cause of the motion's end; None if all samples were closed.
     """
 
     q: Array
@@ -43,15 +43,15 @@ class Sweep:
 
 
 def compile_closure(mechanism: Mechanism, lanes: int | None = None, backend: str | None = None) -> "Closure":
-    """Compile the closure of a mechanism whose inputs are the drivers of the scenario, else the crank; their laws are not used.
+    """Compile the closure of a mechanism. Its inputs are the driven coordinates of the scenario, or the crank's angle without any.
 
     Args:
-        lanes: samples in one vector, a power of 2; chosen for the host where None.
+        lanes: number of samples in one vector, a power of 2; None for as many as a vector of the host holds.
         backend: "llvm", or "numpy" without a compiler; None for the first that is installed.
 
     Raises:
-        KernelError: no usable pivots, a start at a singular position, or a backend that is not there.
-        ValueError: knife edges, or drivers that do not fit the linkage.
+        KernelError: no usable pivots, a start at a singular position, or a backend that is not installed.
+        ValueError: knife edges, or a number of drivers that differs from the degrees of freedom.
     """
     target = choose_target(backend, lanes, cache=True)
     if target.backend == "numpy" and lanes is None:
@@ -66,7 +66,8 @@ class Closure:
     """Compiled closure of one linkage.
 
     Attributes:
-        mechanism: the compiled mechanism, whose drivers are the inputs. backend: "llvm" or "numpy".
+        mechanism: the compiled mechanism, whose drivers are the inputs; their laws are not used.
+        backend: "llvm" or "numpy".
         inputs: names of the driven coordinates, in the order of every `inputs` argument.
     """
 
@@ -78,28 +79,28 @@ class Closure:
         self._tracker.follower.loaded.call(target.lanes)
 
     def turn(self, samples: int) -> Sweep:
-        """Sweep one turn of the input from its start in equal steps, without the end point; v and a are derivatives by the input.
+        """Compute one turn of the input from its start in equal steps, without the end point; v and a are derivatives by the input.
 
         Raises:
-            ValueError: several inputs.
+            ValueError: the linkage has several inputs.
         """
         if len(self.inputs) != 1:
-            raise ValueError(f"{self.mechanism.name} has the inputs {', '.join(self.inputs)}; a turn is of one")
+            raise ValueError(f"{self.mechanism.name} has the inputs {', '.join(self.inputs)}, and a turn needs a single one")
         return self.sweep(self._tracker.u[0] + 2 * np.pi / samples * np.arange(samples))
 
     def sweep(self, inputs: Array, rates: Array | None = None, second_rates: Array | None = None) -> Sweep:
-        """Compute the states at samples of the inputs, followed along straight lines from one sample to the next.
+        """Compute the states at samples of the inputs, which move along a straight line from one sample to the next.
 
         Args:
             inputs: (k,) of one input, or (k, inputs) [rad, m].
-            rates: as inputs; where None, 1 for a single input and 0 for several.
-            second_rates: as inputs; 0 where None.
+            rates: in the shape of the inputs; None for 1 if there is one input, and for 0 if there are several.
+            second_rates: in the shape of the inputs; None for 0.
 
         Raises:
             ValueError: shapes that do not fit, or numbers that are not finite.
         """
         levels = self._levels(inputs, rates, second_rates)
-        # samples that are too far apart for one step get intermediate ones, which are removed from the result below
+        # samples that are too far apart for one step get others in between, which are removed from the result below
         stride = self._tracker.strides(levels[:, 0])
         divided = max(1, ceil(stride))
         if divided > 1:
@@ -107,17 +108,19 @@ class Closure:
         rows, status = np.empty((len(levels), self._tracker.program.width)), np.zeros(len(levels), dtype=np.int8)
         loss = self._tracker.track(levels, stride / divided, rows, status)
         if loss is not None:
-            loss = replace(loss, sample=-(-loss.sample // divided))  # the next sample that was asked for
+            loss = replace(loss, sample=ceil(loss.sample / divided))  # the next of the caller's samples
         q, v, a = rows[::divided].reshape(-1, 3, self.mechanism.n).swapaxes(0, 1)
         return Sweep(q, v, a, status[::divided], loss)
 
     def _levels(self, inputs: Array, rates: Array | None, second_rates: Array | None) -> Array:
-        """Stack inputs, rates and second rates as (k, 3, K), K inputs, and check them."""
+        """Return inputs, rates and second rates of K inputs as one array (k, 3, K), checked."""
         K, u = len(self.inputs), self._columns(inputs)
         if u.ndim != 2 or u.shape[-1] != K or not u.size:
             raise ValueError(f"inputs of shape {np.shape(inputs)} are not samples of {', '.join(self.inputs)}")
         levels = np.empty((len(u), 3, K))
-        levels[:, 0], levels[:, 1] = u, (1.0 if K == 1 else 0.0) if rates is None else self._columns(rates)
+        usual_rate = 1.0 if K == 1 else 0.0
+        levels[:, 0] = u
+        levels[:, 1] = usual_rate if rates is None else self._columns(rates)
         levels[:, 2] = 0.0 if second_rates is None else self._columns(second_rates)
         if not np.isfinite(levels).all():
             raise ValueError("inputs or their rates are not finite")

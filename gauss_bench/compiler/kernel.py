@@ -1,7 +1,7 @@
-"""A linkage compiled for this machine: accelerations, forces, and whole trajectories of one state or of thousands.
+"""The dynamics of a linkage as native code: accelerations, forces, and trajectories from one state or from thousands.
 
-kernel = compile_kernel(mechanism, stabilization="projection")
-q, v = kernel.rollout(q0, v0, 1e-4, 10_000)
+    kernel = compile_kernel(mechanism, stabilization="projection")
+    q, v = kernel.rollout(q0, v0, 1e-4, 10_000)
 
 This file combines the rooms: programs are generated (elimination), compiled to machine code (machine) and stepped (stepping).
 """
@@ -9,9 +9,9 @@ This file combines the rooms: programs are generated (elimination), compiled to 
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
 
 import numpy as np
 
@@ -35,7 +35,7 @@ BAUMGARTE = (20.0, 20.0)  # [1/s] alpha = beta, as elsewhere in the suite
 
 @dataclass(frozen=True)
 class Options:
-    """Options by which a mechanism becomes code; see compile_kernel."""
+    """The options of `compile_kernel`, which explains them."""
 
     formulation: str
     stabilization: str
@@ -43,6 +43,11 @@ class Options:
     independent: tuple[int, ...] | None
     baumgarte: tuple[float, float]
     target: Target
+
+    @property
+    def damping(self) -> tuple[float, float] | None:
+        """Alpha and beta [1/s] under Baumgarte's stabilisation, else None."""
+        return self.baumgarte if self.stabilization == "baumgarte" else None
 
 
 def compile_kernel(
@@ -62,11 +67,11 @@ def compile_kernel(
     Args:
         formulation: "gauss", "lagrange", or "auto" for the one that costs less.
         stabilization: "none", "baumgarte", or "projection" of positions and velocities at each step.
-        open_parameters: names of numbers of the file that stay open, such as "links.crank.mass"; given with each call.
-        lanes: trajectories in one vector, a power of 2; where None, as many as the host's vectors hold.
+        open_parameters: names of numbers of the file that are given with each call, such as "links.crank.mass".
+        lanes: number of trajectories in one vector, a power of 2; None for as many as a vector of the host holds.
         cache: whether search results and object code are kept in the user's cache folder.
         backend: "llvm", or "numpy" without a compiler; None for the first that is installed.
-        independent: coordinates of the first partition; chosen where None.
+        independent: independent coordinates of the first program; None lets the search choose.
         baumgarte: alpha, beta [1/s].
         form: deprecated, has no effect: all code is straight-line code. Any value gives a warning.
 
@@ -83,25 +88,35 @@ def compile_kernel(
     return Kernel(mechanism, options, "straight line", start)
 
 
-def _straight_line(mechanism: Mechanism, o: Options) -> Iterator[Program]:
-    damping = o.baumgarte if o.stabilization == "baumgarte" else None
-    program = partial(known_program, mechanism, open_parameters=o.open_parameters, baumgarte=damping, remembered=o.target.cache)
-    first = program(o.formulation, independent=o.independent)
+def _generate_programs(mechanism: Mechanism, o: Options) -> Iterator[Program]:
+    """Yield the program that was asked for, then others for states at which its pivots fail."""
+
+    def generate(formulation: str, independent: tuple[int, ...] | None, drop: int) -> Program:
+        return known_program(mechanism, formulation, o.open_parameters, independent, o.damping, drop, o.target.cache)
+
+    first = generate(o.formulation, o.independent, 0)
     yield first
     ways: list[tuple[str, tuple[int, ...] | None]] = [(o.formulation, o.independent)]
     ways += [("gauss", p) for p in partitions(mechanism) if ("gauss", p) != (first.formulation, first.independent)]
-    ways += [("lagrange", None)] if first.formulation != "lagrange" else []
-    for k, ((formulation, independent), drop) in enumerate(product(ways, range(len(study(mechanism).drops)))):
-        try:
-            if k:
-                yield program(formulation, independent=independent, drop=drop)
-        except KernelError:
-            continue  # not every partition can be eliminated everywhere; the first one could
+    if first.formulation != "lagrange":
+        ways.append(("lagrange", None))
+    for way in ways:
+        for drop in range(len(study(mechanism).drops)):
+            if way == ways[0] and drop == 0:
+                continue  # the first program
+            with suppress(KernelError):  # these partitions cannot be eliminated everywhere
+                yield generate(*way, drop)
 
 
 @dataclass(frozen=True, eq=False)
 class Integrated:
-    """States at the requested times: q, v (k, n_q), NaN where lost; accepted steps; evaluations of the accelerations."""
+    """A trajectory with step size control.
+
+    Attributes:
+        q, v: (k, n_q) states at the requested times, NaN where the trajectory is lost.
+        steps: number of accepted steps.
+        evaluations: number of evaluations of the acceleration.
+    """
 
     q: Array
     v: Array
@@ -110,28 +125,28 @@ class Integrated:
 
 
 class Kernel:
-    """Compiled code of one mechanism. Times in s, states in the absolute coordinates of the mechanism (SI units).
+    """Compiled code of one mechanism. Times are in s, states in the absolute coordinates of the mechanism (SI units).
 
     Attributes:
-        mechanism: what was compiled.
-        form: "straight line": there is no other.
+        mechanism: the mechanism that was compiled.
+        form: always "straight line".
         formulation: "gauss" or "lagrange", as chosen.
-        parameters: names of the open numbers, in the order of every `parameters` argument.
-        backend: "llvm" or "numpy". lanes: trajectories in one vector.
-        operations: of one acceleration with its guards.
+        parameters: names of the open numbers, in the order of every argument `parameters`.
+        backend: "llvm" or "numpy".
+        lanes: number of trajectories in one vector.
+        operations: number of operations of one acceleration with its guards.
         dropped: names of redundant rows that were left out.
-        generate_seconds: to generate and check the first program.
+        generate_seconds: time [s] to generate and check the first program.
     """
 
     def __init__(self, mechanism: Mechanism, options: Options, form: str, start: float):
         self.mechanism, self.options, self.form = mechanism, options, form
         self.backend, self.lanes, self.parameters = options.target.backend, options.target.lanes, options.open_parameters
-        self._programs = Programs(_straight_line(mechanism, options), options.stabilization, options.target)
+        self._programs = Programs(_generate_programs(mechanism, options), options.stabilization, options.target)
         first = self._programs.codes[0].program
         self.formulation, self.operations = first.formulation, first.acceleration.operations
         self.dropped, self._values, self._n = self._programs.dropped, self._programs.values, mechanism.n
-        damping = options.baumgarte if options.stabilization == "baumgarte" else None
-        self._rank = RankDecision(mechanism, damping)
+        self._rank = RankDecision(mechanism, options.damping)
         self._driver = Driver(self._programs, self._rank, options.stabilization == "projection", len(self.parameters))
         self._kinks = tuple(sorted({t for _, factor in list_lines(mechanism) for t in factor.kinks}))
         self._programs.prepare("rk4", many=False, extended=False)
@@ -139,27 +154,27 @@ class Kernel:
 
     @property
     def compile_seconds(self) -> float:
-        """Seconds to compile or load all machine code used so far."""
+        """Time [s] to compile or load all machine code used so far."""
         return sum(seconds for seconds, _ in self._programs.loaded())
 
     @property
     def from_cache(self) -> bool:
-        """True if all machine code so far was in the cache."""
+        """True if all machine code used so far was in the cache."""
         return bool(self._programs.loaded()) and all(cached for _, cached in self._programs.loaded())
 
     @property
     def switches(self) -> int:
-        """Changes of partition in the last rollout."""
+        """Number of changes of the program in the last rollout."""
         return self._driver.tally.switches
 
     @property
     def fallbacks(self) -> int:
-        """Steps of the last rollout by rank decision, because no partition was usable."""
+        """Number of steps by rank decision in the last rollout, at states where no program was usable."""
         return self._driver.tally.fallbacks
 
     @property
     def lost(self) -> int:
-        """Trajectories of the last rollout that could not be continued; their states are NaN from there on."""
+        """Number of trajectories of the last rollout that could not be continued; their states are NaN from there on."""
         return self._driver.tally.lost
 
     def prepare(self, integrator: str = "rk4", many: bool = False) -> None:
@@ -192,30 +207,34 @@ class Kernel:
 
         Args:
             q0, v0: (n_q,) or (batch, n_q).
-            parameters: (n_parameters,) or (batch, n_parameters); those of the file where None.
-            every: steps between samples; only the last state where None.
-            threads: that share a batch.
+            dt: step size [s]. n: number of steps. t0: time [s] of q0, v0.
+            parameters: (n_parameters,) or (batch, n_parameters); None for those of the file.
+            every: number of steps between samples; None for the last state alone.
+            threads: number of threads that share a batch.
             integrator: "rk4", "semi_implicit_euler", "dop853_fixed", or "gauss_legendre", which is implicit, of order 6, for stiff
                 forces along free motions.
 
         Returns:
             q, v: (n_q,) or (batch, n_q) after the last step; with `every`, (samples, n_q) or (batch, samples, n_q) after `every`,
-            2 `every`, ... steps and after the last. A trajectory that cannot go on is not a number from there, and counted in
-            `lost`.
+            2 `every`, ... steps and after the last. A trajectory that cannot go on is NaN from there on, and counted in `lost`.
+
+        Raises:
+            ValueError: a negative number of steps, an unknown integrator, or steps backwards in time over kinks of forces.
         """
         if n < 0 or (every is not None and every < 1) or integrator not in INTEGRATORS:
             raise ValueError(f"cannot take {n} steps of {integrator} with a sample every {every}")
         if self._kinks and n and not dt > 0:
             raise ValueError("a force has kinks in time, and steps over them go forward")
-        q = q0 if isinstance(q0, np.ndarray) else np.asarray(q0)  # a conversion costs as much as steps
+        q = q0 if isinstance(q0, np.ndarray) else np.asarray(q0)  # a conversion takes as long as several steps
         v = v0 if isinstance(v0, np.ndarray) else np.asarray(v0)
         self._driver.tally = Tally()
         parts = self.legs(t0, dt, n) if self._kinks else ()
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)
         if q.ndim == 1 and every is None and p.ndim == 1 and len(parts) <= 1:
+            # one trajectory without samples on the way is stepped with the least overhead
             if self._kinks or p.shape != self._values.shape:
                 p = self._numbers(parameters, 1, _middle(t0, parts))[0]
-            state = self._one(q, v, p, t0, dt, n, integrator)
+            state = self._roll_one(q, v, p, t0, dt, n, integrator)
             return state[: self._n], state[self._n :]
         states = np.atleast_2d(np.concatenate([q, v], axis=-1, dtype=float))
         given = self._numbers(parameters, len(states), _middle(t0, parts))
@@ -230,21 +249,21 @@ class Kernel:
         return samples[..., : self._n], samples[..., self._n :]
 
     def legs(self, t0: float, dt: float, n: int) -> tuple[Leg, ...]:
-        """The steps that a rollout takes: those in which a force has a kink or jumps in parts."""
+        """Return the steps of a rollout; a step in which a force has a kink or jumps is taken in parts."""
         return tuple(legs(float(t0), float(dt), int(n), max(1, n), self._kinks))
 
     def integrate(
         self, q0: Array, v0: Array, times: Array, rtol: float, atol: float, parameters: Array | None = None
     ) -> "Integrated":
-        """One state along its motion by DOP853, whose steps keep the estimated error at the tolerances and end at each time.
+        """Integrate one trajectory by DOP853, which chooses its steps by the tolerances, and ends a step at each time.
 
         Args:
-            q0, v0: (n_q,) at the first time.
-            times: (k,) at least two, in order.
-            rtol, atol: of each component of q and v, whose errors are relative to atol + rtol |component|.
+            q0, v0: (n_q,) state at the first time.
+            times: (k,) at least two, ascending.
+            rtol, atol: tolerances; the allowed error of each component of q and v is atol + rtol |component|.
 
         Raises:
-            ValueError: times that are not in order.
+            ValueError: fewer than two times, or times that do not ascend.
         """
         if len(times) < 2 or not (np.diff(times) > 0).all():
             raise ValueError("times must be at least two, in order")
@@ -255,7 +274,7 @@ class Kernel:
         return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
 
     def alone(self, q0: Array, v0: Array, dt: float, n: int, integrator: str = "rk4") -> bool:
-        """Tell whether the first program does n steps of one state from t = 0 by itself: no other is generated."""
+        """Tell whether the first program takes n steps from one state at t = 0 without another program."""
         q, v, runner = q0, v0, self._programs.runner(0, integrator)
         for leg in self.legs(0.0, dt, n):
             done = runner.run_one(q, v, self._numbers(None, 1, leg.middle)[0], leg.t, leg.h, leg.n)
@@ -265,12 +284,12 @@ class Kernel:
         return True
 
     def pivots(self, t: Array, q: Array, v: Array) -> Array:
-        """Return (k, pivots) the pivots of the first program at k states: between two in which one changes its sign it is zero."""
+        """Return the pivots (k, pivots) of the first program at k states; a pivot that changes its sign is zero in between."""
         numbers = self._numbers(None, len(q), t)
         return self._programs.codes[0].program.acceleration(t[:, None], q, v, numbers)[1]
 
-    def _one(self, q: Array, v: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array:
-        """The last state (2 n_q,) of a single trajectory, by the shortest way."""
+    def _roll_one(self, q: Array, v: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array:
+        """Return the last state (2 n_q,) of a single trajectory; a call has the least possible overhead."""
         end = self._programs.runner(0, integrator).run_one(q, v, p, t0, dt, n)
         if not isinstance(end, Stop):
             return end
@@ -279,7 +298,10 @@ class Kernel:
         return np.asarray(self._driver.resume(batch, stopped, integrator).samples[0, -1])
 
     def _numbers(self, parameters: Array | None, count: int, t: float | Array) -> Array:
-        """All open numbers (count, n_p) of states at times () or (count,): those given, or the file's, then those by time."""
+        """Return all open numbers (count, n_p) of states at times () or (count,).
+
+        The user's are those given, or the file's if `parameters` is None; behind them stand those that follow from time.
+        """
         size = len(self.parameters)
         given = self._values[:size] if parameters is None else np.asarray(parameters, dtype=float)
         if given.shape[-1] != size:
@@ -289,9 +311,9 @@ class Kernel:
         return numbers
 
     def acceleration(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
-        """Accelerations (n_q,) or (batch, n_q) of one state or of many; where no partition serves, by rank decision.
+        """Return accelerations (n_q,) or (batch, n_q) at one state or at many, without Baumgarte's terms.
 
-        They are the linkage's own, without Baumgarte's terms.
+        Where no program is usable they follow from a rank decision.
         """
         if np.ndim(q) == 1 and parameters is None:
             p = self._numbers(None, 1, t)[0] if self._kinks else self._values
@@ -301,20 +323,21 @@ class Kernel:
         return self._at_states(self._programs.accelerations, self._rank.acceleration, q, v, t, parameters)
 
     def forces(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
-        """Multipliers (rows,) or (batch, rows) of M a + J^T lambda = Q; what is left out as redundant carries nothing."""
+        """Return the multipliers (rows,) or (batch, rows) of M a + J^T lambda = Q; redundant rows that were dropped have 0."""
         return self._at_states(self._programs.multipliers, self._rank.multipliers, q, v, t, parameters)
 
     def energy(self, q: Array, v: Array, parameters: Array | None = None) -> Array:
-        """Kinetic plus potential energy [J], () or (batch,)."""
+        """Return kinetic plus potential energy [J], () or (batch,)."""
         rows, single = self._rows(q, v, 0.0, parameters)
         energies = self._programs.codes[0].program.energy(*rows[1:])[0][:, 0]
         return np.asarray(energies[0] if single else energies)
 
     def c_source(self, integrator: str = "rk4") -> str:
-        """The first program in plain C: functions `accelerate` and `rollout`."""
+        """Return the first program as C source, with the functions `accelerate` and `rollout`."""
         return self._programs.c_source(integrator)
 
     def _rows(self, q: Array, v: Array, t: float | Array, parameters: Array | None) -> tuple[tuple[Array, ...], bool]:
+        """Return times (k,), q, v (k, n_q) and all open numbers (k, n_p), and whether a single state was given."""
         single = np.ndim(q) == 1
         q, v = np.atleast_2d(np.asarray(q, dtype=float)), np.atleast_2d(np.asarray(v, dtype=float))
         at = np.broadcast_to(np.asarray(t, dtype=float), len(q))
@@ -329,22 +352,25 @@ class Kernel:
         t: float | Array,
         parameters: Array | None,
     ) -> Array:
-        """Evaluate by the first program, and where its pivots fail by another, or by rank decision."""
+        """Evaluate by the first program; where its pivots fail, by another program, else by rank decision, else return NaN.
+
+        `evaluate` takes the index of a program and the four arrays of `_rows`, and returns values (k, ...) and where they are
+        sound (k,); `by_rank` takes t, q, v of a single state.
+        """
         at, single = self._rows(q, v, t, parameters)
         values, sound = evaluate(0, *at)
         for row in np.flatnonzero(~sound):
-            one = [x[row : row + 1] for x in at]
-            k = self._driver.best(float(one[0][0]), np.concatenate([one[1][0], one[2][0]]), one[3][0], {0})
-            other, good = evaluate(k, *one) if k is not None else (values[row : row + 1], np.zeros(1, dtype=bool))
-            if good[0]:
-                values[row] = other[0]
-            elif self._driver.nominal(one[3][0]):
-                values[row] = by_rank(float(one[0][0]), one[1][0], one[2][0])
-            else:
-                values[row] = np.nan
+            time, q_row, v_row, p = (x[row] for x in at)
+            k = self._driver.best(float(time), np.concatenate([q_row, v_row]), p, {0})
+            if k is not None:
+                other, good = evaluate(k, *(x[row : row + 1] for x in at))
+                if good[0]:
+                    values[row] = other[0]
+                    continue
+            values[row] = by_rank(float(time), q_row, v_row) if self._driver.nominal(p) else np.nan
         return np.asarray(values[0] if single else values)
 
 
 def _middle(t: float, parts: Sequence[Leg]) -> float:
-    """Return a time at which the open parameters have the values that hold for the only leg, or for the time itself."""
+    """Return a time in the middle of the only leg, or t without legs: the open numbers there hold for the whole leg."""
     return parts[0].middle if parts else float(t)

@@ -1,8 +1,8 @@
 """The compiler's cache on disk: object code in `NAME.o`, the outcome of a search in `NAME.json`.
 
-Machine code from the cache is executed, so only files that this user wrote are loaded: all are in one folder that belongs to the
-user and that nobody else may enter. A file begins with the hash of its content; one that does not match is ignored. Files
-appear as a whole (`atomic.py`); what killed processes left unfinished is removed by a later write.
+Machine code from the cache is executed. All files are therefore in one folder that belongs to the user and that nobody else may
+enter. A file begins with a hash of its name and content, and is ignored if the hash does not match. Files are written atomically
+(`atomic.py`); the unfinished files of killed processes are removed when another file is stored.
 """
 
 import hashlib
@@ -15,7 +15,7 @@ from pathlib import Path
 from gauss_bench.atomic import PART, write_bytes
 
 DIGEST = hashlib.sha256().digest_size
-LEFT = 600.0  # age [s] of an unfinished file from which nobody is writing it any more
+LEFT = 600.0  # [s] age of an unfinished file whose process has ended
 MAGIC = b"gauss-bench cache 2\n"
 
 
@@ -42,7 +42,7 @@ def is_trusted() -> Path | None:
 
 
 def load(name: str) -> bytes | None:
-    """Read an entry, or None."""
+    """Return the content of an entry, or None if there is none that may be used."""
     path = is_trusted()
     if path is None:
         return None
@@ -50,9 +50,9 @@ def load(name: str) -> bytes | None:
         content = (path / name).read_bytes()
     except OSError:
         return None
-    head = len(MAGIC) + DIGEST
-    kept = content[head:]
-    return kept if content[:head] == MAGIC + _digest(name, kept) and kept else None
+    begin = len(MAGIC) + DIGEST
+    head, entry = content[:begin], content[begin:]
+    return entry if entry and head == MAGIC + _digest(name, entry) else None
 
 
 def store(name: str, content: bytes) -> bool:
@@ -72,9 +72,10 @@ def _collect(path: Path) -> None:
     """Remove temporary files of killed processes."""
     for left in path.glob(f"*{PART}"):
         with suppress(OSError):
-            if abs(time.time() - left.stat().st_mtime) > LEFT:  # a clock may have jumped either way
+            if abs(time.time() - left.stat().st_mtime) > LEFT:  # absolute, as a clock may have been set back
                 left.unlink()
 
 
 def _digest(name: str, content: bytes) -> bytes:
+    """Return the hash of an entry's name and content."""
     return hashlib.sha256(name.encode() + content).digest()

@@ -1,11 +1,11 @@
 """Engines in C: find a compiler, generate fixed steps around an acceleration, compile both and call them.
 
-The engine's C source defines
+The engine's C source defines, with q, v and a of N numbers,
 
-    static void acceleration(double t, const double *q, const double *v, double *a)        q, v, a of N numbers
+    static void acceleration(double t, const double *q, const double *v, double *a)
 
-and is compiled in one file with the steps, so that the compiler may inline it. The methods are those of `integrate/fixed_step.py`,
-with DOP853's coefficients from scipy. -ffast-math lets the compiler reorder sums, as anyone who writes C for speed would.
+It is compiled in one file with the steps, so that the compiler may inline it. The methods are those of `integrate/fixed_step.py`.
+-ffast-math lets the compiler reorder sums, as anyone who writes C for speed would.
 """
 
 import ctypes
@@ -24,7 +24,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory, finite, in_a_sentence
 
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-fPIC")
-LONGEST = 300.0  # [s] of one run of the compiler
+LONGEST = 300.0  # [s] time limit of one run of the compiler
 NO_COMPILER = "no C compiler: none of cc, gcc and clang is installed"
 
 ACCELERATE = "void accelerate(double t, const double *q, const double *v, double *a) { acceleration(t, q, v, a); }"
@@ -33,7 +33,8 @@ METHODS = ("rk4", "dop853_fixed")
 
 def compiler() -> str | None:
     """Return the path of a C compiler, or None if there is none."""
-    return next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
+    found = (shutil.which(name) for name in ("cc", "gcc", "clang"))
+    return next((path for path in found if path), None)
 
 
 def write_steps(name: str) -> str:
@@ -71,7 +72,7 @@ class Code:
     def __init__(self, acceleration: str, n: int):
         self.n = n
         self.library = _library("\n".join([f"#define N {n}", acceleration, ACCELERATE, *map(write_steps, METHODS)]))
-        # Without these types ctypes would pass an address as an int of 32 bits, and refuse a float.
+        # Without these types ctypes passes an address as an int of 32 bits, and refuses a float.
         self.library.accelerate.argtypes = [ctypes.c_double, *[ctypes.c_void_p] * 3]
         for method in METHODS:
             numbers = ctypes.c_double, ctypes.c_double, ctypes.c_long
@@ -82,6 +83,7 @@ class Code:
         getattr(self.library, integrator)(q.ctypes.data, v.ctypes.data, t, h, count)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the acceleration (n,) at the time t [s] and the state q, v (n,)."""
         a, q, v = np.empty(self.n), np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
         self.library.accelerate(t, q.ctypes.data, v.ctypes.data, a.ctypes.data)
         return a
@@ -110,15 +112,15 @@ def _library(source: str) -> ctypes.CDLL:
         return ctypes.CDLL(linked)
 
 
-Advance = Callable[[Array, Array, float, float, int], None]  # (x, dx, t, h, count): takes `count` steps of h [s] from t, in place
+Advance = Callable[[Array, Array, float, float, int], None]  # takes (x, dx, t, h, count), and changes x and dx in place
 
 
 class CompiledSteps:
-    """A model that compiled code steps from one sample to the next; a subclass supplies the steps and the motion of the links.
+    """A model whose steps from one sample to the next are compiled code; a subclass supplies the steps and the links' motion.
 
     Attributes:
         start: coordinates and rates (n,) at the beginning.
-        advance: the steps.
+        advance: function that takes `count` steps of h [s] from x, dx (n,) at time t [s].
         note: the note of every trajectory.
     """
 

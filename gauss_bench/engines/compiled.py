@@ -1,6 +1,6 @@
-"""The suite's own formulations as native code, generated from the same mechanism that the interpreted engines evaluate.
+"""The suite's own formulations as native code, generated from the mechanism that the interpreted engines evaluate.
 
-The same code generator eliminates Gauss's and Lagrange's equations, so the two engines differ in the formulation alone.
+One code generator eliminates Gauss's and Lagrange's equations, so that the two engines differ in the formulation alone.
 """
 
 from collections.abc import Callable
@@ -39,7 +39,7 @@ def compiler_version() -> str:
 
 
 class Compiled:
-    """One formulation, compiled, as an engine."""
+    """One compiled formulation as an engine."""
 
     integrators = ("rk4", "semi_implicit_euler", "dop853", "dop853_fixed", IMPLICIT)
     stabilizations = ("none", "baumgarte", "projection")
@@ -84,12 +84,12 @@ class CompiledModel:
         return self.kernel.acceleration(q, v, t)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start, and compile whatever the run needs, so that no timed run compiles."""
+        """Reset to the start, and compile all code that the run needs, so that no timed run compiles."""
         self.kernel.prepare(self.choice.integrator)
         self.times, self.native = times, native
         self.steps = self.evaluations = self.switches = self.fallbacks = 0
         self.parts = equal_runs(times, self.choice.step)
-        self.planned = 0  # steps of the run; the kernel adds some at times where forces jump
+        self.planned = 0  # number of steps of the run; the kernel divides steps at times where forces jump
         for part in self.parts:
             legs = self.kernel.legs(float(times[part.row]), part.size, part.steps * part.samples)
             self.planned += sum(leg.n for leg in legs)
@@ -108,7 +108,7 @@ class CompiledModel:
         self.switches, self.fallbacks = self.kernel.switches, self.kernel.fallbacks
 
     def _run_fixed(self) -> None:
-        """Take fixed steps; consecutive sample intervals with the same steps are one call of the native loop."""
+        """Take fixed steps; consecutive intervals between samples that have the same steps are one call of the native loop."""
         for row, count, h, intervals in self.parts:
             q, v, t = self.q[row], self.v[row], float(self.times[row])
             if self.native and intervals == 1:
@@ -127,21 +127,24 @@ class CompiledModel:
         self.evaluations = (EVALUATIONS[self.choice.integrator] + differences) * self.steps
 
     def _roll(self, q: Array, v: Array, t: float, h: float, n: int, every: int | None) -> tuple[Array, Array]:
-        """Take n steps; return q, v after each `every` steps (n / every, n_q), or only the last (n_q,) if `every` is None."""
+        """Take n steps of h [s] from q, v (n_q,) at time t [s], and count changes of the program.
+
+        Return q, v after each `every` steps (n / every, n_q), or only after the last one (n_q,) if `every` is None.
+        """
         samples = self.kernel.rollout(q, v, h, n, t, every=every, integrator=self.choice.integrator)
         self.switches += self.kernel.switches
         self.fallbacks += self.kernel.fallbacks
         return samples
 
     def batch(self, q: Array, v: Array, count: int) -> Callable[[], Array]:
-        """Return a call that steps every state q, v (k, n), or a single one (n,), `count` times and returns the last positions."""
+        """Return a call that takes `count` steps from states q, v (k, n) or (n,), and returns the last positions."""
         return lambda: np.asarray(self.kernel.rollout(q, v, self.choice.step, count, integrator=self.choice.integrator)[0])
 
     def read(self) -> Trajectory:
         """Return the samples.
 
-        The note counts changes of the partition into dependent and independent coordinates, and steps for which no partition was
-        usable, so that the rank of the constraints was decided numerically.
+        The note counts changes of the independent coordinates, and steps at which none were usable, so that the rank of the
+        constraints was decided numerically.
         """
         reached, a = slice(finite(self.q, self.v)), np.full_like(self.q, np.nan)
         a[reached] = self.kernel.acceleration(self.q[reached], self.v[reached], self.times[reached])

@@ -1,7 +1,7 @@
-"""The suite's own formulations as engines in numpy: this file combines terms, stabilisation, formulation and integrator.
+"""The suite's own formulations as engines in numpy: terms, stabilisation, formulation and integrator combined.
 
-Friction in joints is found by a fixed-point iteration around any formulation: the friction force depends on the multipliers, and
-these on the accelerations. If a formulation returns no multipliers, they are computed from J^T lambda = Q - M a.
+A fixed-point iteration around the formulation finds the friction in joints, which depends on the multipliers, which depend on the
+accelerations. If a formulation returns no multipliers, they are computed from J^T lambda = Q - M a.
 """
 
 from dataclasses import replace
@@ -56,14 +56,14 @@ class Interpreted:
 
 
 class OwnSteps:
-    """A model that is stepped in Python: a subclass supplies the accelerations to integrate and the projection after a step.
+    """A model whose steps are taken in Python; a subclass supplies the accelerations and the projection after a step.
 
     Attributes:
         start: coordinates and rates (n,) at the beginning.
         x, dx: (k, n) samples of coordinates and rates.
         stabilized: function (t, x, dx) -> the acceleration (n,) that is integrated, with Baumgarte's terms if they are chosen.
         tolerances: relative and absolute tolerance of an adaptive integrator if the choice has none.
-        steps, evaluations: counts of the last run.
+        steps, evaluations: numbers of steps and of evaluated accelerations in the last run.
     """
 
     mechanism: Mechanism
@@ -93,13 +93,14 @@ class OwnSteps:
                     raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
 
     def _run_adaptive(self, rtol: float, atol: float) -> int:
-        """Fill the samples with an adaptive integrator and return the number of its steps."""
-        integrate = resolve_name(ADAPTIVE[self.choice.integrator])  # imported only now: scipy's import takes longer than most runs
+        """Fill the samples by an adaptive integrator; return the number of its steps."""
+        integrate = resolve_name(ADAPTIVE[self.choice.integrator])  # imports scipy, which takes longer than most runs
         steps, *_ = integrate(self.stabilized, self.times, self.x, self.dx, rtol, atol, kinks=self.mechanism.kinks)
         return int(steps)
 
     def _run_fixed(self) -> None:
         x, dx = self.start
+        # each stretch: `count` steps of h, with forces as they are until `last`; a row if a sample is due at its end
         for begin, count, h, last, row in stretches(self.times, self.choice.step, self.mechanism.kinks):
             x, dx = self._advance(begin, x, dx, h, count, last)
             if not np.isfinite(x).all():
@@ -149,14 +150,15 @@ class InterpretedModel(OwnSteps):
         return self._accelerate(t, q, v, terms)
 
     def _accelerate(self, t: float, q: Array, v: Array, terms: Terms) -> Array:
-        """Return the accelerations (n,) under the terms and the friction of joints."""
+        """Return the acceleration (n,) that follows from the terms and the friction of joints."""
         solution = self._solve(t, terms)
         return self._add_friction(t, self.friction.directions(q, v), terms, solution) if self.friction else solution.a
 
     def _add_friction(self, t: float, W: Array, terms: Terms, solution: Solution) -> Array:
-        """Return the fixed point (n,) of a = solve(Q + W N(lambda(a))); the iteration begins with the solution without friction.
+        """Return the acceleration (n,) with friction, the fixed point of a = solve(Q + W N(lambda(a))).
 
-        W (n, p) holds the generalised forces of the p joints with friction, each per unit of its joint's load N.
+        The iteration begins with the solution without friction. W (n, p) has the generalised force of each of the p joints with
+        friction, per unit of its load N.
 
         Raises:
             RunFailure: the iteration does not converge (the joints jam), or values are not finite.
@@ -192,7 +194,7 @@ class InterpretedModel(OwnSteps):
             if np.isfinite(terms.J).all() and np.isfinite(terms.gamma).all():
                 raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: {error}") from error
             raise RunFailure(Status.NAN, f"not finite at t = {t:.6g} s; a smaller step may help") from error
-        # Redundant rows that have drifted apart contradict each other: counted as independent they would lock the linkage.
+        # Redundant rows that have drifted apart contradict each other: if they count as independent, the linkage is locked.
         if self.mechanism.redundant and solution.rank > self.rank:
             message = f"t = {t:.6g} s: redundant rows have drifted apart and count as independent "
             message += f"(rank {solution.rank}, {self.rank} at the start): the linkage would lock; use projection"

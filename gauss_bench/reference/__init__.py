@@ -1,11 +1,11 @@
-"""References: trajectories and accelerations more exact than the runs that they judge, each with its own error bar.
+"""References: trajectories and accelerations that are more exact than the runs they judge, each with its error bar.
 
-No file here uses a formulation or an integrator under test.
-- In double precision: `minimal` (one coordinate), `absolute` (all coordinates), `build`, which makes a reference and its error bars
-  from two runs, and `sensitivity`, which finds how far rounding of the parameters moves a motion.
+No file here uses a formulation or an integrator under test. - In double precision: `minimal` (one coordinate) and `absolute` (all
+coordinates). `build` makes a reference and its error bars from
+  two runs; `sensitivity` finds how far rounding of the parameters moves a motion.
 - Certified: `certify` compares two pipelines in extended precision that share no equations, `taylor` (loop coordinates, Taylor
   series) and `extended` (absolute coordinates, by `extended_linkage`, `collocation` and `refinement`), and the closed form in
-  `exact` where a motion has one. All return a `motion`; the digits in which they agree are stored as a `certificate`, which
-  `verification` checks.
-- `store` returns a certified reference if there is one; else it builds one and keeps it in a cache.
+  `exact` if there is one. All return a `motion`. The digits in which they agree are stored as a `certificate`, which `verification`
+  checks.
+- `store` returns a certified reference if there is one; else it builds a reference and keeps it in a cache.
 """

@@ -1,11 +1,11 @@
 """Reference accelerations in absolute coordinates, for linkages that one crank angle cannot describe.
 
-In weighted coordinates b = M^(1/2) a a pseudo-inverse satisfies the constraint J M^(-1/2) b = gamma, and the projection on the null
-space adds the free acceleration. One singular value decomposition gives both; singular values that are rounding are left out:
+In weighted coordinates b = M^(1/2) a, a pseudo-inverse satisfies the constraint J M^(-1/2) b = gamma, and the projection on the
+null space adds the free acceleration. One singular value decomposition gives both, without singular values of rounding size:
 
     K = J M^(-1/2) = U S V^T,    b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q
 
-With friction in joints W N(lambda) is added to Q, and K^T lambda = M^(-1/2) Q - b in the same basis gives lambda:
+Friction in joints adds W N(lambda) to Q, and K^T lambda = M^(-1/2) Q - b in the same basis gives lambda:
 
     lambda = U1 S1^-1 (V1^T M^(-1/2) Q - S1^-1 U1^T gamma)
 """
@@ -26,22 +26,24 @@ class AbsoluteCoordinates:
         self.root = np.sqrt(mechanism.mass)
 
     def acceleration(self, t: Array, q: Array, v: Array) -> Array:
-        """Return a (k, n) at times (k,) and states (k, n)."""
+        """Return accelerations (k, n) at times (k,) and states q, v (k, n)."""
         rows = self.evaluator.constraints(t, q, v)
         Q = self.evaluator.applied.generalised(q, v, t)
         U, s, Vt = np.linalg.svd(rows.J / self.root, full_matrices=False)
         keep = s > RANK_TOLERANCE * s.max(axis=-1, keepdims=True, initial=0.0)
-        V = np.swapaxes(Vt, -1, -2)
-        inverse = np.where(keep, 1.0 / np.where(keep, s, 1.0), 0.0)
-        moved = inverse * (np.swapaxes(U, -1, -2) @ rows.gamma[..., None])[..., 0]
-        free = Q / self.root
-        if friction := self.evaluator.friction:
-            W = friction.directions(q, v) / self.root[:, None]
-            lift = U * inverse[..., None, :]
+        V = np.swapaxes(Vt, -1, -2)  # (k, n, r)
+        inverse = np.where(keep, 1.0 / np.where(keep, s, 1.0), 0.0)  # S1^-1
+        moved = inverse * (np.swapaxes(U, -1, -2) @ rows.gamma[..., None])[..., 0]  # S1^-1 U1^T gamma
+        free = Q / self.root  # M^(-1/2) Q
+        friction = self.evaluator.friction
+        if friction:
+            # lambda is affine in the loads N of the joints: base + lift V1^T W N
+            W = friction.directions(q, v) / self.root[:, None]  # (k, n, joints), in weighted coordinates
+            lift = U * inverse[..., None, :]  # U1 S1^-1
             base = lift @ (Vt @ free[..., None] - moved[..., None])
             multipliers = friction.consistent(base[..., 0], lift @ Vt @ W)
             free = free + (W @ friction.loads(multipliers)[..., None])[..., 0]
-        blocked = keep * (Vt @ free[..., None])[..., 0]
+        blocked = keep * (Vt @ free[..., None])[..., 0]  # V1^T M^(-1/2) Q, which V2 V2^T = 1 - V1 V1^T takes away
         b = free + (V @ (moved - blocked)[..., None])[..., 0]
         return np.asarray(b / self.root)
 

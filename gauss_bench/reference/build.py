@@ -1,7 +1,7 @@
 """References and reference accelerations of a mechanism in its scenario, in double precision.
 
-Two integrators that share no code run the same equations; their disagreement at each time is the error bar. A driven linkage needs
-no integration: its motion is geometry, and the error bar is the rounding of the loop closure.
+Two integrators that share no code run the same equations, and their disagreement at each time is the error bar. The motion of a
+driven linkage is geometry: it needs no integration, and the error bar is the rounding of the loop closure.
 """
 
 from collections.abc import Callable, Iterable
@@ -18,18 +18,18 @@ from gauss_bench.reference.minimal import Levels, MinimalCoordinate
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 
-Integrator = Callable[[BatchAcceleration, Array, Array, Array], tuple[Array, Array]]
+Integrator = Callable[[BatchAcceleration, Array, Array, Array], tuple[Array, Array]]  # (a, times, q0, v0) -> q, v (k, n)
 
-INTERVAL = 1e-2  # [s] between samples; both integrators stop there, so that no interpolation enters
-RTOL, ATOL = 1e-13, 1e-14
-COLLOCATION_STEP = 1.25e-3  # [s] leaves 2e-14 rad after 1 s of the six-bar, where 2.5e-3 leaves 5e-10
-ROUNDING = 4 * np.finfo(float).eps
+INTERVAL = 1e-2  # [s] between samples; both integrators stop there, so that nothing is interpolated
+RTOL, ATOL = 1e-13, 1e-14  # tolerances of DOP853
+COLLOCATION_STEP = 1.25e-3  # [s] its error after 1 s of the six-bar is 2e-14 rad, that of 2.5e-3 s is 5e-10 rad
+ROUNDING = 4 * np.finfo(float).eps  # relative; least error bar
 
 
 def sample_times(t_end: float) -> Array:
     """Return the multiples of INTERVAL up to t_end, and t_end itself as the last."""
     count = int(np.floor(t_end / INTERVAL * (1 + 1e-12)))
-    times = np.arange(count + 1) * INTERVAL  # a product each: sums would accumulate rounding
+    times = np.arange(count + 1) * INTERVAL  # products, because sums accumulate rounding
     return times if t_end - times[-1] < 1e-9 else np.append(times, t_end)
 
 
@@ -40,7 +40,7 @@ def is_minimal(mechanism: Mechanism) -> bool:
 
 
 def build_reference(mechanism: Mechanism, t_end: float) -> Reference:
-    """Build the reference from 0 to t_end.
+    """Build the reference from 0 to t_end [s].
 
     Raises:
         ArithmeticError: an integrator cannot pass a limit of motion or a singular position, or the loads of friction are not
@@ -62,7 +62,7 @@ def build_driven(mechanism: Mechanism, times: Array) -> Reference:
 
 
 def _join(parts: Iterable[Levels]) -> Levels:
-    """Join parts of q, v, a, (1, n) each, to (k, n)."""
+    """Return q, v, a (k, n), given k parts of q, v, a (1, n)."""
     q, v, a = (np.concatenate(level) for level in zip(*parts, strict=True))
     return q, v, a
 
@@ -76,6 +76,7 @@ def integrate_twice(mechanism: Mechanism, times: Array, minimal: bool) -> Refere
     first, second = (motion(mechanism, grid, integrate) for integrate in (_adaptive, _collocation))
 
     def bar(x: Array, y: Array) -> Array:
+        """Return the error bar (k,) of one level of both motions."""
         gap = np.abs(x - y).max(axis=-1) + ROUNDING * (1 + np.abs(x).max(axis=-1))
         # a bar never shrinks with time: an error made earlier is still there when the two motions happen to cross
         return np.asarray(np.maximum.accumulate(gap)[kept])
@@ -86,11 +87,13 @@ def integrate_twice(mechanism: Mechanism, times: Array, minimal: bool) -> Refere
 
 
 def _with_bars(times: Array, levels: Levels, bars: Levels, method: str) -> Reference:
+    """Return a reference with these levels (k, n) and error bars (k,), whose floor is not known."""
     no_floor = np.zeros(len(times))
     return Reference(times, *levels, *bars, no_floor, no_floor, no_floor, method)
 
 
 def _collocation(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Array) -> tuple[Array, Array]:
+    """Integrate with Gauss-Legendre collocation; return q, v (k, n)."""
     return gauss_legendre(acceleration, times, q0, v0, COLLOCATION_STEP)
 
 
@@ -101,7 +104,8 @@ def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Arra
     n = len(q0)
 
     def rate(t: float, y: Array) -> Array:
-        before = min(t, last)  # where a force jumps at the end of an interval, its old value counts
+        """Return v and a (2n,); if a force jumps at the end of an interval, its value before the jump counts."""
+        before = min(t, last)
         return np.concatenate([y[n:], acceleration(np.array([before]), y[None, :n], y[None, n:])[0]])
 
     last = np.inf
@@ -121,7 +125,7 @@ def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Arra
 
 def minimal_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _adaptive) -> Levels:
     """Return q, v, a (k, n) at the times, integrated in the crank angle from the mechanism's start at times[0]."""
-    # two objects: the first guess of a closure is the last closed position, and integration and sampling are at different positions
+    # an object begins a closure at the last closed position, and integration and sampling are at different positions
     integrated, sampled = MinimalCoordinate(mechanism), MinimalCoordinate(mechanism)
     k = sampled.crank
 
@@ -143,7 +147,7 @@ def absolute_motion(mechanism: Mechanism, times: Array, integrate: Integrator = 
 
 @dataclass(frozen=True, eq=False)
 class TrueStates:
-    """Consistent states with their reference accelerations: t (k,), q, v, a (k, n)."""
+    """Times t (k,) [s], states q, v (k, n) on the constraints, and reference accelerations a (k, n)."""
 
     t: Array
     q: Array
@@ -154,8 +158,9 @@ class TrueStates:
 def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, speed: float = 30.0) -> TrueStates:
     """Draw random states on the constraints, with their reference accelerations.
 
-    A linkage of one coordinate gets crank speeds uniform in +-`speed` [rad/s]. Drivers are evaluated at random times within the
-    scenario's duration. Every other linkage walks at random; the components of v along its free motions are uniform in +-3.
+    A linkage that one angle describes gets random crank angles, and crank speeds uniform in +-`speed` [rad/s]. A driven linkage
+    gets random times within the scenario's duration. Every other linkage takes a random walk; the components of v along its free
+    motions are uniform in +-3.
     """
     rng, minimal = np.random.default_rng(seed), is_minimal(mechanism)
 
@@ -170,11 +175,12 @@ def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, 
         motion = MinimalCoordinate(mechanism)
         theta = np.sort(rng.uniform(*motion.angles_reached(), count))
         w = rng.uniform(-speed, speed, count)
-        return TrueStates(np.zeros(count), *_join(motion.free_state(x, u) for x, u in zip(theta[:, None], w[:, None], strict=True)))
+        parts = (motion.free_state(x, u) for x, u in zip(theta[:, None], w[:, None], strict=True))
+        return TrueStates(np.zeros(count), *_join(parts))
     coordinates = AbsoluteCoordinates(mechanism)
     times = random_times() if mechanism.drivers else np.zeros(count)
     q, states = mechanism.q0, []
-    for t in times:  # a random walk: each position is a small step away from the last
+    for t in times:  # each position is a small random step away from the last
         basis = coordinates.null_space(q)
         q, _ = coordinates.evaluator.project(t, q + basis @ rng.normal(0.0, 0.05, basis.shape[1]), np.zeros_like(q))
         v = coordinates.null_space(q) @ rng.uniform(-3.0, 3.0, basis.shape[1])

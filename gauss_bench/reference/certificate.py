@@ -1,8 +1,8 @@
 """A certificate: the samples of a motion, the error bar of each, and the linkage and scenario for which they hold.
 
-The stored doubles are the correctly rounded values of the more exact pipeline. For every time it also stores the largest
+The stored doubles are the correctly rounded values of the more exact pipeline. For every time a certificate also has the largest
 disagreement of the two pipelines so far, and the floor below which engines in double precision cannot be distinguished. Files are
-compressed npz archives; they contain the digest of their linkage, so that no other linkage uses them.
+compressed npz archives with the digest of their linkage, so that no other linkage uses them.
 """
 
 import io
@@ -27,7 +27,7 @@ CERTIFICATES = "certificates"  # name of the folder of certificates, beside a li
 
 
 class CertificateError(BadInput, ValueError):
-    """A file that is no certificate, or not one of this linkage."""
+    """A file that is no certificate, or a certificate of another linkage."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,13 +35,13 @@ class Certificate:
     """A certified motion from 0 to its last sample.
 
     Attributes:
-        name, scenario, digest: of the linkage it holds for.
+        name, scenario, digest: those of the linkage for which it holds.
         t: (k,) [s]; q, v, a: (k, n); multipliers: (k, m) of M a + J^T lambda = Q, (k, 0) if redundant rows leave them undetermined.
         error_q, error_v, error_a, error_multipliers: (k,) largest disagreement of the pipelines up to each time.
-        floor_q, floor_v, floor_a: (k,) largest change up to each time when the parameters change by a relative 1e-16.
-        digits: number of certified decimal digits of positions and velocities, up to the last sample.
-        duration: [s] of the motion that was to be certified.
-        stopped: the reason why the samples end earlier, or empty.
+        floor_q, floor_v, floor_a: (k,) largest change up to each time if the parameters change by a relative 1e-16.
+        digits: number of certified decimal digits of positions and velocities up to the last sample.
+        duration: duration [s] of the motion that was to be certified.
+        stopped: the reason why the samples end before that, or empty.
         facts: methods, versions, drifts, steps and distances from a closed form, as plain data.
     """
 
@@ -71,14 +71,14 @@ class Certificate:
         return float(self.t[-1])
 
 
-ARRAYS = tuple(x.name for x in fields(Certificate) if x.type is Array)  # names in the archive; the other fields are in its header
+ARRAYS = tuple(x.name for x in fields(Certificate) if x.type is Array)  # arrays of the archive; its header has the other fields
 
 
 def read_certificate(path: Path) -> Certificate:
     """Read a certificate.
 
     Raises:
-        CertificateError: the file is missing, damaged or something else.
+        CertificateError: the file is missing, damaged or no certificate.
     """
     try:
         with np.load(io.BytesIO(read_bytes(path, MAX_BYTES)), allow_pickle=False) as data:
@@ -149,5 +149,6 @@ def find_certified(mechanism: Mechanism, t_end: float) -> Reference | None:
     except CertificateError as error:
         print(harmless(f"warning: {error}; the reference is built in double precision instead"), file=sys.stderr)
         return None
-    # a run is judged at its end too, so that the certificate needs a sample there
-    return as_reference(certificate, t_end) if np.isclose(certificate.t, t_end, rtol=1e-12, atol=1e-9).any() else None
+    # a run is judged at its end too, where the certificate therefore needs a sample
+    has_end = np.isclose(certificate.t, t_end, rtol=1e-12, atol=1e-9).any()
+    return as_reference(certificate, t_end) if has_end else None

@@ -1,8 +1,9 @@
-"""Certification of a motion by two pipelines that share neither integrator nor equations; their disagreement is its error bar.
+"""Certification of a motion by two pipelines that share neither integrator nor equations.
 
-Pipeline A, a Taylor series in 128 bit, gives the values. Pipeline B, collocation in long double, gives the error bars; its step is
-halved until its own error no longer shows. If the motion has a closed form, that gives the values, and both pipelines are compared
-with it. The certificate ends where the pipelines agree to fewer digits than are to be certified, or where a pipeline stops.
+Pipeline A, a Taylor series in 128 bit, gives the values. Pipeline B, collocation in long double, gives the error bars, which are
+its distance from A; its step is halved until its own error no longer matters. If the motion has a closed form, that gives the
+values, and both pipelines are compared with it. The certificate ends where the pipelines agree to fewer digits than are to be
+certified, or where a pipeline stops.
 """
 
 import io
@@ -33,15 +34,15 @@ from gauss_bench.reference.taylor.series import taylor_motion
 from gauss_bench.terms import Array
 
 DIGITS = 12
-SAMPLES = 500  # at most, so that files stay small
-FINEST = 50  # samples at least: a motion over milliseconds is sampled more often than every hundredth of a second
-SPACING = Decimal("0.01")  # [s]
-STEPS = 100  # of the collocation, at least; it halves its steps itself where the motion needs it
-HALVINGS = 2
-ENOUGH = 2.0**-54  # relative: the rounding of the stored doubles
+SAMPLES = 500  # largest number of samples, so that files stay small
+FINEST = 50  # least number of samples, so that motions over milliseconds have some too
+SPACING = Decimal("0.01")  # [s] usual distance of samples
+STEPS = 100  # least number of steps of the collocation, which halves its steps itself where the motion needs it
+HALVINGS = 2  # largest number of times that all steps are halved
+ENOUGH = 2.0**-54  # relative rounding of the stored doubles
 LEVELS = ("q", "v", "a")
 
-Report = Callable[[str, float], None]  # is called with the stage and the time reached [s]
+Report = Callable[[str, float], None]  # takes the name of the stage and the time reached [s]
 
 
 class Uncertified(ArithmeticError):
@@ -49,7 +50,7 @@ class Uncertified(ArithmeticError):
 
 
 class Split(NamedTuple):
-    """Numbers of extended precision as two doubles: the nearest one, and the rest."""
+    """Numbers of extended precision as pairs of doubles: the nearest double, and the rest."""
 
     high: Array
     low: Array
@@ -61,11 +62,11 @@ def certify(
     """Certify a linkage in one scenario, from 0 to its duration or to `until` [s].
 
     Args:
-        linkage: a file, or a name.
-        scenario: of the file; None for the first with a start.
-        digits: to certify, of positions and velocities relative to their largest values.
-        until: end [s] instead of the scenario's duration.
-        report: is called with the progress.
+        linkage: path of a file, or name of a built-in linkage.
+        scenario: name of a scenario of the file; None for the first with a start.
+        digits: number of digits to certify, of positions and velocities relative to their largest values.
+        until: end [s]; None for the scenario's duration.
+        report: called with the progress; None for no report.
 
     Raises:
         LinkageError: the file has faults.
@@ -78,15 +79,17 @@ def certify(
     document = merge(document, document["scenarios"][mechanism.scenario].get("override", {}))
     duration = mechanism.duration if until is None else until
     times = sample_times(duration)
-    report = report or (lambda stage, t: None)
+    report = report or _ignore
     first = taylor_motion(document, mechanism.scenario, times, progress=partial(report, "Taylor series"))
     exact = closed_form(mechanism, times)
     truth = first if exact is None else exact
     second, step = _collocate(document, mechanism, first, truth, report)
     bars = disagreement(truth, second) | {"multipliers": disagreement(first, second)["multipliers"]}
-    kept, worst, reason = _vouch(truth, bars, (first, second), digits) if exact is None else (len(times), 0.0, "")
+    kept, worst, reason = len(times), 0.0, ""
+    if exact is None:
+        kept, worst, reason = _certified_part(truth, bars, (first, second), digits)
     if kept < min(2, len(times)):
-        raise Uncertified(f"{mechanism.name} in scenario {mechanism.scenario}: nothing can be vouched for: {reason}")
+        raise Uncertified(f"{mechanism.name} in scenario {mechanism.scenario}: no sample can be certified: {reason}")
     stored = {level: split(getattr(truth, level)).high[:kept] for level in LEVELS}
     multipliers = first.multipliers if len(first.times) >= kept else None  # a closed form has none
     stored["multipliers"] = np.zeros((kept, 0)) if multipliers is None else split(multipliers).high[:kept]
@@ -109,6 +112,10 @@ def certify(
     )
 
 
+def _ignore(stage: str, t: float) -> None:
+    """Ignore the progress."""
+
+
 def _refuse_unknown(mechanism: Mechanism) -> None:
     """Raise Uncertified if a force or coupling has no independent derivation in `taylor`."""
     varying = {id(force) for force in mechanism.varying}
@@ -120,7 +127,7 @@ def _refuse_unknown(mechanism: Mechanism) -> None:
 
 
 def sample_times(duration: float) -> list[str]:
-    """Return sample times as decimal texts: multiples of 0.01 s (more for short motions, fewer for long ones), and the end."""
+    """Return sample times as decimal texts: multiples of 0.01 s, closer for short motions and wider for long ones, and the end."""
     end = Decimal(repr(float(duration)))
     spacing = SPACING
     while end / spacing > SAMPLES:
@@ -132,20 +139,20 @@ def sample_times(duration: float) -> list[str]:
 
 
 def split(values: NDArray[Any]) -> Split:
-    """Split numbers of any type into a high and a low double."""
+    """Return numbers of any type as pairs of doubles, which together have twice the digits of a double."""
     high = values.astype(float)
     return Split(high, (values - high.astype(values.dtype)).astype(float))
 
 
 def distance(one: NDArray[Any], other: NDArray[Any]) -> Array:
-    """Return (k,) the largest difference at each common time, accurate to far below double precision."""
+    """Return (k,) the largest difference at each of k common times, exact to far below double precision."""
     k = min(len(one), len(other))
     a, b = split(one[:k]), split(other[:k])
     return np.asarray(np.abs((a.high - b.high) + (a.low - b.low)).max(axis=-1, initial=0.0))
 
 
 def disagreement(truth: Motion, other: Motion) -> dict[str, Array]:
-    """Level -> (k,) largest distance from the truth up to each time that the other motion reached."""
+    """Return level -> (k,) largest distance of a motion from the true one, up to each time that it has reached."""
     bars = {}
     for level in (*LEVELS, "multipliers"):
         one, two = getattr(truth, level), getattr(other, level)
@@ -154,24 +161,27 @@ def disagreement(truth: Motion, other: Motion) -> dict[str, Array]:
 
 
 def relative(motion: Motion, level: str, bars: Array) -> Array:
-    """Return (k,) error bars relative to the largest value up to each time, or to 1 if that is smaller."""
+    """Return error bars (k,) of a level relative to its largest value up to each time, or to 1 if that is larger."""
     largest = np.abs(split(getattr(motion, level)[: len(bars)]).high).max(axis=-1, initial=0.0)
     return np.asarray(bars / np.maximum(1.0, np.maximum.accumulate(largest)))
 
 
 def state_errors(truth: Motion, bars: dict[str, Array]) -> Array:
-    """Return (k,) the larger of the relative error bars of positions and of velocities."""
+    """Return (k,) the relative error bar of positions or that of velocities, whichever is larger."""
     return np.asarray(np.maximum(*(relative(truth, level, bars[level]) for level in ("q", "v"))))
 
 
 def _collocate(
     document: dict[str, Any], mechanism: Mechanism, first: Motion, truth: Motion, report: Report
 ) -> tuple[Motion, float]:
-    """Run pipeline B with halved steps until halving no longer reduces the disagreement; return the motion and its step [s]."""
+    """Run pipeline B with shorter and shorter steps, and return its best motion and the step [s] of that.
+
+    Steps are halved until the disagreement is rounding, or no longer falls to a quarter.
+    """
     step, before = min(float(SPACING), max(float(first.times[-1]), 1e-9) / STEPS), np.inf
     best, best_step = None, step
-    # the motion of a linkage that is driven completely does not depend on the step
-    for _ in range(1 if mechanism.dof == len(mechanism.drivers) else 1 + HALVINGS):
+    is_geometry = mechanism.dof == len(mechanism.drivers)  # a motion that drivers prescribe does not depend on the step
+    for _ in range(1 if is_geometry else 1 + HALVINGS):
         progress = partial(report, f"collocation at {step:.2g} s")
         other = extend_motion(document, mechanism.scenario, truth.times, step, progress)
         worst = float(state_errors(truth, disagreement(truth, other)).max())
@@ -185,24 +195,35 @@ def _collocate(
     return best, best_step
 
 
-def _vouch(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion], digits: int) -> tuple[int, float, str]:
-    """Return the number of samples with the digits, their largest relative error bar, and the reason why they end, or empty."""
+class _Part(NamedTuple):
+    """The certified part of a motion: its number of samples, its largest relative error bar, and the reason of its end or empty."""
+
+    kept: int
+    worst: float
+    reason: str
+
+
+def _certified_part(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion], digits: int) -> _Part:
+    """Return the part of a motion in which the pipelines agree to a number of digits."""
     errors = state_errors(truth, bars)
     lost = np.flatnonzero(~(errors <= 10.0**-digits))
     kept = int(lost[0]) if len(lost) else len(errors)
+    worst = float(errors[:kept].max(initial=0.0))
     if kept == len(truth.times) and not truth.stopped:
-        return kept, float(errors.max(initial=0.0)), ""
+        return _Part(kept, worst, "")
+    stopped = [motion.stopped for motion in pipelines if motion.stopped and len(motion.times) <= kept]
+    if stopped:
+        return _Part(kept, worst, "; ".join(stopped))
+    # the growth of errors, from the time at which three digits more were right
     last = float(truth.times[kept - 1]) if kept else 0.0
     earlier = float(truth.times[int(np.argmax(errors > 10.0 ** -(digits + 3)))])
     rate = f"tenfold every {(last - earlier) / 3:.2g} s" if last > earlier else "at once"
-    reasons = [m.stopped for m in pipelines if m.stopped and len(m.times) <= kept] or [
-        f"the pipelines agree to {digits} digits until t = {last:g} s and to fewer after: small errors grow {rate} in this motion"
-    ]
-    return kept, float(errors[:kept].max(initial=0.0)), "; ".join(reasons)
+    until = f"the pipelines agree to {digits} digits until t = {last:g} s and to fewer after"
+    return _Part(kept, worst, f"{until}: small errors grow {rate} in this motion")
 
 
 def _facts(truth: Motion, exact: Motion | None, first: Motion, second: Motion, step: float) -> dict[str, Any]:
-    """Return the provenance of the certificate as plain data."""
+    """Return methods, drifts, steps and versions of a certificate as plain data."""
     pipelines = []
     for motion in (first, second):
         entry = {"method": motion.method, "until": float(motion.times[-1]), "drift": list(motion.drift), "stopped": motion.stopped}
@@ -224,7 +245,8 @@ def write_certificate(certificate: Certificate, path: Path) -> None:
 
     def write(part: Path) -> None:
         with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name, array in {"header": np.array(text), **{x: getattr(certificate, x) for x in ARRAYS}}.items():
+            arrays = {"header": np.array(text)} | {name: getattr(certificate, name) for name in ARRAYS}
+            for name, array in arrays.items():
                 content = io.BytesIO()
                 np.save(content, array, allow_pickle=False)
                 archive.writestr(zipfile.ZipInfo(f"{name}.npy"), content.getvalue(), zipfile.ZIP_DEFLATED)

@@ -1,16 +1,16 @@
 """Gauss-Legendre collocation with any number s of stages, order 2 s, in any type of number, for q'' = acceleration(t, q, v).
 
-The coefficients follow from Legendre polynomials by their recurrence; the linear system that defines them is badly conditioned.
-On -1..1 with nodes x_i, the roots of P_s, and weights 2 b_i, the Lagrange polynomials are, by discrete orthogonality,
+The coefficients follow from Legendre polynomials, because the linear system that defines them is badly conditioned. On -1..1 with
+the roots x_i of P_s as nodes, and with weights 2 b_i, discrete orthogonality gives the Lagrange polynomials
 
     l_j(x) = b_j sum_k (2 k + 1) P_k(x_j) P_k(x),    k = 0 .. s - 1,    b_j = 1 / sum_k (2 k + 1) P_k(x_j)^2
 
-whose integrals are the matrix of the method, (2 k + 1) int P_k = P_k+1 - P_k-1, and whose values beyond 1 continue one step's
-polynomial into the next. Sources: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), sections II.1.3 and VIII.6;
-Davis and Rabinowitz, Methods of Numerical Integration (1984), section 2.7.
+Their integrals are the matrix of the method, (2 k + 1) int P_k = P_k+1 - P_k-1. Their values beyond 1 continue the polynomial of
+one step into the next step.
 
-`gauss_legendre` is the second integrator of the double-precision reference: all stages are evaluated in one batch and found by
-fixed-point iteration, started from the last step's polynomial.
+`gauss_legendre` is the second integrator of the double-precision reference. It evaluates all stages in one batch, and finds them by
+fixed-point iteration that starts from the last step's polynomial. Sources: Hairer, Lubich and Wanner, Geometric Numerical
+Integration (2006), sections II.1.3 and VIII.6; Davis and Rabinowitz, Methods of Numerical Integration (1984), section 2.7.
 """
 
 from collections.abc import Callable
@@ -25,10 +25,10 @@ from numpy.polynomial import legendre
 from gauss_bench.terms import Array
 
 STAGES = 8
-ITERATIONS = 40
-NEWTON_STEPS = 3  # from roots in double precision: one step reaches long double, the others make sure
+ITERATIONS = 40  # largest number of fixed-point iterations in a step
+NEWTON_STEPS = 3  # from roots in double precision: the first step reaches long double, the others make sure
 
-BatchAcceleration = Callable[[Array, Array, Array], Array]
+BatchAcceleration = Callable[[Array, Array, Array], Array]  # t (k,), q, v (k, n) -> a (k, n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Tableau:
     Attributes:
         c, b, A: nodes (s,), weights (s,) and matrix (s, s).
         AA, bA: A A and b A, for second-order equations.
-        expansion: (s, s) matrix from values at the nodes to coefficients of Legendre polynomials: the last show what is unresolved.
+        expansion: (s, s) matrix from values at the nodes to coefficients of Legendre polynomials.
     """
 
     c: Array
@@ -49,7 +49,7 @@ class Tableau:
     expansion: Array
 
     def forecast(self, ratio: Any = 1) -> Array:
-        """Return the matrix (s, s) that extrapolates stage values to the next step, `ratio` times as long, by their polynomial."""
+        """Return the matrix (s, s) that extrapolates values at the nodes to those of the next step, `ratio` times as long."""
         return np.asarray(legendre_values(1 + 2 * ratio * self.c, len(self.c)).T @ self.expansion)
 
 
@@ -110,12 +110,12 @@ def gauss_legendre(
 
 
 def step_count(span: Any, step: float) -> int:
-    """Return the number of equal steps, none longer than `step` up to rounding, that fill `span`."""
+    """Return the least number of equal steps that fill `span` and are not longer than `step`, up to rounding."""
     return max(1, int(np.ceil(float(span) / step * (1 - 1e-9))))
 
 
 def _stages(acceleration: BatchAcceleration, t: Array, drift: Array, v: Array, a: Array, h: float, method: Tableau) -> Array:
-    """Return the accelerations (s, n) at the nodes t (s,) of a step, from a first guess a; `drift` is q + c h v."""
+    """Return the accelerations (s, n) at the nodes t (s,) of a step, from a first guess a; `drift` (s, n) is q + c h v."""
     previous, eps = np.inf, float(np.finfo(a.dtype).eps)
     for _ in range(ITERATIONS):
         corrected = acceleration(t, drift + h**2 * (method.AA @ a), v + h * (method.A @ a))

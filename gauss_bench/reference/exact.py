@@ -1,7 +1,7 @@
-"""Motions known in closed form, to forty digits: a third source of certificates, next to the two pipelines.
+"""Motions that are known in closed form, to forty digits: a third source of certificates, besides the two pipelines.
 
-The motions of a pendulum and of the N-four-bar are elliptic functions, that of Chaplygin's sleigh is hyperbolic functions and a
-quadrature, that of a free body a parabola. Each belongs to one linkage of the suite, recognised by its digest besides its name.
+A pendulum and the N-four-bar move by elliptic functions, Chaplygin's sleigh by hyperbolic functions and a quadrature, and a free
+body on a parabola. Each form belongs to one linkage of the suite, which is recognised by its name and its digest.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,12 +19,12 @@ from gauss_bench.reference.motion import Motion
 
 DIGITS = 40
 
-Numbers = NDArray[Any]  # of mpmath
+Numbers = NDArray[Any]  # array of mpmath's numbers
 States = tuple[Numbers, Numbers, Numbers]  # q, v, a (k, n)
 
 
 def closed_form(mechanism: Mechanism, times: Sequence[str]) -> Motion | None:
-    """Return the exact motion at times given as decimals, or None if no closed form is known."""
+    """Return the exact motion at times (decimal texts) [s], or None if no closed form is known."""
     import mpmath
 
     name = "n_four_bar" if mechanism.name.startswith("n_four_bar_") else mechanism.name
@@ -38,7 +38,7 @@ def closed_form(mechanism: Mechanism, times: Sequence[str]) -> Motion | None:
 
 
 def _is_built_in(mechanism: Mechanism) -> bool:
-    """Tell whether the mechanism is the suite's own linkage of its name, unchanged."""
+    """Tell whether the mechanism is the built-in linkage of its name, unchanged."""
     try:
         return load(mechanism.name, mechanism.scenario).digest == mechanism.digest
     except LinkageError:
@@ -46,7 +46,7 @@ def _is_built_in(mechanism: Mechanism) -> bool:
 
 
 def sample(coordinates: Callable[[Any], Numbers], t: Sequence[Any]) -> States:
-    """Return q, v, a (k, n) at the times t (k,) of coordinates (n,) that are a function of time, by numerical derivatives.
+    """Return q, v, a (k, n) at times t (k,), given the coordinates (n,) as a function of time, by numerical derivatives.
 
     mpmath computes the differences with as many additional digits as they lose. Values of rounding size are replaced by zero.
     """
@@ -58,12 +58,12 @@ def sample(coordinates: Callable[[Any], Numbers], t: Sequence[Any]) -> States:
 
 
 def stack_bodies(bodies: Sequence[tuple[Any, Any]]) -> Numbers:
-    """Return the coordinates (3 bodies,) of bodies given by their place, a complex number, and their angle."""
+    """Return the coordinates (3 bodies,) of bodies, given the place (a complex number) and the angle of each."""
     return np.array([x for place, angle in bodies for x in (place.real, place.imag, angle)])
 
 
 def rotor_angle(k: Any, t: Any, speed: Any) -> Any:
-    """Return the angle from upright, at time t, of phi'' = k sin(phi) that turns over, from phi = 0 at `speed`.
+    """Return phi at time t, the angle from upright with phi'' = k sin(phi), for a motion that turns over, from phi = 0 at `speed`.
 
     With s^2 = speed^2 + 4 k and m = 4 k / s^2 the half angle, turned by a quarter, is Jacobi's amplitude of s t / 2 - K(m).
     """
@@ -79,7 +79,7 @@ def rotor_angle(k: Any, t: Any, speed: Any) -> Any:
 
 
 def _n_four_bar(name: str, t: list[Any]) -> States:
-    """On the parallelogram branch phi'' = k sin(phi), k = ((N+1)/2 + N) g / (((N+1)/3 + N) l), for any number of windows N."""
+    """Return the motion of N four-bars as parallelograms: phi'' = k sin(phi), k = ((N+1)/2 + N) g / (((N+1)/3 + N) l)."""
     import mpmath
 
     count, length, gravity = int(name.rpartition("_")[2]), mpmath.mpf(str(generate.LENGTH)), mpmath.mpf("9.81")
@@ -96,14 +96,14 @@ def _n_four_bar(name: str, t: list[Any]) -> States:
 
 
 def start_of(name: str) -> dict[str, Any]:
-    """Return the start of a generated linkage's only scenario."""
+    """Return the table `start` in the only scenario of a generated linkage."""
     (scenario,) = document_of(name)[0]["scenarios"].values()
     start: dict[str, Any] = scenario["start"]
     return start
 
 
 def _pendulum(name: str, t: list[Any]) -> States:
-    """A uniform bar that starts at rest at the angle A from hanging: sin(phi / 2) = sin(A / 2) cd(w0 t), w0^2 = 3 g / (2 l)."""
+    """Return the motion of a bar from rest at the angle A from hanging: sin(phi/2) = sin(A/2) cd(w0 t), w0^2 = 3 g / (2 l)."""
     import mpmath
 
     length, gravity = mpmath.mpf(str(generate.LENGTH)), mpmath.mpf("9.81")
@@ -118,7 +118,7 @@ def _pendulum(name: str, t: list[Any]) -> States:
 
 
 def _projectile(name: str, t: list[Any]) -> States:
-    """A free body: its centre of mass moves on a parabola, its spin is constant."""
+    """Return the motion of a free body: its centre of mass moves on a parabola, and its spin is constant."""
     import mpmath
 
     gravity, start = mpmath.mpf("9.81"), start_of(name)
@@ -127,13 +127,13 @@ def _projectile(name: str, t: list[Any]) -> States:
 
 
 def _sleigh(name: str, t: list[Any]) -> States:
-    """Chaplygin's sleigh, the edge a distance `lead` behind the centre of mass.
+    """Return the motion of Chaplygin's sleigh, whose edge is the distance `lead` behind its centre of mass.
 
-    With b^2 = (I + m lead^2) / m and V^2 = v^2 + b^2 w^2 the velocity v of the edge, along the sleigh, and the spin w are
+    With b^2 = (I + m lead^2) / m and V^2 = v^2 + b^2 w^2, the velocity v of the edge along the sleigh and the spin w are
 
         v = V tanh(kappa t + c),   b w = V sech(kappa t + c),   kappa = lead V / b^2
 
-    so that the angle is a Gudermannian and the place of the edge a quadrature.
+    The angle follows in closed form, and the place of the edge by a quadrature.
     Source: Neimark and Fufaev, Dynamics of Nonholonomic Systems (1972), section III.2.
     """
     import mpmath
@@ -154,10 +154,11 @@ def _sleigh(name: str, t: list[Any]) -> States:
         return V * mpmath.tanh(kappa * x + c) * mpmath.expj(angle(x))
 
     def from_edge(x: Any) -> Numbers:
-        """Return the centre of mass, seen from the edge, and the angle."""
+        """Return the coordinates of the sleigh relative to the edge."""
         return stack_bodies([(lead * mpmath.expj(angle(x)), angle(x))])
 
     def edge_rate(x: Any) -> Numbers:
+        """Return the velocity of the edge, in the form of coordinates."""
         return stack_bodies([(velocity(x), mpmath.mpf(0))])
 
     q, v, a = sample(from_edge, t)

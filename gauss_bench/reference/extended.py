@@ -1,18 +1,19 @@
 """The second pipeline of a certificate: collocation of order 20 in long double, in absolute coordinates.
 
 The unknowns of a step are accelerations and multipliers x_i = [a_i, lambda_i] at ten Gauss nodes. They determine positions and
-velocities, q_i = q + c_i h v + h^2 (A A a)_i and v_i = v + h (A a)_i, and solve at every node
+velocities, q_i = q + c_i h v + h^2 (A A a)_i and v_i = v + h (A a)_i, and satisfy at every node
 
     M a_i + J(q_i)^T lambda_i = Q(q_i, v_i),    J(q_i) a_i = gamma(q_i, v_i)
 
-by corrections x_i += P_i r_i, with residuals r_i in long double and P_i the inverse in double precision at the position that the
-last step's polynomial predicts for the node. Each correction is a step of iterative refinement of the linear system and of the
-fixed-point iteration of the nodes; the slower of both, with a factor of about h times the largest rate of the motion, decides how
-fast they converge. After every step the state is projected onto the constraints, so that nothing drifts.
+They are found by corrections x_i += P_i r_i, with residuals r_i in long double. P_i is the inverse in double precision at the
+position that the last step's polynomial predicts for the node. Each correction is a step of iterative refinement of the linear
+system and also of the fixed-point iteration of the nodes. The slower of both, with a factor of about h times the largest rate of
+the motion, decides how fast the corrections converge. After every step the state is projected onto the constraints, so that nothing
+drifts.
 
-Steps between two samples are equal, and halved until the nodes resolve the accelerations: their Legendre coefficients fall
-geometrically, and the error of Gauss quadrature begins at twice the degree of the last one. A step ends wherever a derivative of a
-motion law jumps.
+Steps between two samples are equal. They are halved until the nodes resolve the accelerations: the Legendre coefficients of these
+fall geometrically, and the error of Gauss quadrature begins at twice the degree of the last coefficient. A step ends wherever a
+derivative of a motion law jumps.
 
 Sources: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), sections IV.4 and VIII.6; Hairer and Wanner, Solving
 Ordinary Differential Equations II (1996), sections IV.8 (when to stop) and VII.2 (projection); Trefethen, Approximation Theory and
@@ -34,15 +35,15 @@ from gauss_bench.reference.refinement import EPS, Unsolved, correct
 from gauss_bench.terms import Array
 
 STAGES = 10
-ITERATIONS = 40
-SETTLED = 1e-15  # relative: corrections of the nodes that are smaller and do not shrink are rounding
-HALVINGS = 8
-RESOLVED = 1e-9  # of the last coefficients, relative to the accelerations: the error of a step is then below their square
-SMOOTH = 1e-13  # of the last coefficients: steps twice as long, whose coefficients are 2^9 times as large, are resolved too
-MOVED = 1e-2  # size of a correction after which the inverse is computed again
-HOPELESS = 0.1  # size of a correction that is too large after PATIENCE corrections
+ITERATIONS = 40  # largest number of corrections in a step
+SETTLED = 1e-15  # relative size of corrections that are rounding if they do not shrink
+HALVINGS = 8  # largest number of times that steps are halved
+RESOLVED = 1e-9  # largest size of the last coefficients relative to the accelerations: the error of a step is below its square
+SMOOTH = 1e-13  # size of the last coefficients below which steps twice as long, with coefficients 2^9 times as large, resolve too
+MOVED = 1e-2  # relative size of a correction after which the inverse is computed again
+HOPELESS = 0.1  # relative size of a correction that is too large after PATIENCE corrections
 PATIENCE = 6
-NEAR = 1e-3  # relative singular value: below, messages say that a singular position is near
+NEAR = 1e-3  # relative singular value below which messages say that a singular position is near
 
 
 def extend_motion(
@@ -51,10 +52,10 @@ def extend_motion(
     """Integrate the motion in long double; return its states at the sample times, up to where it has to stop.
 
     Args:
-        document: with decimals as written (`decimal_document`) and the scenario's override merged.
-        times: decimal texts [s], ascending from "0".
+        document: the linkage file with decimals as written (`decimal_document`), and with the scenario's override merged.
+        times: sample times as decimal texts [s], ascending from "0".
         step: largest step [s]; steps between two samples are equal, and halved where the motion needs it.
-        progress: is called with each sample time reached.
+        progress: called with each sample time that is reached.
 
     Raises:
         ArithmeticError: long double has no more digits than double here, dry friction acts, or the start is singular.
@@ -81,11 +82,14 @@ def extend_motion(
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """The end of a step of length h: the state, and the accelerations a (s, n) at the nodes of the step.
+    """A step that has been taken.
 
     Attributes:
-        halvings: how often the steps of this interval were halved.
-        tail: largest of the last Legendre coefficients of the accelerations, relative to these: what the nodes do not resolve.
+        q, v: (n,) state at its end.
+        a: (s, n) accelerations at its nodes.
+        h: its length [s].
+        halvings: number of times that the steps of this interval were halved.
+        tail: largest of the last Legendre coefficients of the accelerations, relative to the accelerations.
     """
 
     q: Array
@@ -97,7 +101,7 @@ class Step:
 
 
 def collocate_states(linkage: Linkage, times: list[Any], q: Array, v: Array, step: float) -> Iterator[tuple[Array, Array]]:
-    """Integrate positions and velocities at the times, for a linkage that drivers do not determine completely."""
+    """Yield q, v (n,) at each of the times, integrated from q, v at the first."""
     method = gauss_tableau(STAGES, LONG)
     a, _ = linkage.loads(times[0], q, v)
     state = Step(q, v, np.tile(a, (STAGES, 1)), LONG(step))
@@ -109,7 +113,7 @@ def collocate_states(linkage: Linkage, times: list[Any], q: Array, v: Array, ste
 
 def _interval(linkage: Linkage, method: Tableau, begin: Any, end: Any, state: Step, count: int) -> Step:
     """Integrate from one sample to the next in `count` equal steps, which are halved until they resolve the motion."""
-    # where the last series fell fast, steps twice as long are tried first
+    # if the last coefficients were very small, steps twice as long are tried first
     first = state.halvings - 1 if state.tail < SMOOTH else state.halvings
     for halvings in range(max(0, first), HALVINGS + 1):
         try:
@@ -124,11 +128,11 @@ def _interval(linkage: Linkage, method: Tableau, begin: Any, end: Any, state: St
 
 
 def _step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Step:
-    """Take one step.
+    """Take a step of h from the time t.
 
     Raises:
         NoConvergence: the accelerations at its nodes are not found, or do not resolve the motion.
-        Unsolved: it ends in a singular position, or cannot be projected.
+        Unsolved: it ends in a singular position, or its end cannot be projected.
     """
     a = _nodes(linkage, method, t, h, state)
     tail = float(np.abs(method.expansion[-2:] @ a).max() / (1.0 + np.abs(a).max()))
@@ -140,9 +144,9 @@ def _step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Ste
 
 
 def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Array:
-    """Solve for the accelerations (s, n) at the nodes of the step that begins at t.
+    """Return the accelerations (s, n) at the nodes of the step that begins at t.
 
-    Multipliers start from zero, so that they stay the shortest if rows are redundant; this costs one correction more.
+    Multipliers start from zero, so that they stay the shortest ones if rows are redundant; this costs one more correction.
 
     Raises:
         NoConvergence: the corrections do not shrink to rounding.
@@ -152,7 +156,7 @@ def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Ar
     drift, times = state.q + np.outer(method.c * h, state.v), t + method.c * h
     A, AA = h * method.A, h * h * method.AA
     x = np.zeros((STAGES, n + linkage.evaluator.constraints.m), dtype=LONG)
-    x[:, :n] = method.forecast(h / state.h) @ state.a
+    x[:, :n] = method.forecast(h / state.h) @ state.a  # (s, n + m)
     size, solved = np.inf, None
     for k in range(ITERATIONS):
         q, v = drift + AA @ x[:, :n], state.v + A @ x[:, :n]
@@ -164,7 +168,7 @@ def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Ar
         ratio = size / before if k else 1.0
         if size * ratio <= EPS or (k > 1 and size < SETTLED and ratio > 0.5):  # the next correction would be rounding
             return x[:, :n]
-        if k >= PATIENCE and not size < HOPELESS:  # also if the size is NaN
+        if k >= PATIENCE and not size < HOPELESS:  # true for NaN too
             break
     near = ""
     if solved and solved.smallest < NEAR:
@@ -173,7 +177,7 @@ def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Ar
 
 
 def _sample(linkage: Linkage, times: Sequence[str], states: list[tuple[Array, ...]], stopped: str, step: float) -> Motion:
-    """Return the motion made of states, (q, v, a, multipliers) each."""
+    """Return the motion with the states (q, v, a, multipliers) at the first of the times."""
     q, v, a, multipliers = (np.array([state[k] for state in states]) for k in range(4))
     rows = linkage.rows(np.array([LONG(x) for x in times[: len(q)]]), q, v)
     rate = (rows.J @ v[..., None])[..., 0] + rows.phi_t

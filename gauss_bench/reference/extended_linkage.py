@@ -1,7 +1,7 @@
 """A linkage in long double: its start, and at any state its accelerations, multipliers and the nearest state on the constraints.
 
-Every number comes from the decimals of the file; the assembly in double precision is only the first guess. All systems are solved
-by `refinement.py`, with an inverse in double precision at the same or a nearby position.
+All numbers come from the decimals of the file. The assembly in double precision is only the first guess. `refinement.py` solves all
+systems, with an inverse in double precision at the same position or near it.
 """
 
 from dataclasses import dataclass, replace
@@ -17,16 +17,16 @@ from gauss_bench.reference.motion import assemble_doubles
 from gauss_bench.reference.refinement import SaddleInverse, Unsolved, invert_saddle, pseudo_inverse, saddle_residual, solve_by_chord
 from gauss_bench.terms import Array
 
-MANTISSA = 60  # bits; long double is no longer than double on some platforms
-SINGULAR = 1e-9  # relative singular value: its inverse square, the condition of the multipliers, exceeds the digits of a double
+MANTISSA = 60  # least number of bits; on some platforms long double has no more than double
+SINGULAR = 1e-9  # least relative singular value: its inverse square, the condition of the multipliers, exceeds a double's digits
 LONG = np.longdouble
 
 
 def check_platform() -> None:
-    """Refuse a platform whose long double is no longer than double.
+    """Refuse a platform whose long double has no more digits than double.
 
     Raises:
-        ArithmeticError: saying how long it is.
+        ArithmeticError: the mantissa is too short.
     """
     bits = np.finfo(LONG).nmant
     if bits <= MANTISSA:
@@ -35,10 +35,10 @@ def check_platform() -> None:
 
 @dataclass(eq=False)
 class Linkage:
-    """A mechanism in long double, with the data that its linear solves need.
+    """A mechanism in long double, with the data for its linear systems.
 
     Attributes:
-        rank: of the constraint rows; singular values beyond are rounding.
+        rank: rank of the constraint rows; further singular values are rounding.
         nearest: smallest relative singular value so far, and its time [s].
     """
 
@@ -48,10 +48,11 @@ class Linkage:
     nearest: tuple[float, float] = (1.0, 0.0)
 
     def rows(self, t: Any, q: Array, v: Array) -> Rows:
+        """Return the constraint rows at one state or several."""
         return self.evaluator.constraints(t, q, v)
 
     def inverse(self, t: Any, J: Array) -> SaddleInverse:
-        """Return the inverse of the equations of motion in double precision, for rows J (..., m, n).
+        """Return the inverse of the equations of motion in double precision, for rows J (..., m, n) at the time t.
 
         Raises:
             Unsolved: the position is singular.
@@ -80,26 +81,26 @@ class Linkage:
         return x[: len(q)], x[len(q) :]
 
     def project(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the nearest positions, then velocities, that satisfy the constraints.
+        """Return the nearest positions, and then the nearest velocities, that satisfy the constraints.
 
         Raises:
             Unsolved: there are none nearby, or the position is singular.
         """
-        h = self.evaluator.constraints.holonomic
+        h, edges = self.evaluator.constraints.holonomic, len(self.mechanism.knife_edges)
         rows = self.rows(t, q, v)
-        lift = hold = self.inverse(t, rows.J).lift
-        if edges := len(self.mechanism.knife_edges):
-            hold = invert_saddle(self.evaluator.mass, rows.J[:h], self.rank - edges).lift
+        for_velocities = for_positions = self.inverse(t, rows.J).lift
+        if edges:  # knife edges hold no positions
+            for_positions = invert_saddle(self.evaluator.mass, rows.J[:h], self.rank - edges).lift
         try:
-            q = solve_by_chord(lambda x: self.rows(t, x, v).phi[:h], hold, q)
+            q = solve_by_chord(lambda x: self.rows(t, x, v).phi[:h], for_positions, q)
             rows = self.rows(t, q, v)
-            return q, solve_by_chord(lambda x: rows.J @ x + rows.phi_t, lift, v)
+            return q, solve_by_chord(lambda x: rows.J @ x + rows.phi_t, for_velocities, v)
         except Unsolved as error:
             raise Unsolved(f"t = {float(t):.6g} s: the constraints cannot be met ({error})") from error
 
 
 def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Array]:
-    """Return the linkage with q and v (n,) of its start.
+    """Return the linkage, and q and v (n,) at its start.
 
     Raises:
         ArithmeticError: dry friction acts, or the start is singular.
@@ -113,6 +114,7 @@ def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Arra
     held = list_held(mechanism, document["scenarios"][scenario], LONG)
 
     def gap(q: Array) -> Array:
+        """Return the residuals of the loops, and the distances from the values that the start prescribes."""
         return np.concatenate([close(q)[0], held.of(q)[0] - held.target])
 
     q = guess.q0.astype(LONG)

@@ -1,17 +1,17 @@
 """A linkage with one degree of freedom in one coordinate, the crank angle.
 
-The crank's angle is one more row, of a driver whose time is the angle. With the closed position q(theta), its derivatives
+The crank's angle has a row of its own, that of a driver whose time is the angle. With the closed position q(theta), its derivatives
 d = dq/dtheta and e = d2q/dtheta2 follow from J d = 0, d_crank = 1 and J e = gamma(q, d), e_crank = 0. Then v = d w,
 a = d w' + e w^2, and the virtual work of M a - Q along d vanishes:
 
     w' = d . (Q - M e w^2) / (d . M d)
 
-It needs no multiplier and no rank decision, and has no drift. Only friction in joints needs lambda: R = Q - M a does no work along
-d, so the square matrix of the closure, transposed, gives lambda alone, u being the unit vector of the crank:
+This equation has no multipliers and no rank decision, and does not drift. Only friction in joints needs lambda. R = Q - M a does no
+work along d, so that the transposed square matrix of the closure gives lambda alone, with u the unit vector of the crank:
 
     [J^T u] (lambda, tau) = R,    tau = 0
 
-R is affine in the friction W N(lambda), and so is lambda. All functions take a batch of k angles.
+R is affine in the friction W N(lambda), and so is lambda. All functions compute k angles at once.
 Source: Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 12.6 (embedding).
 """
 
@@ -27,8 +27,8 @@ from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.terms import Array
 
-LARGEST_TURN = 0.15  # [rad] between two closures: Newton's method with a predictor keeps its branch well beyond that
-NEWTON_STEPS = 12
+LARGEST_TURN = 0.15  # [rad] between two closures: with a predictor Newton's method keeps its branch at much larger turns
+NEWTON_STEPS = 12  # largest number of Newton steps of a closure
 Closed = tuple[Array, Array, Array]  # q, dq/dtheta and d2q/dtheta2 (k, n) at k crank angles
 Levels = tuple[Array, Array, Array]  # q, v, a (k, n)
 
@@ -48,8 +48,8 @@ class MinimalCoordinate:
 
     Attributes:
         crank: index of the angle in q.
-        constraints: those of the linkage, and as the last row a driver of the angle, whose time is the angle.
-        last: the last closed position with its derivatives, which is the next first guess.
+        constraints: the linkage's rows, and as the last one that of a driver of the angle, whose time is the angle.
+        last: the last closed position with its derivatives, from which the next closure starts.
     """
 
     def __init__(self, mechanism: Mechanism):
@@ -105,7 +105,7 @@ class MinimalCoordinate:
             step = self._solve(rows.J, -rows.phi)
             q = q + step
             rows = self.constraints(theta, q, still)
-            if np.abs(step).max() < 1e-9:  # quadratic convergence: the step after this one is below rounding
+            if np.abs(step).max() < 1e-9:  # convergence is quadratic, so that the next step would be below rounding
                 break
         if not np.abs(rows.phi).max(initial=0.0) < CLOSED:
             raise LostClosure(f"cannot be closed near crank angle {float(theta[0]):.6f} rad")
@@ -117,7 +117,7 @@ class MinimalCoordinate:
         return _state(self.geometry(theta), w, w_dot)
 
     def state_at(self, t: float) -> Levels:
-        """Return q, v, a (1, n) at a time of the driver's law."""
+        """Return q, v, a (1, n) at a time [s] of the driver's law."""
         assert self.mechanism.driver is not None
         return self.state(*(np.atleast_1d(x).astype(float) for x in self.mechanism.driver.law(t)))
 
@@ -131,7 +131,7 @@ class MinimalCoordinate:
         return self._acceleration(self.geometry(theta), w)
 
     def _acceleration(self, closed: Closed, w: Array) -> Array:
-        """Return the crank acceleration (k,) at closed positions and crank speeds, by the equation above."""
+        """Return the crank acceleration (k,) at closed positions and crank speeds w (k,), by the equation above."""
         q, d, e = closed
         Q = self.applied.generalised(q, d * w[:, None])
         force = Q - self.mass * e * w[:, None] ** 2
@@ -151,13 +151,13 @@ class MinimalCoordinate:
         return np.asarray((W @ self.friction.loads(multipliers)[..., None])[..., 0])
 
     def angles_reached(self) -> tuple[float, float]:
-        """Return the lowest and highest crank angle [rad] at which the linkage closes, to a degree, within one turn either way."""
+        """Return the lowest and highest crank angle [rad], to a degree, up to which the linkage closes within a turn either way."""
         start = float(self.mechanism.q0[self.crank])
         ends = []
         for sign in (-1.0, 1.0):
             self.reset()
             end = 0
-            for stride in (8, 1):  # degrees: far until it fails, then a degree at a time from the last that was closed
+            for stride in (8, 1):  # [degrees] first long strides until one fails, then short ones from the last closed angle
                 with suppress(LostClosure):
                     for degree in range(end + stride, 361, stride):
                         self.geometry(np.array([start + sign * np.radians(degree)]))

@@ -1,4 +1,4 @@
-"""What both pipelines of a certificate start from, and what they return: a first guess in double precision, and a `Motion`."""
+"""Data that both pipelines of a certificate share: their first guess in double precision, and their result, a `Motion`."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from gauss_bench.linkage.closure import assemble
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.numbers import Number, exact
 
-Progress = Callable[[float], None]  # is called with the time reached [s]
+Progress = Callable[[float], None]  # takes the time reached [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class Motion:
         multipliers: (k, m) of M a + J^T lambda = Q, rows as in the mechanism; None if redundant rows leave them undetermined.
         drift: largest |phi| and |phi'| over the samples, in double precision [m, rad and per second].
         stopped: the reason why the samples end before the last time, or empty.
-        method: one line on how it was made, with versions.
+        method: one line about the method, with versions.
     """
 
     times: tuple[str, ...]
@@ -39,7 +39,9 @@ class Motion:
 
 
 def assemble_doubles(document: dict[str, Any], scenario: str) -> Mechanism:
-    """Assemble the linkage in double precision, as the first guess of a pipeline. The scenario's override must be merged already.
+    """Return the linkage assembled in double precision, as the first guess of a pipeline.
+
+    The scenario's override must be merged into the document already.
 
     Raises:
         AssemblyError: it cannot be assembled.
@@ -58,6 +60,6 @@ def to_doubles(value: Any) -> Any:
 
 
 def find_breaks(driver: dict[str, Any], number: Number) -> list[Any]:
-    """Return the times [s] at which the law in a driver's table is not smooth: the end of a rise, the knots of a table."""
+    """Return the times [s] at which the law in a driver's table is not smooth: the end of a rise, or the knots of a table."""
     times = [driver["time"]] if "time" in driver else [row[0] for row in driver.get("rows", [])]
     return [exact(number, x) for x in times]

@@ -1,14 +1,15 @@
 """Linear and nonlinear systems solved to the last digit of a type of number for which LAPACK has no factorisation.
 
-An inverse P in double precision is good enough to find the next dozen digits: with residuals r in that type, each correction
+An inverse P in double precision is exact enough to find the next dozen digits. With residuals r in the longer type, each correction
 x += P r multiplies the error by |1 - P A|, about double rounding times the condition number, until the residual is rounding alone.
-The same chord iteration solves f(x) = 0 with P the inverse of a Jacobian nearby. Source: Higham, Accuracy and Stability of
-Numerical Algorithms (2002), chapter 12.
+The same chord iteration solves f(x) = 0, with P the inverse of a Jacobian near the solution.
 
 The inverse of the equations of motion, [M J^T; J 0][a; lambda] = [Q; gamma], is written in the singular values of the constraints
-in weighted coordinates, J M^(-1/2) = U S V^T, cut off at the rank of the linkage, so that rows may be redundant:
+in weighted coordinates, J M^(-1/2) = U S V^T. They are cut off at the rank of the linkage, so that rows may be redundant:
 
     G = M^(-1/2) V S^-1 U^T,    P = [M^-1 - G (J M^-1), G; G^T, -U S^-2 U^T]
+
+Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), chapter 12.
 """
 
 from collections.abc import Callable
@@ -20,7 +21,7 @@ from gauss_bench.linkage.closure import RANK_TOLERANCE
 from gauss_bench.terms import Array
 
 EPS = float(np.finfo(np.longdouble).eps)
-CORRECTIONS = 30  # at most; with a condition of 1e6 each finds ten digits
+CORRECTIONS = 30  # largest number of corrections; with a condition of 1e6 each finds ten digits
 
 
 class Unsolved(ArithmeticError):
@@ -29,11 +30,11 @@ class Unsolved(ArithmeticError):
 
 @dataclass(frozen=True, eq=False)
 class SaddleInverse:
-    """A double-precision inverse of the equations of motion at one state or a batch.
+    """The inverse of the equations of motion in double precision, at one state or several.
 
     Attributes:
         inverse: (..., n + m, n + m) the matrix P of the equations above.
-        lift: (..., n, m) the matrix G above, which turns a constraint error into the shortest correction, weighted with masses.
+        lift: (..., n, m) the matrix G above, which gives the shortest correction of a constraint error, in the mass metric.
         smallest: smallest singular value within the rank, relative to the largest: the distance from a singular position.
     """
 
@@ -66,7 +67,7 @@ def saddle_residual(mass: Array, J: Array, Q: Array, gamma: Array, x: Array) -> 
 
 
 def correct(inverse: Array, residual: Array) -> Array:
-    """Return P r in double precision for a residual r (..., k) in long double: a correction needs no more digits."""
+    """Return P r in double precision for a residual r (..., k) in long double; a correction needs no more digits."""
     return np.asarray((inverse @ residual.astype(float)[..., None])[..., 0])
 
 

@@ -1,8 +1,8 @@
-"""The floor of double precision: how far a motion moves when every parameter of its linkage changes by a relative 1e-16.
+"""The floor of double precision: the change of a motion if every parameter of its linkage changes by a relative 1e-16.
 
 0.37 is not a double. An engine that rounds it solves a neighbouring linkage, and two engines that round differently cannot be
 distinguished below the distance of such neighbours. All numbers of the document are scaled by 1 + delta xi with random xi in
--1..1; the change of the motion, divided by delta / 1e-16, is the floor. delta is far above the rounding of both runs, and small
+-1..1. The change of the motion, divided by delta / 1e-16, is the floor. delta is far above the rounding of both runs, and small
 enough for the change to be proportional to it.
 """
 
@@ -19,17 +19,17 @@ from gauss_bench.terms import Array
 
 ROUNDING = 1e-16
 DELTA = 1e-9
-DRAWS = 6
+DRAWS = 6  # number of neighbouring linkages
 SEED = 20161231
-DYNAMIC = ("mass", "inertia", "kg_per_m", "value", "k", "c", "rest")
-TABLES = ("ground", "links", "joints", "constraints", "forces", "gravity")
-STARTS = ("start", "driver", "drivers")
+DYNAMIC = ("mass", "inertia", "kg_per_m", "value", "k", "c", "rest")  # keys of numbers that do not change the geometry
+TABLES = ("ground", "links", "joints", "constraints", "forces", "gravity")  # tables of the document with parameters
+STARTS = ("start", "driver", "drivers")  # tables of a scenario with parameters
 
 
 def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str]) -> dict[str, Array]:
-    """Return level -> (k,) the largest change up to each time for a relative change of 1e-16; NaN after the last common time.
+    """Return level -> (k,) the floor up to each of the times; NaN after the last time that all motions reach.
 
-    If rows are redundant the geometry is not changed: a parallelogram with unequal bars could not be assembled.
+    If rows are redundant the geometry is not changed: a parallelogram with unequal bars cannot be assembled.
     """
     rng = np.random.default_rng(SEED)
     base = taylor_motion(document, mechanism.scenario, times, double=True)
@@ -38,7 +38,7 @@ def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str])
         try:
             moved = taylor_motion(perturb(document, mechanism, rng), mechanism.scenario, base.times, double=True)
         except (AssemblyError, ArithmeticError):
-            continue  # this neighbour cannot be assembled or started, because the motion is at its limit
+            continue  # a neighbour of a motion at its limit may be impossible to assemble or to start
         k = min(len(base.times), len(moved.times))
         for level, floor in levels.items():
             change = np.abs(getattr(moved, level)[:k] - getattr(base, level)[:k]).max(axis=-1, initial=0.0)
@@ -53,6 +53,7 @@ def perturb(document: dict[str, Any], mechanism: Mechanism, rng: np.random.Gener
     rigid = mechanism.redundant > 0
 
     def move(item: Any, key: str) -> Any:
+        """Return a copy of an item of the document, which stands under a key, with its numbers scaled."""
         if isinstance(item, dict):
             return {k: move(v, k) for k, v in item.items()}
         if isinstance(item, list):

@@ -1,4 +1,4 @@
-"""Cache of references: a certificate if there is one that holds, else a built reference stored under a hash of its inputs."""
+"""The store of references: a certificate that holds, or else a built reference that is kept under a hash of its inputs."""
 
 import hashlib
 import sys
@@ -21,20 +21,21 @@ FIELDS = ("t", "q", "v", "a", "error_q", "error_v", "error_a", "floor_q", "floor
 
 
 def reference_key(mechanism: Mechanism, t_end: float) -> str:
-    """Return name, scenario and a hash of everything that a built reference depends on, joined by dots."""
+    """Return name, scenario and a hash of all that a built reference depends on, joined by dots."""
     sources = source_digest("reference", "linkage", "mechanism", "terms.py")
     made_of = f"{mechanism.sha256} {mechanism.scenario} {t_end!r} {np.__version__} {sources}"
     return f"{mechanism.name}.{mechanism.scenario}.{hashlib.sha256(made_of.encode()).hexdigest()[:16]}"
 
 
 def load_stored(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
-    """Return the reference from 0 to t_end: certified if a certificate has a sample there, else from the cache in `folder`."""
+    """Return the reference from 0 to t_end [s], from a certificate with a sample at t_end, or else from the cache in `folder`."""
     certified = find_certified(mechanism, t_end)
     if certified:
         return certified
     path = folder / f"{reference_key(mechanism, t_end)}.npz"
     if path.exists():
-        if stored := read_reference(path):
+        stored = read_reference(path)
+        if stored:
             return stored
         print(harmless(f"warning: {path}: is not as it was written; the reference is built again"), file=sys.stderr)
     reference = build_reference(mechanism, t_end)
@@ -43,14 +44,15 @@ def load_stored(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
 
 
 def _write_reference(reference: Reference, path: Path) -> None:
-    """Write a reference with its digest; the file need not end in .npz."""
+    """Write a reference with its digest."""
+    # np.savez would append .npz to a path, and keeps the name of an open file
     with path.open("wb") as file:
         levels = {name: getattr(reference, name) for name in FIELDS}
         np.savez_compressed(file, digest=_digest(reference), method=reference.method, **levels)
 
 
 def read_reference(path: Path) -> Reference | None:
-    """Read a reference; None if the file is missing or damaged."""
+    """Return the reference in a file, or None if the file is missing or damaged."""
     try:
         with np.load(path) as data:
             reference = Reference(**{name: data[name] for name in FIELDS}, method=str(data["method"]))
@@ -60,7 +62,7 @@ def read_reference(path: Path) -> Reference | None:
 
 
 def _digest(reference: Reference) -> str:
-    """Return a hash of the method and of all arrays."""
+    """Return a hash of a reference's method and arrays."""
     hashed = hashlib.sha256(reference.method.encode())
     for name in FIELDS:
         x = np.ascontiguousarray(getattr(reference, name))

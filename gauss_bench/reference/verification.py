@@ -1,7 +1,7 @@
-"""Verification of a certificate in double precision: cheap, and independent of the code that made it.
+"""Verification of a certificate in double precision, which is cheap, and independent of the code that made the certificate.
 
-DOP853 integrates windows spread over the whole motion again, each from the certified state at its beginning, and the result must be
-the certified state at its end; errors cannot grow over the whole run. All samples must satisfy the constraints and
+DOP853 integrates windows of the motion again, each from the certified state at its beginning, so that errors do not grow over the
+whole motion. The result must be the certified state at the end of the window. All samples must satisfy the constraints and
 M a + J^T lambda = Q with the certified multipliers.
 """
 
@@ -14,10 +14,12 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import absolute_motion, is_minimal, minimal_motion
 from gauss_bench.reference.certificate import Certificate
 
-WINDOWS = 12
-WINDOW = 0.05  # [s] at most: a small part of a turn, over which DOP853 at 1e-13 keeps errors near 1e-12
-STATE_LIMIT = 1e-10  # relative: a hundred times the error of DOP853 in a window; a parameter that is wrong by 1e-8 shows
-BALANCE_LIMIT = 1e-10  # relative: rounding of accelerations, times the condition of the terms
+WINDOWS = 12  # number of windows, spread over the motion
+WINDOW = 0.05  # [s] longest window: a small part of a turn, over which DOP853 at 1e-13 keeps errors near 1e-12
+STATE_LIMIT = (
+    1e-10  # largest relative error: a hundred times that of DOP853 in a window, and less than parameters wrong by 1e-8 give
+)
+BALANCE_LIMIT = 1e-10  # largest relative residual: rounding of accelerations, times the condition of the terms
 
 
 @dataclass(frozen=True)
@@ -25,8 +27,9 @@ class Verification:
     """The result of verifying one certificate.
 
     Attributes:
-        mechanism, scenario: for which it holds.
-        until: end of the certified motion [s]; digits: number of certified digits.
+        mechanism, scenario: names of the linkage and the scenario.
+        until: end of the certified motion [s].
+        digits: number of certified digits.
         windows: number of windows that were integrated again.
         state_error: largest error at the end of a window, relative to the largest value of each level.
         balance_error: largest residual of constraints and of the equations of motion, relative to their terms.
@@ -42,11 +45,12 @@ class Verification:
 
     @property
     def passed(self) -> bool:
+        """True if both errors are below their limits."""
         return self.state_error < STATE_LIMIT and self.balance_error < BALANCE_LIMIT
 
 
 def verify(certificate: Certificate, mechanism: Mechanism) -> Verification:
-    """Check a certificate that holds for the mechanism.
+    """Verify a certificate of the mechanism.
 
     Raises:
         ArithmeticError: a window cannot be integrated.
@@ -59,7 +63,7 @@ def verify(certificate: Certificate, mechanism: Mechanism) -> Verification:
 
 
 def _integrate_windows(certificate: Certificate, mechanism: Mechanism) -> tuple[int, float]:
-    """Return the number of windows, and the largest relative error at the end of one."""
+    """Return the number of windows, and the largest relative error at the end of a window."""
     t = certificate.t
     starts = np.unique(np.linspace(0, max(len(t) - 2, 0), WINDOWS).astype(int))
     integrate = minimal_motion if is_minimal(mechanism) and not mechanism.drivers else absolute_motion
@@ -85,7 +89,7 @@ def _balance(certificate: Certificate, mechanism: Mechanism) -> float:
     t, q, v, a = certificate.t, certificate.q, certificate.v, certificate.a
     rows = evaluator.constraints(t, q, v)
     size = np.abs(rows.J)
-    pairs = [  # residual, and the size of its terms
+    pairs = [  # each residual, and the size of its terms
         (rows.phi[:, : evaluator.constraints.holonomic], 1.0 + np.abs(q).max()),
         ((rows.J @ v[..., None])[..., 0] + rows.phi_t, 1.0 + (size @ np.abs(v)[..., None]).max(initial=0.0)),
         ((rows.J @ a[..., None])[..., 0] - rows.gamma, 1.0 + (size @ np.abs(a)[..., None]).max(initial=0.0)),

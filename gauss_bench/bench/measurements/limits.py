@@ -17,7 +17,8 @@ from gauss_bench.compiler.elimination.program import known_program
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.code import read_code
-from gauss_bench.compiler.machine.graph import find_dependents, period
+from gauss_bench.compiler.machine.graph import find_dependents
+from gauss_bench.compiler.machine.schedule import period
 from gauss_bench.compiler.stepping.rollout import Body, bodies
 from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.linkage.load import load

@@ -1,13 +1,13 @@
 """Functions that close a linkage at one sample of its inputs: the rows of joints and inputs, solved for all coordinates.
 
-Inputs u are drivers with rates w and second rates b, so that J is square; the next sample is at u + g:
+The inputs u are drivers with rates w and second rates b, so that J is square. The next sample is at u + g:
 
     correction     J z = -phi(q, u)
     one input      J d = 1,  J e = gamma(q, d),     q' = d w,  q'' = d b + e w^2,     the next guess is q + g (d + g e / 2)
-    several        J q' = w,  J q'' = b + gamma(q, q');     the next guess likewise, with g for w and 0 for b
+    several        J q' = w,  J q'' = b + gamma(q, q');     the next guess is q + q' + q'' / 2, with g for w and 0 for b
 
-The pivots of J are the guards: their product is its determinant, whose sign distinguishes assemblies. As for the equations of
-motion they are chosen at sample positions, here those of the assembly in which the linkage starts.
+The pivots of J are the guards: their product is its determinant, whose sign distinguishes assemblies. Pivots are chosen at sampled
+positions in the assembly in which the linkage starts.
 """
 
 from collections.abc import Sequence
@@ -39,8 +39,9 @@ class ClosingProgram:
 
     Attributes:
         driven: the linkage, with its inputs as drivers.
-        correction: (q, u) -> z (n).
-        motion: (q, u, w, b, g) -> guards, which must not change sign; the step (n) to the guess at the next sample; q, v, a.
+        correction: function (q, u) -> z (n).
+        motion: function (q, u, w, b, g) -> guards, which must not change their signs; the step (n) to the guess at the next sample;
+            q, v, a (3n).
     """
 
     driven: Mechanism
@@ -49,25 +50,32 @@ class ClosingProgram:
 
     @property
     def inputs(self) -> int:
+        """Number of inputs."""
         return len(self.driven.drivers)
 
     @property
     def guards(self) -> int:
+        """Number of guards."""
         return len(self.motion.outputs[0])
 
     @cached_property
     def angles(self) -> list[int]:
-        """Coordinates whose sines and cosines are needed."""
+        """Indices of the coordinates whose sines and cosines are needed."""
         return sorted(self.correction.angles(0) | self.motion.angles(0))
 
     @property
     def width(self) -> int:
-        """Numbers stored at each sample."""
+        """Number of values that are stored at each sample, q, v and a."""
         return len(self.motion.outputs[2])
 
 
 class Driven(Links):
-    """The links at a sample: laws, named by the index of their driver, have its levels; rates are given where they are known."""
+    """The links at a sample, where drivers have given values instead of laws of time.
+
+    Attributes:
+        levels: value, rate and second rate of each driver; the name of a driver's law is the driver's index.
+        rates: rates of all coordinates if they are known already, else None.
+    """
 
     levels: Sequence[Motion]
     rates: Sequence[Node] | None = None
@@ -96,7 +104,8 @@ class _Equations:
     """The constraint rows of a driven linkage before elimination, at samples of the assembly in which it starts.
 
     Attributes:
-        kept: rows that are eliminated, those of joints and then one for each driver; drop: how the others are shared among them.
+        kept: indices of the rows that are eliminated, those of joints and then one for each driver.
+        drop: the choice of redundant rows.
         levels: four tuples of one node per input: value u, rate w, second rate b, and the change g from the last position.
     """
 
@@ -119,12 +128,12 @@ class _Equations:
         self.rows = self._rows(self.zeros, self.zeros)
 
     def _same_assembly(self, q: Array) -> Array:
-        """Select the positions (k, n) at which det J has the same sign as at the start."""
+        """Return the positions of q (k, n) that are not nearly singular and at which det J has the same sign as at the start."""
         J = Constraints(self.driven)(0.0, np.concatenate([self.driven.q0[None], q]), np.zeros((1 + len(q), q.shape[1]))).J
         square = J[:, self.kept]
         for at, row, factor in self.drop.shares:
             square[:, self.kept.index(at)] += factor * J[:, row]
-        sizes, signs = np.linalg.svd(square, compute_uv=False), np.linalg.slogdet(square)[0]
+        sizes, signs = np.linalg.svd(square, compute_uv=False), np.linalg.slogdet(square)[0]  # (1 + k, n), (1 + k,)
         regular = sizes[:, -1] / sizes[:, 0]
         if regular[0] < REGULAR:
             raise KernelError(f"{self.driven.name}: the start is at a singular position")
@@ -132,26 +141,29 @@ class _Equations:
         return same
 
     def _links(self, rates: Sequence[Node], seconds: Sequence[Node], v: Sequence[Node] | None = None) -> Driven:
+        """Return the links for rates and second rates of the inputs, and rates v of all coordinates if they are known."""
         links = Driven(self.graph, self.driven, self.parameters, self.state)
         links.levels, links.rates = list(zip(self.levels[0], rates, seconds, strict=True)), v
         return links
 
     def _rows(self, rates: Sequence[Node], seconds: Sequence[Node], v: Sequence[Node] | None = None) -> list[Row]:
+        """Return the rows that are eliminated, for the same arguments as `_links`."""
         return keep_rows(self.graph, rows_of(self._links(rates, seconds, v)), self.kept, self.drop)
 
     def solve(self) -> tuple[list[list[Node]], list[list[Node]]]:
-        """Results of `ClosingProgram.correction` and `.motion`."""
+        """Return the results of `ClosingProgram.correction` and of `ClosingProgram.motion`, each as lists of nodes."""
         graph, n = self.graph, self.driven.n
         jacobian = {(r, c): e for r, row in enumerate(self.rows) for c, e in row.entries.items()}
         factors = lu(graph, jacobian, range(n), range(n), Search(), squares=True)
 
-        def solved(right: Sequence[Node]) -> list[Node]:
+        def solve(right: Sequence[Node]) -> list[Node]:
+            """Return the solution (n) of J x = right."""
             return vector(graph, factors.solve({r: x for r, x in enumerate(right) if not x.zero}), n)
 
         def follow(rates: Sequence[Node], seconds: Sequence[Node]) -> tuple[list[Node], list[Node]]:
-            """Return rates and second rates of all coordinates for given ones of the inputs."""
-            v = solved([-row.phi_t for row in self._rows(rates, seconds)])
-            return v, solved([row.gamma for row in self._rows(rates, seconds, v)])
+            """Return rates (n) and second rates (n) of all coordinates, for those of the inputs."""
+            v = solve([-row.phi_t for row in self._rows(rates, seconds)])
+            return v, solve([row.gamma for row in self._rows(rates, seconds, v)])
 
         _, w, b, g = self.levels
         if len(w) == 1:
@@ -162,6 +174,7 @@ class _Equations:
         else:
             advance = [x + y * 0.5 for x, y in zip(*follow(g, self.zeros), strict=True)]
             v, a = follow(w, b)
-        z = solved([-row.phi for row in self.rows if row.phi is not None])
+        z = solve([-row.phi for row in self.rows if row.phi is not None])
         links = self._links(self.zeros, self.zeros, v)
-        return [z], [[x for x, _ in guarded(factors)], advance, [*(links.coordinate(k) for k in range(n)), *v, *a]]
+        q, guards = [links.coordinate(k) for k in range(n)], [x for x, _ in guarded(factors)]
+        return [z], [guards, advance, [*q, *v, *a]]

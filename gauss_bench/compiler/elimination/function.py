@@ -1,7 +1,7 @@
 """Straight-line functions: the result of an elimination as a list of operations, independent of the target machine.
 
-A function is read from nodes in the order in which they were made. A reciprocal with one use becomes a division, and the negative
-of a difference with one use the opposite difference: neither is worth an operation of its own.
+The operations stand in the order in which their nodes were made. A reciprocal that is used once becomes a part of a division, and
+the negative of a difference that is used once becomes the opposite difference.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -14,7 +14,7 @@ import numpy as np
 from gauss_bench.compiler.expressions.node import LATENCY, STEP, VALUE, Node
 from gauss_bench.terms import Array
 
-Inputs = Sequence[tuple[str, int]]  # name in the graph, length; the order is that of the arguments
+Inputs = Sequence[tuple[str, int]]  # for each argument its name in the graph, and its number of components
 Outputs = Sequence[Sequence[Node]]
 
 VALUES = VALUE | {
@@ -27,7 +27,7 @@ VALUES = VALUE | {
 
 @dataclass(frozen=True)
 class Costs:
-    """Operations (a sine or cosine counts as one), divisions among them, and cycles from the inputs to the last output."""
+    """Numbers of operations and of divisions among them, and cycles from the inputs to the last output; a sine is one operation."""
 
     operations: int
     divisions: int
@@ -35,7 +35,7 @@ class Costs:
 
     @property
     def single(self) -> float:
-        """Cycles of one evaluation for one trajectory, about: its longest chain, and a quarter of a cycle for every operation."""
+        """Estimate of the cycles for one trajectory: the longest chain, a quarter for every operation, three for every division."""
         return self.critical + 0.25 * self.operations + 3.0 * self.divisions
 
 
@@ -43,10 +43,10 @@ class Instruction(NamedTuple):
     """One value of a function.
 
     Attributes:
-        operation: INPUT, CONST; ADD, SUB, MUL, DIV, INV, NEG, SQRT, SIN, COS, FMIN, FMAX; LE, 1 where the first is at most the
-            second, else 0.
-        operands: numbers of earlier values; of an INPUT its argument and component.
-        number: of a CONST.
+        operation: INPUT; CONST; ADD, SUB, MUL, DIV, INV, NEG, SQRT, SIN, COS, FMIN, FMAX; or LE, which is 1 where the first operand
+            is at most the second, else 0.
+        operands: indices of earlier instructions; of an INPUT the index of its argument, and the component.
+        number: value of a CONST.
     """
 
     operation: str
@@ -56,11 +56,11 @@ class Instruction(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Function:
-    """The instructions, in an order in which they can be done.
+    """A function as instructions, each after those that it needs.
 
     Attributes:
-        sizes: components of each argument.
-        outputs: numbers of the values of each result.
+        sizes: number of components of each argument.
+        outputs: for each result the indices of the instructions that compute its components.
     """
 
     sizes: tuple[int, ...]
@@ -76,12 +76,12 @@ class Function:
         return sum(x.operation in ("DIV", "INV") for x in self.instructions)
 
     def angles(self, argument: int) -> set[int]:
-        """Components of an argument whose sine or cosine is taken as it stands."""
+        """Return the components of an argument whose sine or cosine is needed, of the component itself and not of a sum."""
         sources = [self.instructions[x.operands[0]] for x in self.instructions if x.operation in ("SIN", "COS")]
         return {s.operands[1] for s in sources if s.operation == "INPUT" and s.operands[0] == argument}
 
     def __call__(self, *arguments: Array | Sequence[float]) -> list[Array]:
-        """The results (..., components) for arguments (..., components), one operation after the other in numpy."""
+        """Return the results (..., components) for arguments (..., components), evaluated in numpy."""
         given = [np.asarray(x, dtype=float) for x in arguments]
         values: list[Array] = []
         with np.errstate(all="ignore"):
@@ -100,7 +100,7 @@ class Function:
 
     @property
     def costs(self) -> Costs:
-        """The cost of an evaluation; a product with one use is fused with the sum that uses it."""
+        """The costs of an evaluation; a product that is used once, in a sum, is fused with it."""
         used = [0] * len(self.instructions)
         for operation, operands, _ in self.instructions:
             if operation != "INPUT":
@@ -112,7 +112,7 @@ class Function:
         return Costs(self.operations, self.divisions, max((ready[k] for ends in self.outputs for k in ends), default=0.0))
 
     def _ready(self, x: Instruction, ready: list[float], used: list[int]) -> float:
-        """Return the time at which a result is ready [cycles] from those of its operands."""
+        """Return the time [cycles] at which a result is ready, from those of earlier results and their numbers of uses."""
         operation, operands, _ = x
         latest = max([ready[k] for k in operands], default=0.0)
         if operation in ("ADD", "SUB"):
@@ -124,6 +124,7 @@ class Function:
 
 
 def _operands(node: Node) -> tuple[Node, ...]:
+    """Return the nodes from which a node is computed; the arguments of an input are no nodes."""
     return () if node.op == "INPUT" else node.args
 
 
@@ -140,7 +141,10 @@ def reachable(outputs: Iterable[Node]) -> list[Node]:
 
 
 def uses(outputs: Sequence[Node], needed: Iterable[Node] | None = None) -> dict[int, int]:
-    """Count how often each node is an operand or an output; `needed` are the nodes the outputs need, where they are known."""
+    """Return index of a node -> number of times it is an operand or an output.
+
+    `needed` are the nodes on which the outputs depend, if they are known already.
+    """
     count: dict[int, int] = {}
     for node in outputs:
         count[node.index] = count.get(node.index, 0) + 1
@@ -151,7 +155,7 @@ def uses(outputs: Sequence[Node], needed: Iterable[Node] | None = None) -> dict[
 
 
 def costs_of(outputs: Sequence[Node]) -> Costs:
-    """Return the cost of a function with these outputs alone."""
+    """Return the costs of a function with these outputs alone."""
     needed = reachable(outputs)
     inputs = dict.fromkeys(str(x.args[0]) for x in needed if x.op == "INPUT")
     return function([(name, 0) for name in inputs], [outputs], uses(outputs, needed)).costs
@@ -171,15 +175,15 @@ def _form(node: Node, is_used_once: Callable[[Node], bool]) -> tuple[str, tuple[
 
 
 def function(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None) -> Function:
-    """The function of some nodes.
+    """Return the function that computes the nodes of its outputs.
 
     Args:
-        inputs: what the arguments are called in the graph.
-        shared: uses of nodes in all functions whose code will be merged, so that all of them have the same form of each; None where
-            every node is to stay as it is.
+        inputs: names of the arguments in the graph, and their numbers of components.
+        shared: uses of nodes in all functions whose code will be merged, so that each node has the same form in all of them. With
+            None no node is changed into another form.
     """
     ends = [x for nodes in outputs for x in nodes]
-    own_uses = cache(lambda: uses(ends))  # of nodes that no other function of the merged code shares
+    own_uses = cache(lambda: uses(ends))  # for nodes that are not in `shared`
 
     def is_used_once(x: Node) -> bool:
         return shared is not None and (shared[x.index] if x.index in shared else own_uses()[x.index]) == 1
@@ -193,7 +197,7 @@ def function(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None) ->
             forms[node.index] = node, operation, operands
             left += operands
     place = {name: k for k, (name, _) in enumerate(inputs)}
-    number: dict[int, int] = {}
+    number: dict[int, int] = {}  # index of a node -> index of its instruction
     instructions: list[Instruction] = []
     for index in sorted(forms):
         node, operation, operands = forms[index]

@@ -1,20 +1,21 @@
 """Sparse LU of a matrix of expressions, with pivots fixed at generation, and solutions.
 
-Pivots are chosen by Markowitz's count, the fill an entry can cause at most, among entries that are not small in their row at any
-sample and, where there are such, have one sign at all of them, because a pivot that changes sign is zero on the way. The code has
-no branches, and a guard on the pivots tells where it must not be used. A constant +-1 costs no division.
+Pivots are chosen by Markowitz's count, which is the largest fill that an entry can cause. The candidates are entries that are not
+small in their row at any sample. Those that have one sign at all samples are preferred, because a pivot that changes its sign is
+zero on the way. The code has no branches, and a guard on the pivots tells where it must not be used. A constant pivot +-1 needs no
+division.
 
-Where a pivot p varies, either the entries of its column are multiplied by 1/p, or those of its row, whichever are fewer. A short
-row may instead be multiplied by p before p's row is taken off it, as in a determinant: the next pivot then need not wait for a
-division. Entries are sums whose summands are kept until the entry is needed, so that they can be added in the order in which they
-become ready.
+If a pivot p varies, either the entries of its column or those of its row are multiplied by 1/p, whichever are fewer. A short row
+may instead be multiplied by p before p's row is subtracted from it, as in a determinant: the next pivot then does not wait for a
+division. Entries are sums. Their summands are kept apart until the entry is needed, so that they can be added in the order in which
+they become ready.
 
-Row operations E make A upper triangular, E A = U, so that A x = b is y = E b, U x = y.
+Row operations E make A upper triangular, E A = U, so that A x = b is solved by y = E b, U x = y.
 
-Where no entry that is left keeps its sign, as where every one is a sine or a cosine of one angle that turns, the rest S may be
-squared: S x = y becomes S^T S x = S^T y, whose diagonal is positive wherever S is regular. Its condition is squared too.
+If no remaining entry keeps its sign, for example because each is a sine or cosine of one angle that turns, the remaining matrix S
+may be squared: S x = y becomes S^T S x = S^T y, whose diagonal is positive wherever S is regular. Its condition is squared too.
 
-A right-hand side is a dict without zeros; entries that are structurally zero stay absent from the solution too.
+A right-hand side is a dict without zeros. Entries that are zero for structural reasons are absent from the solution too.
 Source: Duff, Erisman and Reid, Direct Methods for Sparse Matrices (2nd ed., 2017), chapters 5 and 7.
 """
 
@@ -31,12 +32,18 @@ from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import VANISHES, ExpressionGraph, Node, sum_of
 from gauss_bench.terms import Array
 
-Right = dict[int, Node]
+Right = dict[int, Node]  # index -> entry of a sparse vector
 
 
 @dataclass(frozen=True, eq=False)
 class Pivot:
-    """One step: its row and column, 1/p, whether the row (else the column) was divided, and the smallest |p| to trust."""
+    """One pivot p.
+
+    Attributes:
+        node, inverse: p and 1/p.
+        row_divided: whether its row was multiplied by 1/p, and not its column.
+        threshold: smallest |p| for which the code may be used.
+    """
 
     row: int
     column: int
@@ -48,7 +55,7 @@ class Pivot:
 
 @dataclass(frozen=True, eq=False)
 class RowOperation:
-    """One row operation: row <- scale row - factor (pivot row), the scale None for 1."""
+    """One row operation: row <- scale row - factor (pivot row), with None for the scale 1."""
 
     pivot_row: int
     factor: Node
@@ -57,10 +64,13 @@ class RowOperation:
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """The row operations that made A upper triangular, the triangle, and the pivots in order of elimination.
+    """The factors of a matrix.
 
     Attributes:
-        rest: the remaining submatrix if it was squared, else None.
+        pivots: in the order of elimination.
+        steps: row -> the operations on it, in their order.
+        upper: row -> (column, entry) of U besides the pivot.
+        rest: the remaining matrix if it was squared, else None.
     """
 
     graph: ExpressionGraph
@@ -71,7 +81,7 @@ class Factors:
 
     @property
     def guarded(self) -> tuple[Pivot, ...]:
-        """Return all pivots that the code divides by."""
+        """All pivots by which the code divides."""
         return self.pivots if self.rest is None else (*self.pivots, *self.rest.factors.guarded)
 
     def solve(self, b: Right) -> Right:
@@ -85,12 +95,12 @@ class Factors:
                 _put(y, r, self._reduce(b.get(r), self.steps[r], y), None)
             x = self.rest.solve(y)
         for p in reversed(self.pivots):
-            known = _less(y.get(p.row), ((u, x.get(c)) for c, u in self.upper[p.row]))
-            _put(x, p.column, known, None if p.row_divided else p.inverse)
+            right = _less(y.get(p.row), ((u, x.get(c)) for c, u in self.upper[p.row]))
+            _put(x, p.column, right, None if p.row_divided else p.inverse)
         return x
 
     def _reduce(self, b: Node | None, steps: list[RowOperation], y: Right) -> Node | None:
-        """Apply the row operations to an entry of the right-hand side."""
+        """Apply the operations of one row to an entry of the right-hand side; y are the entries of the pivots' rows."""
         products: list[tuple[Node, Node | None]] = []
         for step in steps:
             if step.scale is not None:
@@ -102,7 +112,7 @@ class Factors:
 
 @dataclass(frozen=True, eq=False)
 class Squared:
-    """The remaining submatrix S (rows, columns), and factors of S^T S."""
+    """The remaining matrix S with its rows and columns, and factors of S^T S."""
 
     rows: tuple[int, ...]
     columns: tuple[int, ...]
@@ -128,28 +138,30 @@ def _less(b: Node | None, products: Iterable[tuple[Node, Node | None]]) -> Node 
 
 
 def _put(where: Right, key: int, x: Node | None, factor: Node | None) -> None:
+    """Enter x times a factor (None for 1) under a key, unless it is zero."""
     if x is not None and not x.zero:
         where[key] = x if factor is None else x * factor
 
 
-RELATIVE = 0.05  # of the largest entry in the row, columns scaled: smaller pivots are not taken
-SMALLEST = 1e-9
-SHARE = 0.25  # of the samples, at least: there a pivot must be usable
-GUARD = 1e-3  # of the largest entry in the pivot's row: below, a pivot costs more than three digits
-CROSSED = 3  # entries of a row that are multiplied by a pivot at most; once per row, since sizes multiply too
-LOOKED_AT = 8  # rows and columns with the fewest entries among which a pivot is sought
+RELATIVE = 0.05  # least size of a pivot relative to the largest entry in its row, with columns scaled
+SMALLEST = 1e-9  # least size of a pivot
+SHARE = 0.25  # least share of the samples at which a pivot must be usable
+GUARD = 1e-3  # threshold relative to the largest entry in the pivot's row: a smaller pivot costs more than three digits
+CROSSED = 3  # most entries of a row that is multiplied by a pivot; a row is multiplied once, because its size grows too
+LOOKED_AT = 8  # number of rows and of columns, those with the fewest entries, among which a pivot is sought first
 
 Matrix = dict[tuple[int, int], Node]
 
 
 @dataclass(frozen=True)
 class Search:
-    """Settings of the search: the rules that decide among pivots of equal Markowitz count.
+    """Settings of the search, which decide among pivots of similar Markowitz count.
 
     Attributes:
-        noise: added to the count at random.
-        patience: charged per 100 cycles that a pivot is waited for.
-        crossing: share of the steps done without division, where that is possible.
+        seed: of the random numbers.
+        noise: largest random number that is added to the count.
+        patience: number added to the count for every 100 cycles until a pivot is ready.
+        crossing: share of the steps that are done without a division where that is possible.
     """
 
     seed: int = 0
@@ -164,20 +176,27 @@ class Search:
 
 
 class _Entry:
-    """An entry under elimination: summands, and the values of their sum at the samples and random points."""
+    """An entry under elimination, as the sum of nodes that are not added yet.
 
-    __slots__ = ("_at", "_open", "generic", "largest", "terms")
+    Attributes:
+        terms: the summands.
+        generic: values of the sum at the random points.
+        largest: largest absolute value of a summand at each random point.
+    """
+
+    __slots__ = ("_at", "_missing", "generic", "largest", "terms")
 
     def __init__(self, node: Node):
         self.terms, self.generic = [node], node.generic
         x, y, z = node.generic
         self.largest = abs(x), abs(y), abs(z)
         self._at: Array | None = None
-        self._open = [node]  # summands that are not in _at yet
+        self._missing = [node]  # summands that are not in _at yet
 
     def add(self, node: Node) -> None:
+        """Add a summand."""
         self.terms.append(node)
-        self._open.append(node)
+        self._missing.append(node)
         self.generic = sum_of(self.generic, node.generic)
         (a, b, c), (x, y, z) = self.largest, node.generic
         self.largest = max(a, abs(x)), max(b, abs(y)), max(c, abs(z))
@@ -185,32 +204,37 @@ class _Entry:
     @property
     def at(self) -> Array:
         """Values of the sum at the samples, followed by those at the random points."""
-        for node in self._open:
+        for node in self._missing:
             self._at = node.at if self._at is None else self._at + node.at
-        self._open = []
+        self._missing = []
         return self._at  # type: ignore[return-value]
 
     @property
     def vanishes(self) -> bool:
+        """True if the summands cancel, up to rounding, at all random points."""
         (x, y, z), (a, b, c) = self.generic, self.largest
         return abs(x) <= VANISHES * a and abs(y) <= VANISHES * b and abs(z) <= VANISHES * c
 
     def node(self) -> Node:
+        """Return the sum as one node."""
         if len(self.terms) > 1:
             self.terms = [self.terms[0].graph.total(self.terms)]
         return self.terms[0]
 
     @property
     def penalty(self) -> float:
-        """The addition to an entry's count for a division by it."""
+        """The number added to Markowitz's count for a division by the entry: 0 for +-1, 0.5 for another constant, else 1."""
         g = self.generic
-        if len(self.terms) > 1 and abs(g[0] - g[1]) > 1e-9 * abs(g[0]):
+        if len(self.terms) > 1 and abs(g[0] - g[1]) > 1e-9 * abs(g[0]):  # it varies: spare the addition
             return 1.0
         number = self.node().number
-        return 1.0 if number is None else 0.0 if abs(number) == 1.0 else 0.5
+        if number is None:
+            return 1.0
+        return 0.0 if abs(number) == 1.0 else 0.5
 
     @property
     def ready(self) -> float:
+        """Time [cycles] at which all summands are ready."""
         return max(x.ready for x in self.terms)
 
 
@@ -218,9 +242,10 @@ class _Sizes(NamedTuple):
     """Sizes of a row's entries at the samples.
 
     Attributes:
-        largest: (samples,) the largest entry, columns scaled.
-        relative: by column, the smallest size relative to `largest`.
-        usable: by column, whether a pivot there is not small at any sample; steady: whether it has one sign besides.
+        largest: (samples,) size of the largest entry, with columns scaled.
+        relative: column -> smallest size of its entry relative to `largest`.
+        usable: column -> whether its entry is small at no sample.
+        steady: column -> whether its entry is usable and also never changes its sign.
     """
 
     largest: Array
@@ -230,7 +255,15 @@ class _Sizes(NamedTuple):
 
 
 class _Markowitz:
-    """One factorisation in progress."""
+    """One factorisation in progress.
+
+    Attributes:
+        trusted: (samples,) whether pivots must be usable at a sample.
+        rows: row -> its entries by column, for rows without a pivot.
+        columns: column -> rows with an entry in it, for columns without a pivot.
+        scale: column -> its largest entry at the beginning.
+        sizes: row -> sizes of its entries, for rows that have been examined and not changed since.
+    """
 
     def __init__(self, graph: ExpressionGraph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search):
         self.graph, self.search = graph, search
@@ -243,18 +276,21 @@ class _Markowitz:
                 self.rows[r][c] = _Entry(node)
                 self.columns[c].add(r)
         self.scale = {c: self._largest_in(c) for c in self.columns}
-        self.sizes: dict[int, _Sizes] = {}  # of rows that have been looked at and not changed since
+        self.sizes: dict[int, _Sizes] = {}
         self.pivots: list[Pivot] = []
         self.steps: dict[int, list[RowOperation]] = {r: [] for r in self.rows}
         self.upper: dict[int, list[tuple[int, Node]]] = {}
 
     def _values(self, e: _Entry) -> Array:
+        """Return the sizes (samples,) of an entry."""
         return np.abs(e.at[: self.graph.samples])
 
     def _largest_in(self, c: int) -> float:
+        """Return the size of the largest entry of a column at any sample; 1 if it has none."""
         return max((float(self._values(self.rows[r][c]).max()) for r in self.columns[c]), default=1.0) or 1.0
 
     def factors(self, squares: bool) -> Factors:
+        """Eliminate all rows; with `squares` the remaining matrix is squared as soon as no pivot keeps its sign."""
         rest = None
         while self.rows and rest is None:
             if squares and self._usable(steadily=True) is None:
@@ -264,17 +300,22 @@ class _Markowitz:
         return Factors(self.graph, tuple(self.pivots), self.steps, self.upper, rest)
 
     def _square(self) -> Squared:
+        """Square the remaining matrix, and factorise the square."""
         S = {(r, c): e.node() for r, row in self.rows.items() for c, e in row.items()}
         rows, columns = tuple(self.rows), tuple(self.columns)
         square: Matrix = {}
         for c, d in combinations_with_replacement(columns, 2):
             products = [S[r, c] * S[r, d] for r in rows if (r, c) in S and (r, d) in S]
-            if products and not (entry := self.graph.total(products)).zero:
+            entry = self.graph.total(products)
+            if not entry.zero:
                 square[c, d] = square[d, c] = entry
         return Squared(rows, columns, S, lu(self.graph, square, columns, columns, Search(self.search.seed)))
 
     def _choose(self) -> tuple[int, int, Array]:
-        """Choose a pivot that is usable at all samples, else at as many as possible: its guard excludes the others at run time."""
+        """Return row and column of a pivot, and the largest entry of its row (samples,).
+
+        It is usable at all samples or, if there is none, at as many as possible: its guard excludes the others at run time.
+        """
         chosen = self._usable()
         while chosen is None:
             self._trust_fewer()
@@ -282,7 +323,7 @@ class _Markowitz:
         return chosen
 
     def _trust_fewer(self) -> None:
-        """Drop the samples at which the most widely usable pivots are too small: other programs will cover them."""
+        """Trust only the samples at which the most widely usable pivot is not too small: other programs serve at the others."""
         best = np.zeros_like(self.trusted)
         for row in filter(None, self.rows.values()):
             sizes = np.array([self._values(e) for e in row.values()])
@@ -290,37 +331,51 @@ class _Markowitz:
             usable = (scaled >= RELATIVE * scaled.max(axis=0)) & (sizes >= SMALLEST) & self.trusted
             best = max([best, *usable], key=lambda x: int(x.sum()))
         if best.sum() < SHARE * len(best):
-            raise KernelError("no pivot is usable at all samples: the coordinates chosen as dependent are not")
+            raise KernelError("no pivot is usable at all samples: the dependent coordinates do not follow from the others")
         self.trusted, self.sizes = best, {}
 
     def _usable(self, steadily: bool = False) -> tuple[int, int, Array] | None:
-        """The cheapest usable pivot near the emptiest rows and columns, else anywhere, else one that changes sign if it may."""
+        """Return the cheapest pivot, or None if none is usable; `steadily` allows only pivots that keep their sign.
+
+        A pivot that keeps its sign is sought among few rows and columns, then among more, and then any pivot in the same way.
+        """
         everywhere = len(self.rows)
-        places = ((LOOKED_AT, True), (min(everywhere, LOOKED_AT**2), True), (LOOKED_AT, False), (everywhere, False))
-        for reach, steady in places[: 2 if steadily else None]:
-            near = [(r, c) for r in nsmallest(reach, self.rows, lambda r: len(self.rows[r])) for c in self.rows[r]]
-            emptiest = nsmallest(reach, self.columns, lambda c: len(self.columns[c]))
-            near += [(r, c) for c in emptiest for r in sorted(self.columns[c])]
-            best: tuple[float, float, int, int] | None = None
-            for r, c in dict.fromkeys(near):
-                count = (len(self.rows[r]) - 1) * (len(self.columns[c]) - 1)
-                if best is not None and count > best[0] + self.search.noise:
-                    continue
-                sizes = self._row_sizes(r)
-                if sizes.steady[c] if steady else sizes.usable[c]:
-                    offer = self._cost(r, c, count), -sizes.relative[c]
-                    if best is None or offer < best[:2]:
-                        best = (*offer, r, c)
-            if best is not None:
-                return best[2], best[3], self._row_sizes(best[2]).largest
+        rounds = ((LOOKED_AT, True), (min(everywhere, LOOKED_AT**2), True), (LOOKED_AT, False), (everywhere, False))
+        for reach, steady in rounds[: 2 if steadily else None]:
+            found = self._cheapest(self._near(reach), steady)
+            if found is not None:
+                return *found, self._row_sizes(found[0]).largest
         return None
 
+    def _near(self, reach: int) -> list[tuple[int, int]]:
+        """Return the places (row, column) of entries in the `reach` rows and the `reach` columns with the fewest entries."""
+        rows = nsmallest(reach, self.rows, lambda r: len(self.rows[r]))
+        columns = nsmallest(reach, self.columns, lambda c: len(self.columns[c]))
+        places = [(r, c) for r in rows for c in self.rows[r]]
+        places += [(r, c) for c in columns for r in sorted(self.columns[c])]
+        return list(dict.fromkeys(places))
+
+    def _cheapest(self, places: list[tuple[int, int]], steady: bool) -> tuple[int, int] | None:
+        """Return the place of the cheapest usable pivot, and of pivots that cost the same the largest; None if none is usable."""
+        best, place = (np.inf, 0.0), None
+        for r, c in places:
+            count = (len(self.rows[r]) - 1) * (len(self.columns[c]) - 1)  # Markowitz's
+            if count > best[0] + self.search.noise:
+                continue
+            sizes = self._row_sizes(r)
+            allowed = sizes.steady if steady else sizes.usable
+            if allowed[c]:
+                offer = self._cost(r, c, count), -sizes.relative[c]
+                if place is None or offer < best:
+                    best, place = offer, (r, c)
+        return place
+
     def _row_sizes(self, r: int) -> _Sizes:
-        """Return the sizes of a row's entries. A usable pivot is small at no sample; a steady one also never changes its sign."""
+        """Return the sizes of a row's entries at the trusted samples."""
         known = self.sizes.get(r)
         if known is None:
             row = self.rows[r]
-            values = np.array([e.at[: self.graph.samples][self.trusted] for e in row.values()])
+            values = np.array([e.at[: self.graph.samples][self.trusted] for e in row.values()])  # (entries, samples)
             sizes = np.abs(values)
             scaled = sizes / np.array([self.scale[c] for c in row])[:, None]
             largest = np.maximum(scaled.max(axis=0), np.finfo(float).tiny)
@@ -332,6 +387,7 @@ class _Markowitz:
         return known
 
     def _cost(self, r: int, c: int, count: int) -> float:
+        """Return Markowitz's count of a pivot with the additions of the search's settings."""
         entry = self.rows[r][c]
         cost = count + entry.penalty
         if self.search.patience:
@@ -341,6 +397,7 @@ class _Markowitz:
         return cost
 
     def _eliminate(self, r: int, c: int, largest: Array) -> None:
+        """Eliminate column c from all other rows with the pivot in row r, whose largest entry is given (samples,)."""
         row = {k: e.node() for k, e in self.rows.pop(r).items()}
         pivot = row.pop(c)
         others = sorted(self.columns.pop(c) - {r})
@@ -359,7 +416,7 @@ class _Markowitz:
             f = entry if row_divided or crossed else entry * inverse
             self.steps[other].append(RowOperation(r, f, pivot if crossed else None))
             self._subtract(other, f, row)
-            self.rows[other] = self.rows.pop(other)  # what was changed last is looked at last: along a chain, ends meet late
+            self.rows[other] = self.rows.pop(other)  # a row that was changed is examined last: along a chain both ends meet late
         for k in row:
             self.columns[k] = self.columns.pop(k)
         threshold = GUARD * self.scale[c] * median(largest.tolist())
@@ -367,13 +424,14 @@ class _Markowitz:
         self.upper[r] = list(row.items())
 
     def _is_crossed(self, pivot: Node, others: list[int]) -> bool:
-        """Tell whether this step is done without division, by multiplying the other rows by the pivot."""
+        """Tell whether the step of a pivot is done without a division, by multiplying the other rows by the pivot."""
         if not self.search.crossing or pivot.number is not None or not others:
             return False
         few = all(len(self.rows[x]) - 1 <= CROSSED and not any(s.scale for s in self.steps[x]) for x in others)
         return few and self.random.random() < self.search.crossing
 
     def _subtract(self, other: int, f: Node, row: dict[int, Node]) -> None:
+        """Subtract f times the pivot's row from another row."""
         target = self.rows[other]
         for k, u in row.items():
             product = -(f * u)
@@ -390,9 +448,9 @@ class _Markowitz:
 def lu(
     graph: ExpressionGraph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search, squares: bool = False
 ) -> Factors:
-    """Factorise A(rows, columns). If no pivot keeps its sign, the rest is squared, or a pivot that changes sign is taken.
+    """Factorise the rows and columns of A; with `squares` the remaining matrix is squared if no pivot keeps its sign.
 
     Raises:
-        KernelError: no pivot is left that is usable at a fair share of the samples.
+        KernelError: no pivot is usable at the share SHARE of the samples.
     """
     return _Markowitz(graph, A, rows, columns, search).factors(squares)

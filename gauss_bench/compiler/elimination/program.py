@@ -1,16 +1,14 @@
-"""The program of a linkage: straight-line functions, ready for any machine.
+"""The program of a linkage, as straight-line functions, and the search for the cheapest one.
 
     linkage -> rows and forces (equations) -> factors (lu) -> accelerations (formulations) -> functions (function)
 
-The functions share their expressions: where several are evaluated at the same state, sines, Jacobian and factors are the same.
+The functions share their expressions: if several are evaluated at the same state, sines, Jacobian and factors are the same.
 
-The search for a cheap elimination: partitions and pivot orders are tried, and the cheapest acceleration is kept.
-
-Markowitz's rule leaves many ties, and which way they fall decides how much cancels later and how long the longest chain of
-operations is. Half of the attempts break them in many ways, the other half repeat the best of these ways with other seeds. The
-search is seeded and its length depends on the linkage alone, so that a linkage always gives the same program. Its outcome is
-stored on disk, and a later process eliminates only once. A small GAUSS_BENCH_ATTEMPTS shortens the search at the price of slower
-steps.
+The search tries independent coordinates and orders of pivots, and keeps the cheapest acceleration. Markowitz's rule leaves many
+ties. How they are broken decides how much cancels later, and how long the longest chain of operations is. Half of the attempts
+break them by different rules, and the other half repeat the best of these rules with other seeds. The search is seeded and its
+length depends on the linkage alone, so that a linkage always gives the same program. The outcome is stored on disk, so that a later
+process eliminates only once. A small GAUSS_BENCH_ATTEMPTS shortens the search at the price of slower steps.
 """
 
 import json
@@ -25,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.compiler import user_cache
-from gauss_bench.compiler.elimination.formulations import Plan, Workspace, refuse, vector, workspace
+from gauss_bench.compiler.elimination.formulations import Guard, Plan, Workspace, refuse, vector, workspace
 from gauss_bench.compiler.elimination.function import Costs, Function, Inputs, costs_of, function, uses
 from gauss_bench.compiler.elimination.lu import Search
 from gauss_bench.compiler.elimination.partition import Study, candidates, covering, study
@@ -36,22 +34,32 @@ from gauss_bench.mechanism.lines import with_lines
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-EFFORT = 2400  # attempts times unknowns, at most: about a second
-LENGTH = 60_000  # attempts times operations of a plain one, at most: of large linkages few are tried
-SHORTER = "GAUSS_BENCH_ATTEMPTS"  # in the environment: as many attempts, in this process and in all that it starts
+EFFORT = 2400  # largest product of attempts and unknowns: about a second
+LENGTH = 60_000  # largest product of attempts and operations of a plain attempt: for large linkages few attempts are made
+SHORTER = "GAUSS_BENCH_ATTEMPTS"  # environment variable with the number of attempts, for this process and all that it starts
 THOROUGH = 144
-ATTEMPTS = int(said) if (said := os.environ.get(SHORTER, "")).isdecimal() and int(said) else THOROUGH
-CLOSE = 1.01  # prices of a single step that races do not tell apart
-REPEATED = 4  # ways that are repeated
-SEARCHED, HOPELESS = 3, 1.5  # plans that are searched: the best by a plain attempt, none that costs so much more than the first
-NOISES, PATIENCES, CROSSINGS = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5)
+
+
+def _read_attempts() -> int:
+    """Return the number of attempts that the environment asks for, or THOROUGH if it has no positive number."""
+    text = os.environ.get(SHORTER, "")
+    attempts = int(text) if text.isdecimal() else 0
+    return attempts if attempts > 0 else THOROUGH
+
+
+ATTEMPTS = _read_attempts()
+CLOSE = 1.01  # ratio of two prices of a single step that races cannot distinguish
+REPEATED = 4  # number of rules that are repeated with other seeds
+SEARCHED = 3  # number of plans that are searched, the best ones by a plain attempt
+HOPELESS = 1.5  # price of a plan relative to the best one above which it is not searched
+NOISES, PATIENCES, CROSSINGS = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5)  # values of the search's settings
 PLAIN = Search()
-SOURCES = ("mechanism", "compiler/expressions", "compiler/equations", "compiler/elimination")  # that a search follows from
+SOURCES = ("mechanism", "compiler/expressions", "compiler/equations", "compiler/elimination")  # code that decides a search
 
 
 @dataclass(frozen=True, eq=False)
 class Best:
-    """The best attempt on a workspace: its search settings and its costs."""
+    """An attempt on a workspace: its search settings, and the costs of the acceleration."""
 
     work: Workspace
     search: Search
@@ -59,7 +67,7 @@ class Best:
 
 
 def attempt(work: Workspace, searches: Iterable[Search]) -> list[Best]:
-    """Eliminate under each of several search settings and return the costs; attempts without usable pivots are left out.
+    """Eliminate under each of several search settings; return the attempts that have found usable pivots.
 
     Raises:
         KernelError: no attempt finds usable pivots.
@@ -80,23 +88,23 @@ def attempt(work: Workspace, searches: Iterable[Search]) -> list[Best]:
 
 
 def pick(attempts: Sequence[Best]) -> Best:
-    """Return the attempt with the fewest operations among those whose price is within CLOSE of the least.
+    """Return the attempt with the fewest operations among those whose price is at most CLOSE times the least.
 
-    The price of a single step cannot tell such attempts apart, while a batch pays for every operation.
+    The price of a single step cannot distinguish such attempts, while every operation costs time in a batch.
     """
     least = min(x.costs.single for x in attempts)
     return min((x for x in attempts if x.costs.single <= CLOSE * least), key=lambda x: x.costs.operations)
 
 
 def best_of(work: Workspace, count: int) -> Best:
-    """Return the cheapest of `count` attempts: half with different search settings, half with other seeds of the best of these."""
+    """Return the cheapest of `count` attempts: half with different search settings, half with the best of these and other seeds."""
     settings = [Search(0, *choice) for choice in product(NOISES, PATIENCES, CROSSINGS)]
     order = np.random.default_rng(0).permutation(len(settings))
     various = [PLAIN, *(replace(settings[k], seed=int(k)) for k in order)][: (count + 1) // 2]
     attempts = sorted(attempt(work, various), key=lambda x: x.costs.single)
     leaders = attempts[:REPEATED]
     repeated = [(k, leaders[k % len(leaders)].search) for k in range(count - len(various))]
-    # without chance a repetition gives the same program
+    # settings without random numbers would give the same program again
     again = [replace(search, seed=100 + k) for k, search in repeated if search.by_chance]
     return pick([*attempts, *(attempt(work, again) if again else [])])
 
@@ -104,12 +112,12 @@ def best_of(work: Workspace, count: int) -> Best:
 def cheapest(
     known: Study, open_parameters: tuple[str, ...], formulation: str, independent: tuple[int, ...] | None, drop: int = 0
 ) -> Best:
-    """Return the cheapest elimination of a mechanism over the formulations and partitions that the caller left open.
+    """Return the cheapest elimination over the formulations and independent coordinates that the caller left open.
 
-    One plain attempt at each of them decides which are worth a longer search.
+    One plain attempt for each of them decides which are worth a longer search.
 
     Raises:
-        KernelError: no partition and no pivots are usable.
+        KernelError: no independent coordinates or no pivots are usable.
     """
     plain, failure = [], KernelError(f"{known.mechanism.name}: no partition is usable")
     for plan in _plans(known, formulation, independent, drop):
@@ -129,7 +137,7 @@ def cheapest(
 
 
 def _name(mechanism: Mechanism, *asked: Any) -> str | None:
-    """Return the file name of a search's outcome in the cache; None if the mechanism cannot be hashed (numbers of other types)."""
+    """Return the name of a search's outcome in the cache, or None for a mechanism with numbers that cannot be hashed."""
     try:
         return f"{content_digest(_sources(), mechanism, asked)}.json"
     except TypeError:
@@ -138,11 +146,12 @@ def _name(mechanism: Mechanism, *asked: Any) -> str | None:
 
 @cache
 def _sources() -> str:
+    """Return a hash of the code that decides a search."""
     return source_digest(*SOURCES)
 
 
 def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) -> Best | None:
-    """Repeat the elimination that an earlier search has stored; None if there is none or it no longer works."""
+    """Repeat the elimination that an earlier search has stored; return None if there is none, or if it no longer works."""
     kept = user_cache.load(name) if name else None
     if kept is None:
         return None
@@ -155,7 +164,7 @@ def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) ->
 
 
 def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, drop: int) -> list[Plan]:
-    """List the plans to try: lagrange, and gauss with each candidate partition, unless the caller fixed the formulation."""
+    """List the plans to try, lagrange and gauss with each candidate for the independent coordinates, if they are left open."""
     plans = [Plan("lagrange", covering(known)[0], drop)] if formulation != "gauss" else []
     if formulation != "lagrange":
         choices = (candidates(known) or covering(known)[:1]) if independent is None else [independent]
@@ -166,37 +175,39 @@ def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, 
 __all__ = ["Costs", "Function", "KernelError", "Program", "generate", "known_program", "partitions"]
 
 
-NOTHING = Function((), (), ())
+NOTHING = Function((), (), ())  # stands for a function that a program lacks
 
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """Straight-line functions of one mechanism under one formulation and one partition.
+    """Straight-line functions of one mechanism under one formulation, for one choice of independent coordinates.
+
+    Their arguments are the time t, positions q and velocities v (n,), and the open numbers p (n_p,). Guards (k,) are pivots: a
+    state is usable if abs(guard) >= threshold for all of them. A program of accelerations alone lacks the functions after
+    `acceleration`.
 
     Attributes:
-        name: of the mechanism.
+        name: name of the mechanism.
         formulation: "gauss" or "lagrange".
-        n, m: numbers of coordinates and of constraint rows kept.
-        independent: coordinates of the partition; under lagrange they only parametrise the free motions.
-        parameters: names of the numbers left open, such as "links.crank.mass" or "points.rod.A.x", in the order of p; then those
-            of `mechanism/lines.py`, which change with time.
-        values: (n_p,) their values in the linkage file.
+        n, m: numbers of coordinates, and of constraint rows that are kept.
+        independent: the independent coordinates; under lagrange they only parametrise the free motions.
+        parameters: names of the open numbers: those asked for, such as "links.crank.mass" or "points.rod.A.x", then those of
+            `mechanism/lines.py`, which change with time.
+        values: (n_p,) values of the open numbers in the linkage file.
         dropped: names of the redundant rows that were dropped.
-        acceleration: (t, q, v, p) -> a (n,), guard (k,).
-        thresholds: (k,) the state is usable where abs(guard) >= thresholds.
-        position_correction: (t_at, q_at, t, q, p) -> dq (n,), the shortest Newton correction with the Jacobian at q_at and the
-            residual at q; then its own guard, which holds in addition to that of the acceleration.
-        nearest_velocity: (t, q, v, p) -> v (n,), the nearest one that the constraints allow; then its guard.
-        correcting_thresholds: thresholds of these two guards.
-        directions: (t, q, v, p) -> one free motion (n,) for each independent coordinate; then their guard.
-        direction_thresholds: thresholds of that guard.
-        multipliers: (t, q, v, p) -> lambda of M a + J^T lambda = Q, for all rows in the file's order. A dropped row has 0, or its
-            share where kept rows are combinations with it.
-        energy: (q, v, p) -> (1,) kinetic plus potential energy [J].
-        residual: (t, q, v, p) -> phi (all holonomic rows), phi_dot (all rows).
-        stabilized: as acceleration, with gamma - 2 alpha phi_dot - beta^2 phi in place of gamma; None unless asked for.
-
-    A program of accelerations alone leaves out what follows `acceleration`.
+        acceleration: function (t, q, v, p) -> a (n,), guards.
+        thresholds: thresholds of these guards.
+        position_correction: function (t_at, q_at, t, q, p) -> dq (n,), the shortest Newton correction with the Jacobian at q_at and
+            the residual at q, and guards besides those of the acceleration.
+        nearest_velocity: function (t, q, v, p) -> the nearest v (n,) that the constraints allow, and the same further guards.
+        correcting_thresholds: thresholds of these further guards.
+        directions: function (t, q, v, p) -> one free motion (n,) for each independent coordinate, and further guards.
+        direction_thresholds: thresholds of these further guards.
+        multipliers: function (t, q, v, p) -> lambda of M a + J^T lambda = Q, for all rows in the file's order. A dropped row has 0,
+            or its share of the kept rows to which it was added.
+        energy: function (q, v, p) -> kinetic plus potential energy (1,) [J].
+        residual: function (t, q, v, p) -> phi of all holonomic rows, phi_dot of all rows.
+        stabilized: function as `acceleration`, with gamma - 2 alpha phi_dot - beta^2 phi in place of gamma; None if not asked for.
     """
 
     name: str
@@ -221,7 +232,7 @@ class Program:
 
     @property
     def n_parameters(self) -> int:
-        """Length of the input p."""
+        """Number of open numbers."""
         return len(self.parameters)
 
 
@@ -238,14 +249,14 @@ def generate(
 
     Args:
         formulation: "gauss", "lagrange", or "auto" for the one that costs less.
-        open_parameters: names of numbers of the file that stay inputs.
-        independent: coordinates of the partition (gauss); chosen where None.
-        baumgarte: alpha, beta [1/s] of the stabilised variant.
-        drop: which choice of redundant rows is dropped, of `drops`.
+        open_parameters: names of numbers of the file that are inputs of the program.
+        independent: the independent coordinates under gauss; None lets the search choose.
+        baumgarte: alpha, beta [1/s] of the function `stabilized`; None for no such function.
+        drop: index of the choice of redundant rows in `Study.drops`.
         remembered: whether the outcome of the search is read from and written to the user's cache.
 
     Raises:
-        KernelError: dry friction, an unknown parameter, no usable partition, or a program that fails its own check.
+        KernelError: dry friction, an unknown parameter, no usable independent coordinates, or a program that fails its own check.
     """
     refuse(mechanism, formulation)
     known = study(mechanism)
@@ -264,7 +275,7 @@ def generate(
     except KernelError:
         if best.search == PLAIN:
             raise
-        # in a large linkage pivots from a random search may lose digits: a plain attempt takes the largest ones
+        # pivots of a random search may lose digits in a large linkage; a plain attempt takes the largest pivots
         program = _write(known, attempt(best.work, [PLAIN])[0], baumgarte)
         check(program, mechanism)
     return program
@@ -274,16 +285,17 @@ known_program = lru_cache(maxsize=32)(generate)  # the same mechanism is often c
 
 
 def partitions(mechanism: Mechanism) -> list[tuple[int, ...]]:
-    """Return choices of independent coordinates: at every sampled position at least one is usable, the first at most of them."""
+    """Return choices of independent coordinates, of which at least one is usable at every sampled position."""
     return covering(study(mechanism))
 
 
 def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> Program:
-    """Write all functions of the best plan."""
+    """Write all functions of an attempt."""
     work, algebra = best.work, best.work.algebra(best.search)
     mechanism, links, graph = known.mechanism, work.links, work.terms.graph
     n = mechanism.n
-    phi, phi_dot, energy = work.exact()  # first: elimination may rewrite products in a form valid on the constraints only
+    # these come first, because products may be recognised later in a form that is valid on the constraints only
+    phi, phi_dot, energy = work.exact()
     guards = algebra.guards
     a = vector(graph, algebra.acceleration(work.terms.gamma), n)
     dq = vector(graph, algebra.correction(work.residuals()), n)
@@ -291,12 +303,16 @@ def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> P
     nearest = vector(graph, algebra.velocity([links.rate(k) for k in range(n)]), n)
     stabilized = vector(graph, algebra.acceleration(work.damped(*baumgarte)), n) if baumgarte else []
     multipliers = work.spread_out(algebra.multipliers(work.terms.gamma))
-    directions, apart = algebra.directions
-    shared = uses([*a, *(x for x, _ in guards), *dq, *nearest, *stabilized])
+    directions, further = algebra.directions
+    pivots, correcting_pivots, further_pivots = ([x for x, _ in group] for group in (guards, correcting, further))
+    shared = uses([*a, *pivots, *dq, *nearest, *stabilized])
     size = len(links.parameters.names)
     at: Inputs = (("t", 1), ("q", n), ("v", n), ("p", size))
     moved: Inputs = (("t", 1), ("q", n), ("t_new", 1), ("q_new", n), ("p", size))
-    pivots = [x for x, _ in guards]
+
+    def thresholds(group: Sequence[Guard]) -> Array:
+        return work.caution * np.array([x for _, x in group])
+
     return Program(
         name=mechanism.name,
         formulation=work.plan.formulation,
@@ -306,13 +322,13 @@ def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> P
         parameters=links.parameters.names,
         values=links.parameters.values,
         dropped=known.dropped(work.plan.drop),
-        thresholds=work.caution * np.array([x for _, x in guards]),
+        thresholds=thresholds(guards),
         acceleration=function(at, [a, pivots], shared),
-        position_correction=function(moved, [dq, [x for x, _ in correcting]], shared),
-        nearest_velocity=function(at, [nearest, [x for x, _ in correcting]], shared),
-        correcting_thresholds=work.caution * np.array([x for _, x in correcting]),
-        directions=function(at, [*(vector(graph, N, n) for N in directions), [x for x, _ in apart]], shared),
-        direction_thresholds=work.caution * np.array([x for _, x in apart]),
+        position_correction=function(moved, [dq, correcting_pivots], shared),
+        nearest_velocity=function(at, [nearest, correcting_pivots], shared),
+        correcting_thresholds=thresholds(correcting),
+        directions=function(at, [*(vector(graph, N, n) for N in directions), further_pivots], shared),
+        direction_thresholds=thresholds(further),
         multipliers=function(at, [vector(graph, multipliers, len(work.rows))], shared),
         energy=function(at[1:], [[energy]], shared),
         residual=function(at, [phi, phi_dot], shared),
@@ -324,7 +340,7 @@ def check(program: Program, mechanism: Mechanism) -> None:
     """Compare a program with the interpreted evaluation at new states, on the constraints and off them.
 
     Raises:
-        KernelError: the program is off by more than CHECKED, or usable at none of these states.
+        KernelError: its error is larger than CHECKED, or it is usable at none of these states.
     """
 
     def accelerate(t: Array, q: Array, v: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -339,4 +355,4 @@ def check(program: Program, mechanism: Mechanism) -> None:
         raise KernelError(f"{program.name}: the {program.formulation} kernel is usable at no position that was tried")
     error = max(error, error_off_constraints(mechanism, evaluate))
     if not error <= CHECKED:
-        raise KernelError(f"{program.name}: the {program.formulation} kernel is off by {error:.1e}, which its condition explains")
+        raise KernelError(f"{program.name}: the {program.formulation} kernel has a relative error of {error:.1e}")

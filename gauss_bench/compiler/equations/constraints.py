@@ -1,9 +1,9 @@
-"""Constraint rows of a linkage as expressions: the rows of `mechanism/equations.py`, whose numbers are nodes.
+"""Constraint rows of a linkage as expressions: the rows of `mechanism/equations.py` with nodes as numbers.
 
-On the constraints a driven distance equals the value L(t) of its law, which stands in its place: this saves a root and several
-products, and off the constraints it changes the acceleration in proportion to the violation, and no residual. Slides keep their
-true distance: stages of a step violate the constraints by the square of its size, and the offset of a slide in place of the
-distance would save three operations a stage and change the errors of steps.
+On the constraints a driven distance equals the value L(t) of its law, which takes its place. This saves a root and several
+products. Off the constraints it changes the acceleration in proportion to the violation, and it changes no residual. Slides keep
+their true distance: with their offset in its place a stage would have three operations less, but steps would have other errors,
+because their stages violate the constraints by the square of the step size.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from gauss_bench.mechanism.equations import Row
 
 
 def rows_of(links: Links) -> list[Row]:
-    """Return all rows in the file's order: joints two each, drivers, knife edges; entries of J that vanish are left out."""
+    """Return all rows in the file's order (joints, couplings, drivers, knife edges), without the entries of J that vanish."""
     node, rows = links.graph.node, []
     for x in equations.rows(links.mechanism, links, on_constraints=not links.exact):
         entries = {k: node(entry) for k, entry in x.entries.items()}
@@ -27,13 +27,14 @@ def rows_of(links: Links) -> list[Row]:
 
 
 def combine(graph: ExpressionGraph, parts: Sequence[tuple[Row, float]]) -> Row:
-    """Return the sum of rows, each times a factor, with the name of the first; all must have a position level."""
+    """Return the sum of rows that have residuals, each times a factor, with the name of the first."""
     entries: dict[int, list[Node]] = {}
     for row, factor in parts:
         for c, e in row.entries.items():
             entries.setdefault(c, []).append(e * factor)
     sums = {c: graph.total(x) for c, x in entries.items()}
-    gamma, phi_t = (graph.total([getattr(row, x) * factor for row, factor in parts]) for x in ("gamma", "phi_t"))
+    gamma = graph.total([row.gamma * factor for row, factor in parts])
+    phi_t = graph.total([row.phi_t * factor for row, factor in parts])
     phi = graph.total([row.phi * factor for row, factor in parts if row.phi is not None])
     return Row(parts[0][0].name, {c: x for c, x in sums.items() if not x.zero}, gamma, phi, phi_t)
 

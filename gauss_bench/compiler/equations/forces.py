@@ -1,14 +1,14 @@
-"""Applied forces and potential energy as expressions: laws on coordinates and forces at points, as in `mechanism/equations.py`.
+"""Applied forces and energy as expressions: laws on coordinates and forces at points, as in `mechanism/equations.py`.
 
-Where its two points coincide a spring with a rest length gives no finite value (the linkage's own evaluation gives zero there).
+A spring with a rest length has no finite value where its two points coincide; the interpreted evaluation gives zero there.
 
 A force that varies is a steady force times a factor (`mechanism/motion_laws.py`). A factor of time is a sine, or a line whose level
 and slope are open numbers (`mechanism/lines.py`). A factor of direction contains the hyperbolic tangent
 
     tanh(x) = u / (u + 2),    u = exp(2 x) - 1
 
-A short series gives exp(y) - 1 at y = 2 x / 2^D, and D doublings exp(2 y) - 1 = (exp(y) - 1) (exp(y) + 1) lead to u. Beyond
-|x| = FLAT the tangent equals 1 to rounding, and x is cut off there.
+A short series gives exp(y) - 1 at y = 2 x / 2^D, from which D doublings exp(2 y) - 1 = (exp(y) - 1) (exp(y) + 1) lead to u. Beyond
+|x| = FLAT the tangent equals 1 to rounding, and x is limited to that range.
 """
 
 from collections.abc import Iterable
@@ -23,12 +23,12 @@ from gauss_bench.mechanism.motion_laws import STEADY, Factor
 from gauss_bench.mechanism.spaces import Vec, angle_slot, dot, slots
 
 FLAT = 20.0
-DOUBLINGS, TERMS = 8, 11  # 2 FLAT / 2^8 is 0.16, of which the twelfth power over 12! is below a thousandth of rounding
-SMALLEST = 1e-300  # [N, N m] of a force: keeps one of size zero from being divided by zero
+DOUBLINGS, TERMS = 8, 11  # y = 2 FLAT / 2^8 = 0.16 at most: the next term y^12 / 12! is below a thousandth of rounding
+SMALLEST = 1e-300  # [N, N m] smallest divisor, for a force of size zero
 
 
 def generalised_force(links: Links) -> dict[int, Node]:
-    """Return Q by coordinate; missing entries are zero."""
+    """Return Q, index of a coordinate -> node, without entries that are zero."""
     terms: dict[int, list[Node]] = {}
     steady = (equations.generalise(links, load) for load in links.loads())
     varying = (_vary(links, *force) for force in links.varying())
@@ -40,10 +40,11 @@ def generalised_force(links: Links) -> dict[int, Node]:
 
 
 def _weights(links: Links) -> Iterable[dict[int, Node]]:
-    """Yield the generalised weight of every link."""
+    """Yield the generalised weight of every link, index of a coordinate -> node."""
     for i, link in enumerate(links.mechanism.links):
         mass = links.number(f"links.{link.name}.mass")
-        yield {k: mass * links.number(f"gravity.{axis}") for k, axis in enumerate("xy", slots(i).start)}
+        x = slots(i).start  # index of the link's coordinate x; that of y is the next
+        yield {x: mass * links.number("gravity.x"), x + 1: mass * links.number("gravity.y")}
 
 
 def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
@@ -55,21 +56,23 @@ def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int,
     square = dot(value, value) if isinstance(value, Vec) else value * value
     size = maximum(graph.sqrt(square), graph.constant(SMALLEST))
     level, slope = (links.number(f"forces.{force.name}.{key}") if factor.kinks else links.zero for key in ("level", "slope"))
-    # the speed along a force is its power divided by its magnitude
-    speed = graph.total(x * links.rate(k) for k, x in entries.items()) / size if factor.share != 1.0 else links.zero
+    depends_on_direction = factor.share != 1.0
+    speed = links.zero
+    if depends_on_direction:  # the speed along a force is its power over its magnitude
+        speed = graph.total(x * links.rate(k) for k, x in entries.items()) / size
     if factor.wave:
         share = graph.sin(links.time * factor.wave.turning + factor.wave.phase)
     elif factor.lines == (STEADY,):
         share = graph.constant(1.0)
     else:
         share = level + slope * links.time
-    if factor.share != 1.0:
+    if depends_on_direction:
         share = share * (tanh(graph, speed * (1 / factor.speed)) * ((1 - factor.share) / 2) + (1 + factor.share) / 2)
     return {k: x * share for k, x in entries.items()}
 
 
 def tanh(graph: ExpressionGraph, x: Node) -> Node:
-    """Return the hyperbolic tangent of x, as derived above, with an absolute error at rounding level."""
+    """Return the hyperbolic tangent of x by the formulas above, with an absolute error at rounding level."""
     y = minimum(maximum(x, graph.constant(-FLAT)), graph.constant(FLAT)) * (2.0 / 2**DOUBLINGS)
     series = graph.constant(1 / factorial(TERMS))  # of (exp(y) - 1) / y, by Horner's scheme
     for k in range(TERMS - 1, 0, -1):
@@ -81,7 +84,7 @@ def tanh(graph: ExpressionGraph, x: Node) -> Node:
 
 
 def energy(links: Links) -> Node:
-    """Return kinetic plus potential energy."""
+    """Return kinetic plus potential energy [J]."""
     terms: list[Node] = []
     for i, link in enumerate(links.mechanism.links):
         mass, inertia = links.number(f"links.{link.name}.mass"), links.number(f"links.{link.name}.inertia")

@@ -1,6 +1,7 @@
-"""Motion laws as expressions of time: the formulas of `mechanism/motion_laws.py`, with switches, which are 1 or 0, for branches.
+"""Motion laws as expressions of time: the formulas of `mechanism/motion_laws.py`, with switches in place of branches.
 
-`RISE_LAWS` work on nodes, because numpy's sine and cosine call a node's methods `sin` and `cos`.
+A switch is 1 where a condition holds, else 0. The functions in `RISE_LAWS` work on nodes, because numpy's sine and cosine call a
+node's methods `sin` and `cos`.
 """
 
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, maximum, minimum
@@ -11,7 +12,7 @@ Law = tuple[Node, Node, Node]  # value, rate, second rate
 
 
 def law_of_time(law: MotionLaw, graph: ExpressionGraph, t: Node) -> Law:
-    """Return value, rate and second rate of a law at t.
+    """Return value, rate and second rate of a law at the time t.
 
     Raises:
         ValueError: a law of an unknown kind.
@@ -30,7 +31,7 @@ def law_of_time(law: MotionLaw, graph: ExpressionGraph, t: Node) -> Law:
 
 
 def _rise(graph: ExpressionGraph, t: Node, name: str, start: float, travel: float, time: float) -> Law:
-    """Return a rise by `travel` that takes `time` [s]; before and after it rates are switched off."""
+    """Return a rise from `start` by `travel` that takes `time` [s]; before and after it rates are zero."""
     zero, one = graph.constant(0.0), graph.constant(1.0)
     s = minimum(maximum(t * (1.0 / time), zero), one)
     moving = at_most(zero, t) * at_most(t, graph.constant(time))
@@ -39,12 +40,16 @@ def _rise(graph: ExpressionGraph, t: Node, name: str, start: float, travel: floa
 
 
 def _table(graph: ExpressionGraph, t: Node, start: float, knots: Array, values: Array, curvatures: Array) -> Law:
-    """Return a cubic spline through `values` at `knots`; one of its switches is 1, that of the piece in which t lies."""
+    """Return a cubic spline through `values` at `knots`, with these curvatures; outside the knots it is constant.
+
+    On the piece from knot k, with s = t - knot_k, the value is c0 + c1 s + c2 s^2 + c3 s^3.
+    """
     h = knots[1:] - knots[:-1]
     bend = (curvatures[1:] - curvatures[:-1]) / h
     slope = (values[1:] - values[:-1]) / h - h * (2 * curvatures[:-1] + curvatures[1:]) / 6
     inside = minimum(maximum(t, graph.constant(knots[0])), graph.constant(knots[-1]))
     passed = [at_most(graph.constant(x), inside) for x in knots[1:-1]]
+    # the switch of each piece: t has passed its left knot, and not its right one
     left = [graph.constant(1.0), *passed]
     switches = [a - b for a, b in zip(left, [*passed, graph.constant(0.0)], strict=True)]
     s = inside - _pick(switches, knots[:-1])
@@ -56,7 +61,7 @@ def _table(graph: ExpressionGraph, t: Node, start: float, knots: Array, values: 
 
 
 def _pick(switches: list[Node], values: Array) -> Node:
-    """Return the value of the piece whose switch is 1."""
+    """Return the number whose switch is 1."""
     return switches[0].graph.total(s * float(x) for s, x in zip(switches, values, strict=True))
 
 

@@ -1,17 +1,17 @@
 """The links of a linkage as expressions: their numbers, and positions and velocities of link-fixed points.
 
-Each number of a linkage is a constant of the program or, if it is left open, one of its inputs:
+Each number of a linkage is a constant of the program or, if it is left open, one of its inputs. Their names are
 links.LINK.mass, .inertia, .com.x, .com.y; points.LINK.POINT.x, .y, in the link's own frame, where LINK may be "ground";
 forces.NAME.value, .value.x, .value.y, .k, .c, .rest; joints.NAME.offset of slides; gravity.x, .y.
 
-There is one sine and cosine per link at most. An arm r = exp(i theta) s has constant components s in the link's frame. Slides tie
-the angles of links together, theta_b = theta_g + turn, and the constant part is folded into s:
+A link has at most one sine and one cosine. An arm r = exp(i theta) s has constant components s in the link's frame. Slides tie the
+angles of links together, theta_b = theta_g + turn, and the constant part is moved into s:
 
     r = exp(i theta_b) s = exp(i theta_g) (exp(i turn) s)
 
-Tied links share one sine and cosine, and one that is tied to the ground has none: on the constraints nothing changes, and the
-motion never leaves these rows, which are linear. The argument of a sine is a coordinate as it stands, so that a loop over steps can
-update the sine by a rotation. (Frames turned until most points lie on an axis were tried: they save one operation in a hundred.)
+Tied links share sine and cosine, and a link that is tied to the ground has none. On the constraints this changes nothing, and the
+motion never leaves these rows because they are linear. The argument of a sine is always a coordinate itself, so that a loop over
+steps can update the sine by a rotation.
 """
 
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ from gauss_bench.terms import Array
 
 
 def named_numbers(mechanism: Mechanism) -> dict[str, float | Array]:
-    """Return name -> number or vector (2,) of everything that can be left open."""
+    """Return name -> number or vector (2,), for all that can be left open."""
     numbers: dict[str, float | Array] = {"gravity": mechanism.gravity}
     for link in mechanism.links:
         numbers |= {f"links.{link.name}.{key}": getattr(link, key) for key in ("mass", "inertia", "com")}
@@ -45,10 +45,10 @@ def named_numbers(mechanism: Mechanism) -> dict[str, float | Array]:
 
 
 def parameter_values(mechanism: Mechanism) -> dict[str, float]:
-    """Return name -> value of every number that can be left open, vectors by component.
+    """Return name -> value of every number that can be left open; vectors count as two numbers.
 
     Raises:
-        KernelError: a force of a kind that cannot be lowered to laws on coordinates and forces at points.
+        KernelError: a force that cannot be expressed by laws on coordinates and forces at points.
     """
     try:
         loads(f for f in mechanism.forces if not factor_of(f))
@@ -67,13 +67,13 @@ def force_numbers(force: Force) -> dict[str, float | Array]:
 
 
 def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechanism:
-    """Return the mechanism with other numbers, by the names of `parameter_values`; arrays (k,) are those of k linkages."""
+    """Return the mechanism with other numbers, by the names of `parameter_values`; arrays (k,) describe k linkages at once."""
     if not numbers:
         return mechanism
     zeros, known = 0.0 * next(iter(numbers.values())), named_numbers(mechanism)
 
     def find(name: str, old: Any) -> Any:
-        """Return the new number or vector of this name; numbers that stay are repeated for every linkage."""
+        """Return the number or vector with a name; numbers that stay are repeated for every linkage."""
         if np.ndim(old) == 0:
             return numbers.get(name, old + zeros)
         return np.stack([find(f"{name}.{axis}", x) for axis, x in zip("xy", old, strict=True)])
@@ -87,7 +87,7 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
         links.append(replace(link, points=find_points(link.name, link.points), **masses))
 
     def change(x: Any) -> Any:
-        """Replace named numbers and points in a value, and recursively in everything that contains such values."""
+        """Return a copy of a point, a force, a joint or another part with the new numbers, and so for all parts in it."""
         if isinstance(x, tuple):
             return tuple(map(change, x))
         if isinstance(x, Point):
@@ -110,13 +110,19 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """Names left open, in the order of the input p, and their values in the file."""
+    """The numbers of a mechanism.
+
+    Attributes:
+        names: names of the numbers left open, in the order of the input p.
+        all: name -> value in the file, for all numbers.
+    """
 
     names: tuple[str, ...]
     all: dict[str, float]
 
     @property
     def values(self) -> Array:
+        """Values (n_p,) of the numbers left open."""
         return np.array([self.all[name] for name in self.names])
 
     def node(self, graph: ExpressionGraph, name: str) -> Node:
@@ -128,7 +134,7 @@ class Parameters:
 
 
 def open_parameters(mechanism: Mechanism, names: tuple[str, ...]) -> Parameters:
-    """Return the parameters of a mechanism, those with the names left open.
+    """Return the numbers of a mechanism, of which those with the names are left open.
 
     Raises:
         KernelError: the mechanism has no number of a name in this scenario, or a name is given twice.
@@ -147,14 +153,14 @@ AXIS = 1e-14  # relative to a vector's length: a smaller component is the roundi
 
 @dataclass(frozen=True)
 class Tie:
-    """The angle of a link: that of `root` plus `offset` [rad]; the ground's angle is 0."""
+    """A link's angle: the angle of the link `root` plus `offset` [rad]; the ground's angle is 0."""
 
     root: int
     offset: float
 
 
 def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
-    """Return the tie of every link: slides tie its angle to that of a root, which may be the ground or the link itself."""
+    """Return the tie of every link, whose root is the ground, a link that slides tie it to, or the link itself."""
     ties = list(free_angles(mechanism))
     for slide in mechanism.slides:
         guide, block = (Tie(GROUND, 0.0) if p.link == GROUND else ties[p.link] for p in (slide.guide, slide.block))
@@ -167,17 +173,17 @@ def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
 
 
 def free_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
-    """Return ties in which every link keeps its own angle: expressions are then valid off the constraints too."""
+    """Return ties in which every link is its own root, so that expressions are valid off the constraints too."""
     return tuple(Tie(i, 0.0) for i in range(len(mechanism.links)))
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The state that expressions depend on.
+    """The state on which expressions depend.
 
     Attributes:
-        t, q, v: names of the inputs that hold time, positions and velocities.
-        times, positions, velocities: their values at the samples, (k,), (k, n), (k, n).
+        t, q, v: names of the inputs for time, positions and velocities.
+        times, positions, velocities: values (k,), (k, n), (k, n) of these inputs at k samples.
     """
 
     t: str
@@ -189,10 +195,12 @@ class State:
 
 
 class Links(Given):
-    """The links of one mechanism at one state, as `mechanism/equations.py` asks for them: its real numbers are nodes here.
+    """The links of one mechanism at one state, in the form in which `mechanism/equations.py` uses them, with nodes as numbers.
 
     Attributes:
         exact: whether expressions must hold off the constraints too, so that no angle is replaced by that of another link.
+        ties: the tie of each link.
+        scale: unit of each coordinate, as `sampling.scales` returns it.
     """
 
     def __init__(self, graph: ExpressionGraph, mechanism: Mechanism, parameters: Parameters, state: State, exact: bool = False):
@@ -214,7 +222,7 @@ class Links(Given):
         return self.graph.input(self.state.v, k, self.state.velocities[:, k], SPEED * self.scale[k])
 
     def omega(self, link: int) -> Node:
-        """Return the angular speed of a link, which is that of its root."""
+        """Return the angular speed of a link, which equals that of its root."""
         root = GROUND if link == GROUND else self.ties[link].root
         return self.zero if root == GROUND else self.rate(angle_slot(root))
 
@@ -243,7 +251,7 @@ class Links(Given):
             raise KernelError(str(error)) from None
 
     def quantity(self, name: str) -> Any:
-        """Return a number as a node, or a vector as a `Vec`, by its name in the list above."""
+        """Return the number or the vector with a name, as a node or as a `Vec` of nodes."""
         if name in self.parameters.all:
             return self.number(name)
         return Vec(self.number(f"{name}.x"), self.number(f"{name}.y"))

@@ -1,7 +1,7 @@
-"""States on the constraints, spread over the motion: where pivots are chosen and programs are checked.
+"""States on the constraints, spread over the motion, at which pivots are chosen and programs are checked.
 
-An undriven linkage is moved along its free motion from its start, in steps of at most STEP, for a full turn or up to a position
-beyond which it cannot be closed; a driven linkage is moved by its drivers. Velocities are random, and satisfy the constraints.
+An undriven linkage is moved along its free motion from its start, in steps of at most STEP, for a full turn or up to the position
+beyond which it cannot be closed. A driven linkage is moved by its drivers. Velocities are random, and satisfy the constraints.
 """
 
 from functools import lru_cache, partial
@@ -18,19 +18,19 @@ from gauss_bench.mechanism.spaces import DIMENSION
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
-STEP = 0.1  # [rad, lengths of the linkage] of a walk: Newton keeps its branch well beyond that
-WALK = 2 * np.pi + STEP  # [rad, lengths] one turn of a crank
-FARTHEST = 3.0 * STEP  # from pose to pose: a pose farther away is on another branch
-TIMES = 64  # at which a driven linkage is closed
-DENSE = 100  # coordinates: of larger linkages sparse factorisations are far cheaper
-CLOSED = 1e-12  # [m, rad]
-CORRECTIONS = 12  # of a position, at most
-RANK_TOLERANCE = 1e-9  # of the largest singular value, as where a linkage is assembled
-SPEED = 3.0  # [rad/s, lengths/s] of the fastest coordinate
+STEP = 0.1  # [rad, lengths of the linkage] step of a walk: Newton's method keeps its branch at much longer ones
+WALK = 2 * np.pi + STEP  # [rad, lengths] length of a walk: one turn of a crank
+FARTHEST = 3.0 * STEP  # distance of neighbouring poses: a pose farther away is on another branch
+TIMES = 64  # number of times at which a driven linkage is closed
+DENSE = 100  # coordinates: for larger linkages sparse factorisations are far cheaper
+CLOSED = 1e-12  # [m, rad] residual of a closed position
+CORRECTIONS = 12  # Newton corrections of a position at most
+RANK_TOLERANCE = 1e-9  # singular values below this share of the largest are zero, as in `linkage/closure.py`
+SPEED = 3.0  # [rad/s, lengths/s] speed of the fastest coordinate at most
 
 
 def typical_length(mechanism: Mechanism) -> float:
-    """Return the mean distance [m] of points from the centre of mass of their link; a way of it counts as a turn by 1 rad."""
+    """Return the mean distance [m] of points from the centre of mass of their link, which counts as much as 1 rad."""
     arms = [float(np.hypot(*(p - link.com))) for link in mechanism.links for p in link.points.values()]
     arms = [x for x in arms if x > 0]
     return sum(arms) / len(arms) if arms else 1.0
@@ -56,12 +56,12 @@ def manifold_states(mechanism: Mechanism, count: int, seed: int = 0) -> States:
     return States(t, q, v)
 
 
-Pose = tuple[float, Array]
+Pose = tuple[float, Array]  # time [s], and positions q (n,)
 Path = list[Pose]
 
 
 def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: int, rng: np.random.Generator) -> Path:
-    """Return poses along the free motion, forwards and, if that ends early, also backwards; ordered along the path."""
+    """Return poses along the free motion, in order: forwards from the start and, if that ends early, also backwards."""
     heading = scale * rng.normal(size=mechanism.n)
     # with several degrees of freedom the heading drifts at random, and both directions are explored
     wanders = mechanism.dof > 1
@@ -86,12 +86,13 @@ def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: i
 
 
 def _unit(x: Array) -> Array:
+    """Return x divided by its largest component, or x if it is zero."""
     size = float(np.abs(x).max(initial=0.0))
     return x / size if size > 0 else x
 
 
 def _in_time(mechanism: Mechanism, constraints: Constraints) -> Path:
-    """Return poses at equal distances in time over the scenario's duration, up to where the linkage cannot be closed."""
+    """Return poses at equal intervals over the scenario's duration, up to the time at which the linkage cannot be closed."""
     h, scale = constraints.holonomic, scales(mechanism)
     q, path = mechanism.q0, [(0.0, mechanism.q0)]
     times = np.linspace(0.0, mechanism.duration, TIMES + 1)
@@ -118,7 +119,7 @@ def _close(constraints: Constraints, t: float, q: Array, scale: Array) -> Array 
 
 
 def _velocity(constraints: Constraints, scale: Array, pose: Pose, rng: np.random.Generator) -> Array:
-    """Return a random velocity that satisfies all rows; its free part is at most SPEED."""
+    """Return a random velocity (n,) that satisfies all rows; its free part is at most SPEED."""
     t, q = pose
     rows = constraints(t, q, np.zeros_like(q))
     J = rows.J * scale
@@ -127,14 +128,14 @@ def _velocity(constraints: Constraints, scale: Array, pose: Pose, rng: np.random
 
 
 def _free_part(J: Array, x: Array) -> Array:
-    """Project x onto the free motions; twice, because one pass leaves rounding errors."""
+    """Project x (n,) onto the null space of J (m, n); twice, because one pass leaves rounding errors."""
     for _ in range(2):
         x = x - shortest(J, J @ x)
     return x
 
 
 def shortest(J: Array, r: Array) -> Array:
-    """Return the minimum-norm x of J x = r; J (m, n) may have redundant rows."""
+    """Return the minimum-norm solution x (n,) of J x = r; J (m, n) may have redundant rows."""
     if not len(J):
         return np.zeros(J.shape[1])
     if J.shape[1] <= DENSE:
@@ -144,6 +145,6 @@ def shortest(J: Array, r: Array) -> Array:
 
 
 def _normal(S: sp.csc_matrix) -> "splu":
-    """Factorise J J^T with a shift of rounding size, so that redundant rows do not make it singular."""
+    """Factorise S S^T with a shift of rounding size, so that redundant rows of S do not make it singular."""
     A = (S @ S.T).tocsc()
     return splu(A + sp.identity(A.shape[0], format="csc") * (1e-14 * A.diagonal().max()))

@@ -1,18 +1,17 @@
 """Expressions that know their values: a graph in which equal expressions are one node.
 
-Every node carries its values at states of the linkage, where pivots are chosen, and at a few random points off the constraints
-(but not far off, where the factors of a long chain would overflow).
-Two expressions that agree at the random points agree everywhere (an identity of analytic functions that fails, fails almost
-everywhere). A new node is therefore first compared with the old ones by these values: c^2 + s^2 becomes 1, terms that cancel
-become 0, and a multiple k x of a known x becomes k times x, whatever operations it came from. Source of the argument: Schwartz,
-Fast probabilistic algorithms for verification of polynomial identities, J. ACM 27 (1980).
+Every node has values at states of the linkage, where pivots are chosen, and at a few random points off the constraints, but near
+them, because far off the factors of a long chain would overflow. Expressions that agree at the random points are equal: a
+difference of analytic functions that is not zero everywhere is zero almost nowhere. A new node is therefore first compared with the
+old ones by these values. So c^2 + s^2 becomes 1, terms that cancel become 0, and a multiple k x of a known x becomes k times x,
+whatever operations it came from.
+Source: Schwartz, Fast probabilistic algorithms for verification of polynomial identities, J. ACM 27 (1980).
 
-Signs and constant factors are kept outside: -(x y), never (-x) y, so that sums can absorb them.
+Signs and constant factors are moved out of products, -(x y) and not (-x) y, so that sums can absorb them.
 """
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from typing import Any
 
@@ -20,13 +19,13 @@ import numpy as np
 
 from gauss_bench.terms import Array
 
-GENERIC = 3  # random points: an accidental agreement in one ratio has a chance of 1e-10, in two of 1e-20
-VANISHES = 1e-13  # of the larger summand: a few hundred rounding units
-SAME = 1e-12  # relative: values of equal expressions differ by rounding alone
+GENERIC = 3  # number of random points: one ratio of values agrees by accident with a probability of 1e-10, both with 1e-20
+VANISHES = 1e-13  # a sum that is smaller relative to its larger summand is zero: a few hundred rounding units
+SAME = 1e-12  # relative difference of values by rounding
 
-# Cycles until a result can be used, on Zen 4/5 and about the same on others; SIN and COS are mostly computed by a rotation.
+# [cycles] until a result can be used, on Zen 4/5 and about the same on others; SIN and COS are mostly computed by a rotation.
 LATENCY = {"DIV": 13.0, "INV": 13.0, "SQRT": 20.0, "SIN": 25.0, "COS": 25.0, "NEG": 0.0, "INPUT": 0.0, "CONST": 0.0}
-STEP = 4.0  # [cycles] of every other operation
+STEP = 4.0  # [cycles] until the result of any other operation can be used
 
 VALUE: dict[str, Callable[..., Array]] = {
     "ADD": np.add,
@@ -45,9 +44,11 @@ class Node:
     """One expression.
 
     Attributes:
-        op, args: operation and operands. number: the value of a constant, else None.
-        generic: values at the random points. Those at the samples (`at`) are computed when they are first needed.
-        ready: [cycles] the earliest time at which its value can be there.
+        op, args: operation and operands; the args of an input are its name and index.
+        generic: values at the random points; those at the samples (`at`) are computed when they are first needed.
+        number: value of a constant, else None.
+        ready: earliest time [cycles] at which the value can be there.
+        index: number in the order in which nodes are made.
     """
 
     __slots__ = ("_at", "args", "generic", "graph", "index", "number", "op", "ready")
@@ -69,8 +70,8 @@ class Node:
 
     @property
     def at(self) -> Array:
-        """The values at the samples, followed by those at the random points."""
-        waiting = [] if self._at is not None else [self]
+        """Values (samples + GENERIC,) at the samples, followed by those at the random points."""
+        waiting = [] if self._at is not None else [self]  # no recursion: a chain of operands may be very long
         while waiting:
             node = waiting[-1]
             missing = [x for x in node.args if x._at is None]
@@ -81,7 +82,7 @@ class Node:
         return self._at  # type: ignore[return-value]
 
     def _value(self) -> Array:
-        """Return the node's values (samples + GENERIC,): at the sampled states, then at GENERIC random ones off the constraints."""
+        """Compute the values from those of the operands."""
         if self.number is not None:
             return np.full(self.graph.samples + GENERIC, self.number)
         return VALUE[self.op](*(x._at for x in self.args))
@@ -115,19 +116,19 @@ class Node:
 
     @property
     def zero(self) -> bool:
+        """True for the constant 0."""
         return self.number == 0.0
-
-    @property
-    def unit(self) -> bool:
-        return self.number is not None and abs(self.number) == 1.0
 
 
 class ExpressionGraph:
-    """All expressions of one program, with their values at a number of sample states.
+    """All expressions of one program.
 
     Attributes:
-        known: (operation, operands) -> node. ratios: the first node of those whose values have the same ratios.
-        trail: entries of both, in the order in which they were made.
+        samples: number of states at which nodes have values.
+        count: number of nodes so far.
+        known: (operation, operands) -> node.
+        ratios: ratios of values at the random points -> the first node with these ratios.
+        trail: entries of both tables, in the order in which they were made.
     """
 
     def __init__(self, samples: int):
@@ -139,18 +140,19 @@ class ExpressionGraph:
         self.random = np.random.default_rng(19800427)
 
     def node(self, x: "Node | float") -> Node:
+        """Return a node as it is, and a number as a constant."""
         return x if isinstance(x, Node) else self.constant(float(x))
 
     def constant(self, number: float) -> Node:
         """Return the node of a number."""
-        number += 0.0  # no negative zero
+        number += 0.0  # turns -0.0 into 0.0
         known = self.known.get(("CONST", number))
         if known is None:
             known = self._keep(Node(self, "CONST", (), (number, number, number), number, 0.0), ("CONST", number))
         return known
 
     def input(self, name: str, index: int, values: Array, size: float) -> Node:
-        """Return an input with its values at the samples; each random point is that of a sample plus a random part of `size`."""
+        """Return an input with its values (samples,); at a random point it differs from a sample by 0.1 to 0.3 of `size`."""
         known = self.known.get(("INPUT", name, index))
         if known is None:
             near = values[np.linspace(0, self.samples - 1, GENERIC).astype(int)]
@@ -160,7 +162,7 @@ class ExpressionGraph:
         return known
 
     def opaque(self, op: str, args: tuple[Node, ...], at: Array) -> Node:
-        """Return an operation with kinks or jumps, with its values; at the random points it counts as one more input."""
+        """Return an operation with kinks or jumps and its values `at`; it has random values at the random points, as an input."""
         key = (op, *(a.index for a in args))
         known = self.known.get(key)
         if known is None:
@@ -185,7 +187,7 @@ class ExpressionGraph:
         return known
 
     def add(self, a: Node, b: Node) -> Node:
-        """Return a + b; the operands of commutative operations are put in order, so that a + b and b + a are one node."""
+        """Return a + b; its operands are put in order, so that a + b and b + a are one node."""
         if a.zero or b.zero:
             return b if a.zero else a
         if a.number is not None and b.number is not None:
@@ -199,7 +201,7 @@ class ExpressionGraph:
         return self._make("ADD", a, b) if a.index <= b.index else self._make("ADD", b, a)
 
     def mul(self, a: Node, b: Node) -> Node:
-        """Return a b, its sign and constant factors outside."""
+        """Return a b, with its sign and constant factors outside."""
         if a.number is not None or b.number is not None:
             return self.scale_by(a.number, b) if a.number is not None else self.scale_by(b.number or 0.0, a)
         if a.op == "NEG" or b.op == "NEG":
@@ -208,7 +210,7 @@ class ExpressionGraph:
         return self._make("MUL", a, b) if a.index <= b.index else self._make("MUL", b, a)
 
     def scale_by(self, factor: float, x: Node) -> Node:
-        """Return factor x, with the constant factors of x multiplied out and the sign outside."""
+        """Return factor x, with all constant factors multiplied and the sign outside."""
         if x.number is not None or factor == 0.0:
             return self.constant(factor * (x.number or 0.0))
         own, base = factor_out(x)
@@ -226,7 +228,7 @@ class ExpressionGraph:
         return product if factor > 0 else self.neg(product)
 
     def inverse(self, a: Node) -> Node:
-        """Return 1 / a, its sign and constant factor outside."""
+        """Return 1 / a, with its sign and constant factor outside."""
         if a.number is not None:
             return self.constant(1.0 / a.number)
         own, base = factor_out(a)
@@ -242,7 +244,7 @@ class ExpressionGraph:
         return self._of_one("COS", a)
 
     def _of_one(self, op: str, a: Node) -> Node:
-        """Return a function of a; numpy computes it for all points at once, as its last digit may depend on the array's length."""
+        """Return sqrt, sin or cos of a, for all points in one call: numpy's last digit may depend on the length of the array."""
         old = self.known.get((op, a.index))
         if old is not None:
             return old
@@ -250,7 +252,7 @@ class ExpressionGraph:
         return self._make(op, a, at=at)
 
     def _make(self, op: str, *args: Node, at: Array | None = None) -> Node:
-        """Return the node for an operation: an old one of the same form or values, a multiple of one, a constant, or a new one."""
+        """Return the node of an operation: an old node of the same form or values, a multiple of one, a constant, or a new node."""
         key = (op, *[a.index for a in args])
         old = self.known.get(key)
         if old is not None:
@@ -266,9 +268,9 @@ class ExpressionGraph:
         return self._new(op, args, g, ratio, ready, key, at)
 
     def recognise(self, g: Generic, summand: Generic | None, ratio: str) -> Node | None:
-        """Return the node with these values at the random points: a constant or a multiple of a known node; else None.
+        """Return the constant, or the multiple of a known node, with the values g at the random points; None if there is none.
 
-        `summand` is one of the two terms of a sum: a sum that is tiny beside it cancels, and what is left is rounding.
+        `summand` has the values of one of the two terms of a sum: a sum that is tiny relative to it is rounding of zero.
         """
         x, y, z = g
         if summand is not None:
@@ -291,6 +293,7 @@ class ExpressionGraph:
     def _new(
         self, op: str, args: tuple[Any, ...], g: Generic, ratio: str, ready: float, key: tuple[Any, ...], at: Array | None = None
     ) -> Node:
+        """Make a node, and enter it under its form and its ratios."""
         made = Node(self, op, args, g, None, ready, at)
         if ratio not in self.ratios:
             self.ratios[ratio] = made
@@ -304,15 +307,16 @@ class ExpressionGraph:
         return node
 
     def forget(self, mark: int) -> None:
-        """Forget every node made since the trail was `mark` long, so that another attempt finds the same nodes as the last."""
+        """Forget every node made since the trail had `mark` entries, so that the next attempt finds the same nodes as the last."""
         while len(self.trail) > mark:
             where, key = self.trail.pop()
             del where[key]
 
     def total(self, terms: Iterable[Node], pairs: int = 6) -> Node:
-        """Return the sum of the terms, those that are ready earliest added first.
+        """Return the sum of the terms; those that are ready earliest are added first.
 
-        Multiples of the same node are joined before, and terms not more than `pairs` apart whose sum is known are replaced by it.
+        Before that, multiples of the same node are joined, and two terms at most `pairs` places apart are replaced by their sum if
+        it is known.
         """
         joined = self._join(terms)
         if len(joined) > 2:
@@ -330,14 +334,14 @@ class ExpressionGraph:
         factors: dict[int, float] = {}
         bases: dict[int, Node] = {}
         for term in terms:
-            own, base = (term.number, self.constant(1.0)) if term.number is not None else factor_out(term)
+            own, base = factor_out(term) if term.number is None else (term.number, self.constant(1.0))
             factors[base.index] = factors.get(base.index, 0.0) + own
             bases[base.index] = base
         scaled = (self.scale_by(factor, bases[i]) for i, factor in factors.items() if abs(factor) > 0.0)
         return [x for x in scaled if not x.zero]
 
     def _pair(self, terms: Sequence[Node], reach: int) -> list[Node]:
-        """Replace pairs of terms by their sums where these are known, zero or constant; pairs are at most `reach` terms apart."""
+        """Replace two terms at most `reach` places apart by their sum if it is known, zero or constant; return all terms."""
         left, done = list(terms), []
         while left:
             a = left.pop(0)
@@ -353,15 +357,17 @@ class ExpressionGraph:
 
 
 def minimum(a: Node, b: Node) -> Node:
+    """Return the smaller of two values."""
     return a.graph.opaque("FMIN", (a, b), np.minimum(a.at, b.at))
 
 
 def maximum(a: Node, b: Node) -> Node:
+    """Return the larger of two values."""
     return a.graph.opaque("FMAX", (a, b), np.maximum(a.at, b.at))
 
 
 def factor_out(x: Node) -> tuple[float, Node]:
-    """Write x as a number times a node without a constant factor."""
+    """Return x as a number and a node without a constant factor, whose product is x."""
     sign = 1.0
     if x.op == "NEG":
         sign, x = -1.0, x.args[0]
@@ -391,55 +397,28 @@ GENERIC_VALUE: dict[str, Callable[..., Generic]] = {"ADD": sum_of, "SUB": _diffe
 
 
 def _generic(at: Array) -> Generic:
+    """Return the last values, which are those at the random points."""
     x, y, z = at[-GENERIC:].tolist()
     return x, y, z
 
 
 def _ratio_key(g: Generic) -> str:
-    """Return the ratios of the values at the random points, to ten digits: equal for multiples of the same expression."""
+    """Return the ratios of the values at the random points to ten digits, which multiples of one expression have in common."""
     first = g[0] or 1e-300
     return f"{g[1] / first:.9e} {g[2] / first:.9e}"
 
 
 def _round(x: float) -> float:
-    """Return the number of few digits that x equals up to rounding, or x if there is none."""
-    short = float(f"{x:.12g}")
-    return short if abs(short - x) <= SAME * abs(x) and len(f"{x:.12g}") < 9 else x
+    """Return the number of less than nine characters that x equals up to rounding, or x if there is none."""
+    text = f"{x:.12g}"
+    short = float(text)
+    return short if abs(short - x) <= SAME * abs(x) and len(text) < 9 else x
 
 
 def _sum_ready(a: Node, b: Node) -> float:
-    """Return the time at which a + b is ready if a product among the two is fused with the addition."""
+    """Return the time [cycles] at which a + b is ready; a product among the two may be fused with the addition."""
     times = [max(a.ready, b.ready)]
     for x, y in ((a, b), (b, a)):
         if x.op == "MUL":
             times.append(max(y.ready, *(operand.ready for operand in x.args)))
     return min(times) + STEP
-
-
-@dataclass(frozen=True, eq=False)
-class Vector:
-    """A vector of the plane as a complex number x + i y; multiplication by i turns it by a quarter."""
-
-    x: Node
-    y: Node
-
-    def __add__(self, other: "Vector") -> "Vector":
-        return Vector(self.x + other.x, self.y + other.y)
-
-    def __sub__(self, other: "Vector") -> "Vector":
-        return Vector(self.x - other.x, self.y - other.y)
-
-    def __neg__(self) -> "Vector":
-        return Vector(-self.x, -self.y)
-
-    def __mul__(self, factor: "Vector | Node | float") -> "Vector":
-        if isinstance(factor, Vector):
-            return Vector(factor.x * self.x - factor.y * self.y, factor.y * self.x + factor.x * self.y)
-        return Vector(self.x * factor, self.y * factor)
-
-    def dot(self, other: "Vector") -> Node:
-        return self.x * other.x + self.y * other.y
-
-    def turned(self, factor: Node | float = 1.0) -> "Vector":
-        """Return i times the vector times a number, such as the velocity of an arm at an angular speed."""
-        return Vector(-self.y * factor, self.x * factor)

@@ -9,10 +9,11 @@ __all__ = ["Code", "Program", "read_code"]
 
 @dataclass(frozen=True, eq=False)
 class Code:
-    """The functions of one program under one stabilisation ("none", "baumgarte" or "projection").
+    """The functions of one program under one stabilisation.
 
     Attributes:
-        acceleration: that of the program, with Baumgarte's terms under "baumgarte".
+        stabilization: "none", "baumgarte" or "projection".
+        acceleration: the acceleration that is integrated, with Baumgarte's terms under "baumgarte".
         angles: coordinates whose sines and cosines these functions need.
     """
 
@@ -27,7 +28,7 @@ class Code:
 
     @property
     def settles(self) -> bool:
-        """Whether rows are redundant and no stabilisation acts: then the state is projected after every so many steps."""
+        """True if rows are redundant and no stabilisation acts: the state is then projected after every `SETTLED` steps."""
         return self.stabilization == "none" and bool(self.program.dropped)
 
 
@@ -40,7 +41,7 @@ def read_code(program: Program, stabilization: str) -> Code:
     acceleration = program.stabilized if stabilization == "baumgarte" else program.acceleration
     if acceleration is None:
         raise ValueError(f"{program.name} was generated without Baumgarte's terms")
-    angles = acceleration.angles(1)  # of input 1, the positions; input 3 has corrected positions
+    angles = acceleration.angles(1)  # argument 1 has the positions, argument 3 of a correction the positions to be corrected
     if stabilization == "projection" or program.dropped:
         position = program.position_correction
         angles |= position.angles(1) | position.angles(3) | program.nearest_velocity.angles(1)

@@ -1,33 +1,24 @@
-"""Routines as text of LLVM's intermediate representation: each value a double, or a vector of W doubles, one trajectory a lane.
+"""Routines as text of LLVM's intermediate representation.
 
-The text is the same for one lane and for many but for its types. No instruction carries a flag that would allow rounding to change.
-Source: LLVM Language Reference Manual.
+A value is a double, or a vector of W doubles with one trajectory in each lane. Apart from its types the text is the same for one
+lane and for many. No instruction carries a flag that would allow rounding to change. A routine becomes the function
 
     void NAME(arrays, numbers, counts, i64 groups)
 
-computes `groups` groups of W trajectories each, one after the other. Arrays are C-contiguous doubles with the lane last.
+which computes `groups` groups of W trajectories each, one after the other. Arrays are C-contiguous doubles with the lane last.
 
-`Scatter` stores the numbers of each lane at another place: blocks of W rows are transposed in registers, in log2 W rounds of
+`Scatter` stores the numbers of each lane at a place of its own: blocks of W rows are transposed in registers, in log2 W rounds of
 exchanges, and each lane's block is then stored by one instruction.
+Source: LLVM Language Reference Manual.
 """
 
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from gauss_bench.compiler.machine.graph import (
-    Emitter,
-    If,
-    Load,
-    Loop,
-    Routine,
-    Scatter,
-    Statement,
-    Store,
-    nest,
-)
+from gauss_bench.compiler.machine.routine import Emitter, If, Load, Loop, Routine, Scatter, Statement, Store, nest
 
-# Instructions by operation: {0}, {1} ... are operands, {number} is the payload, {numbers} the payload in every lane.
+# Operation -> its instruction: {0}, {1} ... are operands, {number} is the payload, {numbers} the payload in every lane.
 INSTRUCTIONS = {
     "add": "fadd {real} {0}, {1}",
     "sub": "fsub {real} {0}, {1}",
@@ -58,18 +49,17 @@ INSTRUCTIONS = {
 }
 INTRINSICS = {"fma": 3, "fabs": 1, "sqrt": 1}  # name in LLVM -> number of operands
 TYPES = {"p": "ptr", "d": "double", "i": "i64"}  # of arguments, by the letters of a routine's signature
-LONGEST_BLOCK = 4000  # values in a basic block: the time to compile one grows faster than its length
+LONGEST_BLOCK = 4000  # values in a basic block: the time to compile a block grows faster than its length
 BLOCK = 8  # rows and lanes of the largest transposition
 
 
 @dataclass(frozen=True, eq=False)
 class Listing:
-    """The text of a module, for native_code.py.
+    """The text of a module with one function, as `native_code.py` compiles it.
 
     Attributes:
-        name, signature: of its function.
-        operations: in one turn of the loop or in one evaluation.
-        packed: name of the function that takes the address of all arguments, 8 bytes each; empty if there is none.
+        name, signature, operations: those of the routine.
+        packed: name of a second function, which takes the address of all arguments, 8 bytes each; empty if there is none.
     """
 
     text: str
@@ -89,7 +79,7 @@ def write_listing(routine: Routine, lanes: int) -> Listing:
 
 
 def _write_packed(name: str, routine: Routine) -> str:
-    """Write a function whose only argument is the address of a routine's arguments: ctypes converts one argument the fastest."""
+    """Write a function whose only argument is the address of a routine's arguments: ctypes converts a single argument fastest."""
     lines, arguments = [f"define void @{name}(ptr %block) {{"], []
     for k, letter in enumerate(routine.signature):
         lines += [f"  %a{k} = getelementptr i64, ptr %block, i64 {k}", f"  %x{k} = load {TYPES[letter]}, ptr %a{k}"]
@@ -101,7 +91,8 @@ class Writer(Emitter):
     """Writes the lines of one function.
 
     Attributes:
-        lanes: W. real, mask: types of values.
+        lanes: number W of trajectories in a vector.
+        real, mask: LLVM's types of real values and of masks.
         block: label of the basic block that is being written.
     """
 
@@ -155,12 +146,12 @@ class Writer(Emitter):
         return f"{name}{self._labels}"
 
     def _go_to(self, label: str) -> None:
-        """End the basic block with a jump to the one that begins here."""
+        """End the basic block with a jump to a new one, which begins here."""
         self.line(f"  br label %{label}")
         self.label(label)
 
     def _reserve_line(self) -> int:
-        """Return the index of a new line that is filled in later: the values that a phi instruction joins are written after it."""
+        """Return the index of a new empty line, for a phi instruction: the values that it joins are written after it."""
         self.line("")
         return len(self.lines) - 1
 
@@ -196,7 +187,7 @@ class Writer(Emitter):
         operation, payload = self.graph.operation[x], self.graph.payload[x]
         operands = [self.names[k] for k in self.graph.operands[x]]
         match operation:
-            case "const":  # in hexadecimal, which loses no digit
+            case "const":  # hexadecimal digits lose nothing
                 return self.splat(f"0x{struct.pack('>d', payload).hex().upper()}", "double")
             case "all":
                 return self.splat(str(payload).lower(), "i1")
@@ -214,7 +205,7 @@ class Writer(Emitter):
         return self.let(INSTRUCTIONS[operation].format(*operands, number=payload, numbers=numbers, **self._words))
 
     def _any(self, mask: str) -> str:
-        """Return the truth that a mask holds in some lane."""
+        """Return the name of the truth that a mask holds in at least one lane."""
         if self.lanes == 1:
             return mask
         bits = self.let(f"bitcast {self.mask} {mask} to i{self.lanes}")
@@ -246,7 +237,8 @@ class Writer(Emitter):
 
     def _loop(self, s: Loop) -> None:
         """Write a loop; phi instructions at its head give the carried leaves their first or next values."""
-        carried, label, first, above = self.select_carried(s), self._new_label("loop"), self.first, self.block
+        carried, label = self.select_carried(s), self._new_label("loop")
+        first, above = self.first, self.block  # loops inside change both
         self._go_to(label)
         header, inside = self._reserve_line(), {x: f"%{label}_{k}" for k, x in enumerate(carried)}
         self.names |= inside
@@ -282,7 +274,7 @@ class Writer(Emitter):
             yield self.address(self.base[s.array], self.let(f"call i64 @llvm.smin.i64(i64 {begin}, i64 {last})"), "double")
 
     def _scatter(self, s: Scatter) -> None:
-        """Store the values of each lane side by side at the lane's own address; there are more values than lanes in a block."""
+        """Store the values of each lane side by side at the lane's own address; the values are at least as many as the lanes."""
         row, start = self.compute(s.values), self.need(s.start)
         for low in range(0, self.lanes, BLOCK):
             size = min(BLOCK, self.lanes - low)
@@ -294,12 +286,14 @@ class Writer(Emitter):
                     self.line(f"  store {kind} {x}, ptr {self.address(place, k, 'double')}, align 8")
 
     def _transpose(self, rows: list[str]) -> list[str]:
-        """Transpose as many vectors as each has lanes: lane l of row k becomes lane k of row l.
+        """Transpose W vectors of W lanes: lane l of row k becomes lane k of row l.
 
-        In the round of a distance d the rows k and k + d exchange the lanes in which their indices differ by d.
+        In the round of distance d = 1, 2, 4 ... each row k without the bit d exchanges lanes with row k + d: row k keeps its lanes
+        without that bit and receives those of row k + d in place of the others.
         """
         size, distance = len(rows), 1
         while distance < size:
+            # a shuffle counts the lanes of its second vector on from `size`
             low = [size + k - distance if k & distance else k for k in range(size)]
             high = [size + k if k & distance else k + distance for k in range(size)]
             kind, new = f"<{size} x double>", list(rows)
@@ -312,6 +306,6 @@ class Writer(Emitter):
 
 
 def _shuffle(kind: str, a: str, b: str, lanes: Sequence[int]) -> str:
-    """Return the instruction that picks lanes of two vectors, those of b counted on from those of a."""
+    """Return the instruction that picks lanes of two vectors; the lanes of b are counted on from those of a."""
     picked = ", ".join(f"i32 {k}" for k in lanes)
     return f"shufflevector {kind} {a}, {kind} {b}, <{len(lanes)} x i32> <{picked}>"

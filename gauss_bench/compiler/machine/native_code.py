@@ -1,8 +1,8 @@
-"""Machine code of this host from LLVM's text: parse it, generate object code, load that, and call it.
+"""Machine code of this host: parse LLVM's text, generate object code, load it, and call it.
 
-This is the only file that imports llvmlite. Object code is kept in the user's cache folder (user_cache.py), so that a linkage is
-compiled once on a machine. The graph has optimised the arithmetic already: only code generation runs, and no pass that could
-change rounding.
+This is the only file that imports llvmlite. Object code is kept in the user's cache folder (`user_cache.py`), so that a linkage is
+compiled once on a machine. Its arithmetic has been optimised in the graph already: LLVM only generates code, and runs no pass that
+could change rounding.
 """
 
 import ctypes
@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from importlib.util import find_spec
-from itertools import count, pairwise
+from itertools import count as numbers_from
 from typing import Any
 
 import numpy as np
@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from gauss_bench.compiler import user_cache
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.machine.graph import Routine
 from gauss_bench.compiler.machine.llvm import Listing, write_listing
+from gauss_bench.compiler.machine.routine import Routine
 from gauss_bench.compiler.machine.source import C_HEADER, in_c, in_python
 from gauss_bench.terms import Array
 
@@ -32,11 +32,11 @@ Flags = NDArray[np.bool_]
 
 BACKENDS = ("llvm", "numpy")
 VERSION = "1"  # of the entries in the cache
-LARGE = 10_000  # operations: longer code is generated at a lower level, which takes a tenth of the time
+LARGE = 10_000  # operations: longer code is generated at a lower level of optimisation, in a tenth of the time
 QUICK = "GAUSS_BENCH_QUICK_CODE"  # environment variable that asks for code that compiles sooner, runs longer, and computes the same
 KEPT = 64  # functions that stay loaded: unloading one would free only a part of its memory
-_numbers = count()  # of modules, which makes their names unique
-KINDS = {"p": ctypes.c_void_p, "d": ctypes.c_double, "i": ctypes.c_int64}
+_numbers = numbers_from()  # one for each module, whose name is thereby unique
+KINDS = {"p": ctypes.c_void_p, "d": ctypes.c_double, "i": ctypes.c_int64}  # of arguments, by the letters of a routine's signature
 
 
 def available() -> bool:
@@ -49,11 +49,11 @@ class NativeCode:
     """A loaded function.
 
     Attributes:
-        call: takes addresses and numbers, of the kinds in `signature`; Python's global lock is released while it runs.
-        packed: takes the address of a block with all arguments; None if the listing has no such function.
-        seconds: it took to compile or to load.
+        call: the function, with arguments of the kinds in `signature`; Python's global lock is released while it runs.
+        packed: the same function, with the address of a block of all arguments; None if the listing has none.
+        seconds: time to compile or to load.
         from_cache: whether the object code was in the cache.
-        owner: keeps the machine code in memory.
+        owner: object that keeps the machine code in memory.
     """
 
     call: Any
@@ -83,27 +83,29 @@ def host() -> tuple[str, str]:
 
 def best_lanes() -> int:
     """Return the number of doubles in the widest vector of the host: 8 with AVX-512, 4 with AVX2, 2 elsewhere."""
-    if not available():
+    features = host()[1].split(",") if available() else ["+avx512f"]
+    if "+avx512f" in features:
         return 8
-    features = host()[1].split(",")
-    return 8 if "+avx512f" in features else 4 if "+avx2" in features else 2
+    return 4 if "+avx2" in features else 2
 
 
 def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
     """Compile a module given as text, or load it from the cache, and return its function."""
-    start, text, operations = time.perf_counter(), listing.text, listing.operations
-    level = 0 if os.environ.get(QUICK) else 3 if operations <= LARGE else 1
-    machine = _target_machine(level)
-    key = _key(text, level)
+    start = time.perf_counter()
+    level = 3 if listing.operations <= LARGE else 1
+    if os.environ.get(QUICK):
+        level = 0
+    key = _key(listing.text, level)
     code = user_cache.load(f"{key}.o") if cached else None
     from_cache = code is not None
     if code is None:
-        module = _binding().parse_assembly(text)
+        module = _binding().parse_assembly(listing.text)
         module.verify()
-        code = bytes(machine.emit_object(module))
+        code = bytes(_target_machine(level).emit_object(module))
         if cached:
             user_cache.store(f"{key}.o", code)
-    call, packed, owner = (_kept if cached else _load)(code, listing.name, listing.packed, listing.signature)
+    load = _load_once if cached else _load
+    call, packed, owner = load(code, listing.name, listing.packed, listing.signature)
     return NativeCode(call, packed, listing.signature, time.perf_counter() - start, from_cache, owner)
 
 
@@ -139,61 +141,66 @@ def _load(code: bytes, name: str, packed: str, signature: str) -> tuple[Any, Any
     return prototype(owner[name]), compact, owner
 
 
-_kept = lru_cache(KEPT)(_load)
+_load_once = lru_cache(KEPT)(_load)
 
 
 def in_lanes(x: Array, lanes: int) -> Array:
-    """Rearrange (k, rows) to (groups, rows, lanes); the last state is repeated to fill the last group."""
+    """Rearrange states (k, rows) to (groups, rows, lanes); the last state is repeated to fill the last group."""
     missing = -len(x) % lanes
     full = np.concatenate([x, np.repeat(x[-1:], missing, axis=0)]) if missing else x
     return np.ascontiguousarray(full.reshape(len(full) // lanes, lanes, x.shape[1]).transpose(0, 2, 1))
 
 
 def out_of_lanes(x: Array, count: int) -> Array:
-    """Rearrange (groups, ..., rows, lanes) to (k, ..., rows)."""
+    """Rearrange (groups, ..., rows, lanes) to the first `count` states (count, ..., rows)."""
     moved = np.moveaxis(x, -1, 1)
     return np.ascontiguousarray(moved.reshape(-1, *moved.shape[2:])[:count])
 
 
 def share(part: Callable[[int, int], None], groups: int, threads: int) -> None:
-    """Call part(low, high) for consecutive ranges of groups, one range per thread."""
-    if min(threads, groups) < 2:  # the division below takes as long as a hundred samples
+    """Call part(low, high) for consecutive ranges of the groups, one range in each thread."""
+    count = min(threads, groups)
+    if count < 2:  # to divide the groups takes as long as a hundred samples
         part(0, groups)
         return
-    runs = list(pairwise(np.linspace(0, groups, min(threads, groups) + 1).astype(int).tolist()))
-    with ThreadPoolExecutor(len(runs)) as pool:
-        list(pool.map(lambda run: part(*run), runs))
+    bounds = np.linspace(0, groups, count + 1).astype(int).tolist()
+    with ThreadPoolExecutor(count) as pool:
+        list(pool.map(part, bounds[:-1], bounds[1:]))  # the list waits for all of them, and raises their errors
 
 
 def address(x: Array) -> int:
+    """Return the address of an array's first number."""
     return int(x.__array_interface__["data"][0])
 
 
 def align(size: int) -> Array:
     """Return zeros (size,) aligned to 64 bytes, so that no vector straddles two cache lines."""
-    room = np.zeros(size + 8)
-    start = -(address(room) // room.itemsize) % 8
+    room = np.zeros(size + 8)  # 64 bytes are 8 doubles
+    start = -(address(room) // room.itemsize) % 8  # number of doubles up to the next multiple of 64 bytes
     return room[start : start + size]
 
 
 class Single:
-    """The arguments of calls for one state, converted once, because a conversion takes as long as several steps.
+    """The arguments of a routine for one trajectory, converted once, because a conversion takes as long as several steps.
 
-    It keeps the code that it calls in memory.
+    An object of this class also keeps the code that it calls in memory.
 
     Attributes:
-        arrays: flat, in the order of the routine; q, v: views of the halves of the first array, a state.
-        numbers, counts: views of the arguments behind the arrays, to be set before a call; counts start at 1, groups are the last.
+        arrays: flat arrays, in the order of the routine.
+        q, v: views of the two halves of the first array, which is a state.
+        numbers, counts: views of the arguments behind the arrays, to be set before a call. Counts are 1 at first; the last is the
+            number of groups.
     """
 
     __slots__ = ("_block", "_code", "_packed", "arrays", "counts", "numbers", "q", "v")
 
     def __init__(self, code: NativeCode, sizes: Sequence[int]):
         self.arrays = [align(size) for size in sizes]
-        block = align(len(code.signature))
-        at, count = len(sizes), code.signature.count("d")
-        block.view(np.int64)[:at] = [address(x) for x in self.arrays]
-        self.numbers, self.counts = block[at : at + count], block.view(np.int64)[at + count :]
+        block = align(len(code.signature))  # the arguments, 8 bytes each: addresses, numbers, counts
+        integers, first = block.view(np.int64), len(sizes)
+        last = first + code.signature.count("d")
+        integers[:first] = [address(x) for x in self.arrays]
+        self.numbers, self.counts = block[first:last], integers[last:]
         self.counts[:] = 1
         half = sizes[0] // 2
         self.q, self.v = self.arrays[0][:half], self.arrays[0][half:]
@@ -204,17 +211,23 @@ class Single:
 
 
 class Singles(threading.local):
-    """The arguments for single states of one thread."""
+    """The arguments of one thread for a single trajectory, None before its first call."""
 
     one: Single | None = None
 
 
-CHUNK = 4096  # trajectories at a time in numpy: they share the fixed cost of its calls, of which a step has hundreds
+CHUNK = 4096  # trajectories that numpy steps at a time: they share the fixed cost of its calls, and a step has hundreds of calls
 
 
 @dataclass(frozen=True)
 class Target:
-    """Where code runs: backend "llvm" or "numpy", number of trajectories in a vector, and whether object code is kept on disk."""
+    """The target for which code is generated.
+
+    Attributes:
+        backend: "llvm" or "numpy".
+        lanes: number of trajectories in one vector.
+        cache: whether object code is kept on disk.
+    """
 
     backend: str
     lanes: int
@@ -222,7 +235,12 @@ class Target:
 
 
 def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target:
-    """Choose the target of code; None asks for the first installed backend, and for as many lanes as vectors of the host hold.
+    """Choose the target of code.
+
+    Args:
+        backend: None for the first that is installed.
+        lanes: None for as many as a vector of the host holds.
+        cache: whether object code is kept on disk.
 
     Raises:
         KernelError: the backend is unknown or not installed, or the number of lanes is no power of 2.
@@ -233,7 +251,7 @@ def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target
         raise KernelError("the backend llvm needs the package llvmlite: pip install 'gauss-bench[kernel]'")
     chosen = backend or ("llvm" if available() else "numpy")
     width = best_lanes() if lanes is None else lanes
-    if width < 1 or (chosen == "llvm" and width & (width - 1)):  # a power of 2 has no bit in common with the number below it
+    if width < 1 or (chosen == "llvm" and width.bit_count() != 1):
         raise KernelError(f"{width} lanes are no power of 2")
     return Target(chosen, width, cache)
 
@@ -244,11 +262,11 @@ def in_plain_c(*routines: Routine) -> str:
 
 
 class Loaded:
-    """A routine on a target: one lane for a single trajectory, the target's number of lanes for many.
+    """A routine on a target, with one lane for a single trajectory and the target's number of lanes for many.
 
     Attributes:
-        make: writes the routine; its argument tells whether it is for several lanes.
-        codes: machine code that has been compiled or loaded so far, by number of lanes.
+        make: function that writes the routine; its argument tells whether several lanes are needed.
+        codes: number of lanes -> machine code, as far as it has been compiled or loaded.
     """
 
     def __init__(self, make: Callable[[bool], Routine], target: Target):
@@ -260,10 +278,12 @@ class Loaded:
 
     def lanes(self, count: int) -> int:
         """Return how many of `count` trajectories make one group."""
-        return min(count, CHUNK) if self._plain else 1 if count == 1 else self.target.lanes
+        if self._plain:
+            return min(count, CHUNK)
+        return 1 if count == 1 else self.target.lanes
 
     def call(self, lanes: int) -> Any:
-        """Return the function that takes arrays, numbers and counts of the routine, and the number of groups."""
+        """Return the function for groups of this many lanes; its arguments are those of the routine, then the number of groups."""
         if self._plain:
             return self._plain
         with self._lock:
@@ -272,11 +292,11 @@ class Loaded:
             return self.codes[lanes].call
 
     def given(self, arrays: list[Array]) -> list[Any]:
-        """Return arrays in the form in which the function of `call` takes them."""
+        """Return arrays as the function of `call` takes them: addresses for machine code."""
         return list(arrays) if self._plain else [address(x) for x in arrays]
 
     def single(self, *sizes: int) -> Single:
-        """Return this thread's arguments for one state; `sizes` are those of the arrays."""
+        """Return this thread's arguments for one trajectory; `sizes` are the numbers of doubles in the arrays."""
         one = self.singles.one
         if one is None:
             self.call(1)

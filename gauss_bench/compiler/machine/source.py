@@ -1,10 +1,10 @@
 """Routines as source text: Python on arrays, for hosts without a compiler, and plain C for any other machine.
 
-Sines are left to the target's own functions. A routine in C computes one trajectory; it returns 0, or 1 if it is not sound:
+Sines are left to the functions of the target. In C a routine computes one trajectory, and returns 0, or 1 if it is not sound:
 
     int NAME(arrays, numbers, counts)
 
-In Python it takes the arguments of the native code, with as many trajectories in a group as arrays have columns.
+In Python it takes the arguments of the native code; a group has as many trajectories as the arrays have columns.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -14,30 +14,22 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.compiler.machine.graph import (
-    COUNTS,
-    MASKS,
-    TRUTHS,
-    Emitter,
-    If,
-    Load,
-    Loop,
-    Routine,
-    Scatter,
-    Statement,
-    Store,
-)
+from gauss_bench.compiler.machine.graph import COUNTS, MASKS, TRUTHS
+from gauss_bench.compiler.machine.routine import Emitter, If, Load, Loop, Routine, Scatter, Statement, Store
 
 C_HEADER = "#include <math.h>\n\n"
 
 
 @dataclass(frozen=True)
 class Language:
-    """The phrases of a language for the parts of a routine.
+    """The phrases of a language for the parts of a routine, in which {0}, {1} ... stand for operands.
 
     Attributes:
-        operations: by name; `{0}`, `{1}` ... are operands, `{p}` is the payload.
-        leave: leaves a loop where a condition does not hold.
+        operations: operation -> its expression; {p} stands for the payload.
+        assign: assigns {1} to the variable {0}.
+        forever, close: begin and end of an endless loop; `close` also ends a branch.
+        leave: ends a loop if the condition {0} does not hold.
+        branch: begin of a branch, which is taken if the condition {0} holds.
     """
 
     operations: Mapping[str, str]
@@ -84,7 +76,7 @@ class Source(Emitter):
     """Writes the lines of one function.
 
     Attributes:
-        variables: name -> its type in C.
+        variables: name of each variable so far -> its type in C.
     """
 
     def __init__(self, routine: Routine, language: Language):
@@ -102,7 +94,7 @@ class Source(Emitter):
 
     @contextmanager
     def block(self, head: str) -> Iterator[None]:
-        """Write the lines made in this context as a block below a first line."""
+        """Write the lines that this context makes as an indented block below the line `head`."""
         self.line(head)
         self.depth += 1
         yield
@@ -111,9 +103,13 @@ class Source(Emitter):
             self.line(self.language.close)
 
     def let(self, x: int, text: str, letter: str = "r") -> str:
-        """Assign to the variable of a value; return the variable's name."""
+        """Assign an expression to the variable of a value; return the variable's name."""
         name, operation = f"{letter}{x}", self.graph.operation[x]
-        self.variables[name] = "long" if operation in COUNTS else "int" if operation in (*MASKS, *TRUTHS) else "double"
+        self.variables[name] = "double"
+        if operation in COUNTS:
+            self.variables[name] = "long"
+        elif operation in (*MASKS, *TRUTHS):
+            self.variables[name] = "int"
         self.line(self.language.assign.format(name, text))
         return name
 
@@ -129,7 +125,7 @@ class Source(Emitter):
         return self.let(x, self.language.operations[operation].format(*operands, p=payload))
 
     def assign_leaves(self, values: Mapping[int, str]) -> None:
-        """Give leaves their values, all at once: new values may contain old ones, and are therefore copied first."""
+        """Give leaves their values by name; they are copied first, because a new value may be another leaf's old one."""
         copies = {x: self.let(x, name, "n") for x, name in values.items()} if len(values) > 1 else values
         for x, name in copies.items():
             self.names[x] = self.let(x, name, "v")
@@ -186,18 +182,19 @@ def in_c(routine: Routine) -> str:
 
 
 def in_python(routine: Routine) -> Callable[..., None]:
-    """Return a routine as a function of arrays (groups, rows, trajectories); arrays that values are scattered into are flat."""
+    """Return a routine as a function of arrays (groups, rows, trajectories); the arrays of `Scatter` are flat."""
     s = Source(routine, PYTHON)
     s.statements(routine.body)
     names = ", ".join([*routine.arrays, *routine.numbers, *routine.counts])
     space: dict[str, Any] = {"np": np}
     exec("\n".join([f"def {routine.name}({names}):", *s.lines, "    return"]), space)
-    one: Callable[..., None] = space[routine.name]
+    step_group: Callable[..., None] = space[routine.name]
 
     def call(*arguments: Any) -> None:
-        arrays, numbers = arguments[: len(routine.arrays)], arguments[len(routine.arrays) : -1]
+        arrays, numbers = arguments[: len(routine.arrays)], arguments[len(routine.arrays) : -1]  # the last is the number of groups
         with np.errstate(all="ignore"):
             for k in range(arguments[-1]):
-                one(*(x[k] if a.rows else x for x, a in zip(arrays, routine.arrays.values(), strict=True)), *numbers)
+                parts = [x[k] if a.rows else x for x, a in zip(arrays, routine.arrays.values(), strict=True)]
+                step_group(*parts, *numbers)
 
     return call

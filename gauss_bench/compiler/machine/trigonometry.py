@@ -1,19 +1,20 @@
 """Sine and cosine without branches: from the angle, or from sine and cosine of a neighbouring angle.
 
-From the angle (Cody and Waite, Software Manual for the Elementary Functions, 1980, chapter 8): the nearest multiple k of pi/2 is
-subtracted in three parts, and two short polynomials give sine and cosine of the rest r; the low bits of k choose one and its sign.
+From the angle: the nearest multiple k of pi/2 is subtracted in three parts, and two short polynomials give sine and cosine of the
+rest r. The low bits of k say which of the two is the sine of x, and with which sign.
 
     k = round(2 x / pi),   r = ((x - k P1) - k P2) - k P3,   P1 + P2 + P3 = pi/2
     sin r = r + r z S(z),   cos r = 1 - z/2 + z^2 C(z),   z = r^2
 
 P1 and P2 have 33 bits, so that k P1 and k P2 are exact while k < 2^20. To round, 1.5 * 2^52 is added and subtracted: the sum has k
-in its low bits. No such sum may therefore be reassociated.
+in its low bits. Such a sum must not be reassociated.
 
 From a neighbouring angle: with d small, sin d = d + d z P(z) and 1 - cos d = z Q(z), z = d^2, and
 
     sin(x + d) = sin x + (cos x sin d - sin x (1 - cos d)),   cos(x + d) = cos x - (sin x sin d + cos x (1 - cos d))
 
-P and Q interpolate at Chebyshev nodes for |d| up to a reach, with as few terms as keep the error below an eighth of a rounding.
+P and Q interpolate at Chebyshev nodes for |d| up to a reach, with the fewest terms whose error is below an eighth of a rounding.
+Source: Cody and Waite, Software Manual for the Elementary Functions (1980), chapter 8.
 """
 
 from fractions import Fraction
@@ -27,30 +28,22 @@ from gauss_bench.compiler.machine.graph import Graph, Pair
 
 LARGEST = 2.0**20  # [rad] of an angle: beyond, k P1 is not exact
 TWO_OVER_PI = 0.6366197723675814
-HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
-MAGIC = 1.5 * 2.0**52
-SINE = (
-    -0.16666666666666666,
-    0.008333333333330946,
-    -0.0001984126983675497,
-    2.755731610068303e-06,
-    -2.5051131455427946e-08,
-    1.591810123027412e-10,
-)
-COSINE = (
-    0.041666666666666664,
-    -0.0013888888888887395,
-    2.4801587298763433e-05,
-    -2.7557317270560326e-07,
-    2.0876146024689747e-09,
-    -1.1382614868556325e-11,
-)
-TOLERANCE = 2.0**-56
-SERIES_TERMS = 8
+HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)  # P1, P2, P3
+MAGIC = 1.5 * 2.0**52  # its last bit has the value 1
+# coefficients of S and C, for |r| <= pi/4
+SINE = (-0.16666666666666666, 0.008333333333330946, -0.0001984126983675497, 2.755731610068303e-06, -2.5051131455427946e-08,
+        1.591810123027412e-10)  # fmt: skip
+COSINE = (0.041666666666666664, -0.0013888888888887395, 2.4801587298763433e-05, -2.7557317270560326e-07, 2.0876146024689747e-09,
+          -1.1382614868556325e-11)  # fmt: skip
+TOLERANCE = 2.0**-56  # an eighth of the rounding 2^-53 of a number near 1
+SERIES_TERMS = 8  # coefficients of P and Q at most
 
 
 def polynomial(g: Graph, coefficients: tuple[float, ...], z: int) -> int:
-    """Return a polynomial by Estrin's scheme: pairs of terms first, so that the chain is as long as the logarithm of the degree."""
+    """Return the polynomial of z with these coefficients, the lowest degree first, by Estrin's scheme.
+
+    Terms are added in pairs, so that the chain of operations is as long as the logarithm of the degree.
+    """
     level = [g.const(c) for c in coefficients]
     while len(level) > 1:  # each round halves the degree of the polynomial and squares its argument
         odd = level[-1:] if len(level) % 2 else []
@@ -77,16 +70,16 @@ def sincos(g: Graph, x: int) -> Pair:
 
 
 def _sign(g: Graph, odd: int, if_odd: int, if_even: int, k: int) -> int:
-    """Select one of two values and set its sign, by the low bits of k: bit 1 becomes the sign bit."""
+    """Select one of two values, and change its sign if bit 1 of k is set: that bit is shifted to the sign's place."""
     sign = g.make("shl", g.make("and", k, payload=2), payload=62)
     chosen = g.make("bits", g.make("select", odd, if_odd, if_even))
     return g.make("real", g.make("xor", chosen, sign))
 
 
 def rotate(g: Graph, pair: Pair, d: int, reach: float) -> Pair:
-    """Return sine and cosine at x + d from the pair at x, valid for |d| <= reach [rad]."""
+    """Return sine and cosine at x + d from the pair (sine, cosine) at x, valid for |d| <= reach [rad]."""
     s, c = pair
-    P, Q = short_series(reach)
+    P, Q = short_series(reach)  # without a coefficient if the reach is so short that the term is below rounding
     z = g.mul(d, d)
     sine = g.fma(g.mul(d, z), polynomial(g, P, z), d) if P else d
     if not Q:
@@ -114,7 +107,7 @@ def _economise(series: list[Fraction], reach: float, factor: float) -> tuple[flo
     """Interpolate a series in z at Chebyshev nodes of [0, reach^2], as many as keep its error times `factor` below TOLERANCE."""
     width = reach * reach
     for terms in range(SERIES_TERMS):
-        # the next term, with the Chebyshev polynomial of size width^terms / 2^(2 terms - 1) in place of z^terms
+        # error: the next term, whose z^terms counts as the Chebyshev polynomial of size width^terms / 2^(2 terms - 1)
         error = abs(float(series[terms])) * width**terms / (2.0 ** (2 * terms - 1) if terms else 1.0)
         if error * factor <= TOLERANCE:
             nodes = [Fraction(width * (1 + cos(pi * (k + 0.5) / terms)) / 2) for k in range(terms)]
@@ -130,4 +123,4 @@ def _interpolate(nodes: list[Fraction], values: list[Fraction | int]) -> tuple[f
     coefficients = np.array([Fraction(0)])
     for node, difference in zip(reversed(nodes), reversed(differences), strict=True):
         coefficients = polynomials.polyadd(polynomials.polymul(coefficients, [-node, Fraction(1)]), [difference])
-    return tuple(float(c) for c in coefficients[: len(nodes)])  # without values there is no coefficient
+    return tuple(float(c) for c in coefficients[: len(nodes)])  # () without nodes

@@ -1,264 +1,301 @@
-"""Time stepping as a routine: a step of an integrator in a loop whose state never touches memory.
+"""Routines that step a linkage: the step of an integrator in a loop whose state stays in registers, and evaluations at one state.
 
     rollout(y, p, samples, report; h, t0; n, every, slots)
 
-steps a group of trajectories by n steps. Rows of the arrays, each with one number for each trajectory:
+takes n steps of h from the time t0 with a group of trajectories. Rows of the arrays, each with one number for each trajectory:
 
-    y        2 n_q            q and v at the start; where a trajectory stopped early, the state it stopped at
+    y        2 n_q            q and v at the start; afterwards, of a trajectory that stopped early, the state at which it stopped
     p        n_p              parameters
-    samples  slots x 2 n_q    every `every` steps, and the last; slots = ceil(n / every), at least one
-    report   3                steps done; 1 if all are; 1 if it stopped because the last reach was exceeded and nothing else
+    samples  slots x 2 n_q    states after each `every` steps and after the last step; slots = ceil(n / every), at least one
+    report   3                number of steps done; 1 if all were done; 1 if only the reach of the last body was exceeded
 
-A trajectory stops before the first step whose guards fail: that step is not counted. With several lanes the others go on, and the
-stopped one keeps its state by selection. Only a turn of the loop that finds the end stores anything: it runs once more than there
-are steps, since what is stored belongs to the beginning of a step (with projection, velocities are corrected there).
+A trajectory stops before the first step whose guards fail, and that step is not counted. The other lanes go on, while the stopped
+one keeps its state by selection. A sample is the state at the beginning of a step, where projection has corrected the velocities.
+The loop therefore runs once more than there are steps.
 
-    accelerate(y, p, t, out)
+    accelerate(y, p, t, out)     out: n_q accelerations, then 1 if the guards hold
+    settle(y, p, t, out)         out: the state (2 n_q) taken back onto the constraints, then 1 if the guards hold
 
-evaluates accelerations; `out` has n_q + 1 rows, of which the last is 1 where the guards hold. Likewise
-
-    settle(y, p, t, out)
-
-takes a state back onto the constraints; `out` has 2 n_q + 1 rows.
-
-What is stepped is a body, with all stages written out: equal expressions of different stages are one value, sines rotate from stage
-to stage, and the processor overlaps the stages. The code grows with the linkage. Where the right-hand side has more than
-`steps.LONG` operations, the body of Runge and Kutta's method has it once, in a loop over the stages.
+The code of one step is a `Body`, in which all stages are written out: equal expressions of different stages are one value, sines
+rotate from stage to stage, and the processor overlaps the stages. The code grows with the linkage. If an acceleration has more than
+`steps.LONG` operations, the body of Runge and Kutta's method contains it once, in a loop over the stages.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from gauss_bench.compiler.machine.code import Code
-from gauss_bench.compiler.machine.graph import (
-    Array,
-    Compute,
-    Graph,
-    If,
-    Load,
-    Loop,
-    Routine,
-    Statement,
-    Store,
-    count_operations,
-    live,
-    order,
-    rewrite,
-)
+from gauss_bench.compiler.machine.graph import Graph, count_operations
+from gauss_bench.compiler.machine.rewrite import rewrite
+from gauss_bench.compiler.machine.routine import Array, Compute, If, Load, Loop, Routine, Statement, Store
+from gauss_bench.compiler.machine.schedule import order
 from gauss_bench.compiler.machine.trigonometry import sincos
 from gauss_bench.compiler.stepping.steps import EXACT, REACHES, STEPS, TINY, Builder, Reach, Step, dop853, is_looped, rk4_looped
 
 Carried = dict[int, tuple[int, int]]  # leaf -> its first and its next value
 
-# steps after which what redundant rows are off is taken back where nothing else does: rows that have drifted apart count as
-# independent, and to who takes the rank for granted the linkage locks
+# Steps after which the state is projected if rows are redundant and no stabilisation acts. Redundant rows that have drifted apart
+# would count as independent, and a solver that relies on the rank would find the linkage locked.
 SETTLED = 32
 
 
 class Body:
-    """One step, its state carried in registers; `plain` where its arithmetic is left to the target.
+    """One step, whose state is carried in registers; `plain` leaves the order of its arithmetic to the target.
 
     Attributes:
-        graph: of the whole routine. rows: numbers of a state.
-        arrays: arguments of the routine other than y, samples and report.
+        step: the step, rewritten unless it is plain.
+        graph: graph of the whole routine.
+        rows: numbers of a state, 2 n_q.
+        values: the values of the step in the order in which they are computed; operations: number of operations among them.
+        statements: statements of one step.
+        state: leaves q, then v.
         entry: statements before the loop.
-        carried: leaf -> its first and its next value, from step to step.
-        settled: leaf -> its next value every SETTLED steps, in place of the one that is carried; {} where there is none.
-        statements: of one step; values: in order; operations: among them.
+        arrays: arguments of the routine besides y, samples and report.
+        carried: leaf -> its first value, and its value at the next step.
+        settled: leaf -> its value at the next step after every SETTLED steps, instead of the one in `carried`; may be empty.
     """
 
     def __init__(self, code: Code, step: Step, plain: bool = False, into: Graph | None = None):
         self.step = step = step if plain else step.rewrite_into(into)
         self.graph, self.rows = step.graph, 2 * code.program.n
-        g, n, needed = self.graph, code.program.n, live(step.graph, step.roots())
-        self.values = needed if plain else order(g, needed, step.carried)
+        g = self.graph
+        self.values = order(g, step.roots(), step.carried, plain)
         self.operations = count_operations(g, self.values)
         self.statements: list[Statement] = [Compute(self.values)]
         if step.stages:
             following = [x for _, x in step.stages.values()]
             again = g.make("below", g.count("%stage"), g.whole(3))
-            in_order = order(g, live(g, following), {str(k): x for k, x in enumerate(following)})
+            in_order = order(g, following, {str(k): x for k, x in enumerate(following)})
             self.statements.insert(0, Loop(step.stages, [Compute(in_order)], again))
-        self.y = [g.leaf(f"%y{k}") for k in range(self.rows)]
-        self.state = [g.leaf(f"%{x}{i}") for x in "qv" for i in range(n)]
+        names = [f"%{letter}{i}" for letter in "qv" for i in range(code.program.n)]
+        y = [g.leaf(f"%y{k}") for k in range(self.rows)]
+        self.state = [g.leaf(name) for name in names]
         parameters = {g.leaf(f"%p{k}"): k for k in range(code.program.n_parameters)}
         self.arrays = {"p": Array(len(parameters))}
-        self.entry = [Load("y", {x: k for k, x in enumerate(self.y)}), Load("p", parameters)]
-        first = {f"%{x}{i}": self.y[k] for k, (x, i) in enumerate((x, i) for x in "qv" for i in range(n))}
-        if any(name.startswith("%s") for name in step.carried):
+        self.entry = [Load("y", {x: k for k, x in enumerate(y)}), Load("p", parameters)]
+        first = dict(zip(names, y, strict=True))  # name of a leaf -> its value at the first step
+        if any(name.startswith("%s") for name in step.carried):  # sines are carried too
             for i in code.angles:
-                first[f"%s{i}"], first[f"%c{i}"] = sincos(g, self.y[i])
+                first[f"%s{i}"], first[f"%c{i}"] = sincos(g, y[i])
         self.carried: Carried = {g.leaf(name): (first[name], x) for name, x in step.carried.items()}
         self.settled = {g.leaf(name): x for name, x in step.settled.items()}
 
     def store_end(self, complete: int) -> Store:
         """Store the last state in y: the projected one where the mask holds, else the state before the failed step."""
-        return Store("y", [self.graph.make("select", complete, x, raw) for x, raw in zip(self.step.out, self.state, strict=True)])
+        pairs = zip(self.step.out, self.state, strict=True)
+        return Store("y", [self.graph.make("select", complete, projected, before) for projected, before in pairs])
 
 
 def rollout(bodies: Sequence[Body], many: bool) -> Routine:
-    """Build the routine that steps `many` trajectories at once, or one.
+    """Build the routine that steps one trajectory, or `many` at once.
 
-    The bodies share one graph. The first steps until its reach is exceeded, the next continues from there, the last has no limit.
-    Many trajectories change the body together, so that lanes compute the same bits as a single trajectory.
+    The bodies share one graph. The first one steps until its reach is exceeded, and the next one continues from there. Many
+    trajectories change the body together, so that lanes compute the same bits as a single trajectory.
     """
     first, statements = bodies[0], list[Statement]()
     for level in reversed(range(len(bodies))):
-        steps, complete, far = _stepping(bodies, level, many)
-        statements = [*steps, *([If(first.graph.make("any", far), statements, {})] if statements else [])]
+        steps = _step_in_loop(bodies, level, many)
+        further = [If(first.graph.make("any", steps.too_far), statements, {})] if statements else []
+        statements, complete = [*steps.statements, *further], steps.complete
     arrays = {"y": Array(first.rows), **first.arrays, "samples": Array(first.rows, "slots"), "report": Array(3)}
     counts, operations = ("n", "every", "slots"), max(body.operations for body in bodies)
     return Routine("rollout", first.graph, arrays, ("h", "t0"), counts, [*first.entry, *statements], complete, operations)
 
 
-def _stepping(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[Statement], int, int]:
-    """Return the loop over one of the bodies, the mask of finished trajectories, and the mask of those that need a longer reach."""
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """A loop of steps: its statements, and the masks of the trajectories that are finished and that need a longer reach."""
+
+    statements: list[Statement]
+    complete: int
+    too_far: int
+
+
+def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
+    """Build the loop over the body number `level`; the first body begins the steps, the last has no other behind it."""
     body = bodies[level]
     g, begins, ends = body.graph, level == 0, level == len(bodies) - 1
+    # step number i; number of the step at which a sample is due, and its slot
     i, due, slot, n, every = (g.count(f"%{x}") for x in ("i", "due", "slot", "n", "every"))
     one, zero, always, none = g.whole(1), g.whole(0), g.all(True), g.all(False)
     h, t0, t, done = (g.leaf(f"%{x}") for x in ("h", "t0", "t", "done"))
     alive, far = (g.make("mask", payload=x) for x in ("%alive", "%far")) if many else (always, none)
-    # a lane goes on if its guards hold; `beyond`: only its reach was exceeded, a longer one will do
+    # a lane goes on if its guards hold; `beyond`: only its reach was exceeded, so that a longer one will do
     beyond = g.both([alive, body.step.regular, g.make("not", body.step.within)])
     going = g.both([alive, body.step.regular, body.step.within])
     following, more = g.make("sum", i, one), g.make("below", i, n)
     later = g.make("add", t0, g.make("mul", g.make("number", following), h))
     due_later, slot_later = g.count("%due_later"), g.count("%slot_later")
-    settling, chosen, counted = _settling(body, following)
-    # a lane that has stopped keeps its state by selection while the others go on
-    state = {x: (a, chosen.get(x, b)) for x, (a, b) in body.carried.items()}
-    carried: Carried = counted | {x: (a, g.make("select", going, b, x) if many else b) for x, (a, b) in state.items()}
+    settling = _settle_regularly(body, following)
+    carried: Carried = dict(settling.counter)
+    for x, (initial, next_value) in body.carried.items():
+        new = settling.chosen.get(x, next_value)
+        # a lane that has stopped keeps its state by selection while the others go on
+        carried[x] = initial, g.make("select", going, new, x) if many else new
     carried |= {t: (t0, later), done: (g.const(0.0), g.make("add", done, g.flag(going)))}
     carried |= {i: (zero, following), due: (g.make("least", every, n), due_later), slot: (zero, slot_later)}
-    carried |= {alive: (always, going)} if many else {}
+    if many:
+        carried[alive] = always, going
     if not begins:  # continue from the values at which the previous body stopped
-        carried = {x: (x, b) for x, (_, b) in carried.items()}
-    carried |= {far: (none, _either(g, far, beyond))} if many else {}
+        carried = {x: (x, next_value) for x, (_, next_value) in carried.items()}
+    if many:
+        carried[far] = none, _either(g, far, beyond)
     sample = If(
         g.make("same", i, due),
         [Store("samples", body.step.out, g.make("times", slot, payload=body.rows))],
         {due_later: (g.make("least", g.make("sum", due, every), n), due), slot_later: (g.make("sum", slot, one), slot)},
     )
     again = g.make("also", g.make("any", going), more)
-    again = again if ends or not many else g.make("also", again, g.make("nowhere", beyond))
+    if many and not ends:  # all lanes change to the next body as soon as one of them needs it
+        again = g.make("also", again, g.make("nowhere", beyond))
     complete = g.both([alive, body.step.regular_out, g.make("everywhere", g.make("same", i, n))])
     too_far = g.both([_either(g, far, beyond), g.make("not", complete)])
     report = Store("report", [done, g.flag(complete), g.flag(too_far)])
-    return [Loop(carried, [*body.statements, sample, *settling], again), body.store_end(complete), report], complete, too_far
+    loop = Loop(carried, [*body.statements, sample, *settling.statements], again)
+    return _Steps([loop, body.store_end(complete), report], complete, too_far)
 
 
-def _settling(body: Body, following: int) -> tuple[list[Statement], dict[int, int], Carried]:
-    """Return the statements that settle the state after every SETTLED steps, leaf -> its next value, and the carried counter.
+class _Settling(NamedTuple):
+    """The part of a loop that projects the state after every SETTLED steps.
 
-    `following` is the number of the next step.
+    Attributes:
+        chosen: leaf -> its value at the next step, projected or not.
+        counter: the number of the next step that projects, as a carried value.
     """
+
+    statements: list[Statement]
+    chosen: dict[int, int]
+    counter: Carried
+
+
+def _settle_regularly(body: Body, following: int) -> _Settling:
+    """Build the projection after every SETTLED steps, if the body has one; `following` is the number of the next step."""
     if not body.settled:
-        return [], {}, {}
+        return _Settling([], {}, {})
     g = body.graph
     due, due_later = g.count("%settle"), g.count("%settle_later")
     chosen = {x: g.leaf(f"%next{k}") for k, x in enumerate(body.settled)}
     merged = {chosen[x]: (value, body.carried[x][1]) for x, value in body.settled.items()}
     merged[due_later] = (g.make("sum", due, g.whole(SETTLED)), due)
-    return [If(g.make("same", following, due), (), merged)], chosen, {due: (g.whole(SETTLED), due_later)}
+    return _Settling([If(g.make("same", following, due), (), merged)], chosen, {due: (g.whole(SETTLED), due_later)})
 
 
 def _either(g: Graph, a: int, b: int) -> int:
+    """Return the mask that holds where one of two masks holds."""
     return g.make("not", g.both([g.make("not", a), g.make("not", b)]))
 
 
 def bodies(code: Code, integrator: str, reaches: Sequence[Reach]) -> list[Body]:
-    """Build the step for each of some reaches, in one graph."""
+    """Build a body for each reach, all in one graph."""
     if is_looped(code, integrator):
         return [Body(code, rk4_looped(code))]
     graph = Graph()
     return [Body(code, STEPS[integrator](code, reach), into=graph) for reach in reaches]
 
 
-SAFETY, SHRINK, GROW = 0.9, 0.2, 10.0  # factors of step size control, usual values: safety, smallest and largest change
+SAFETY, SHRINK, GROW = 0.9, 0.2, 10.0  # usual factors of step size control: safety, smallest and largest change of the step
 
 
 def adaptive(code: Code, plain: bool = False) -> Routine:
-    """Build the routine `integrate(y, p, times, samples, report; rtol, atol, longest, least, h; count, limit)` for one trajectory.
+    """Build the routine `integrate(y, p, times, samples, report; rtol, atol, longest, least, h0; count, limit)` for one trajectory.
 
-    DOP853 with the step size controlled by the tolerances. Steps end at each of `count` times, where the state is stored; `times`
-    has two more entries. The first step is h and no step is longer than `longest`. The integration stops when a step becomes
-    shorter than `least` or after `limit` steps. It leaves the state reached in y and in `report`: samples stored, steps accepted,
-    steps attempted, the time reached. Source: Hairer, Norsett and Wanner, Solving Ordinary Differential
-    Equations I (1993), section II.10.
+    DOP853 chooses its steps by the tolerances. Steps end at each of `count` times, where the state is stored; `times` has two more
+    entries. The first step is h0, and no step is longer than `longest`. The integration stops when a step becomes shorter than
+    `least`, or after `limit` steps. Afterwards y has the state reached, and `report` the numbers of stored samples, accepted steps
+    and attempted steps, and the time reached.
+    Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), section II.10.
     """
     body = Body(code, dop853(code, EXACT, plain, estimated=True), plain)
     g, step = body.graph, body.step
     assert step.error is not None
+    # index i of the next sample; due: 1 at the beginning of a step where it is to be stored; attempted steps; number of samples
     i, due, tried, count = (g.count(f"%{x}") for x in ("i", "due", "tried", "count"))
-    t, h, wanted, taken, goal = (g.leaf(f"%{x}") for x in ("t", "h", "wanted", "taken", "goal"))
+    t, h, taken, goal, following = (
+        g.leaf(f"%{x}") for x in ("t", "h", "taken", "goal", "next")
+    )  # goal, next: the next two samples
     later, due_later, one, zero = g.count("%later"), g.count("%due_later"), g.whole(1), g.whole(0)
     sample = Store("samples", step.out, g.make("times", i, payload=body.rows))
     store = If(g.make("same", due, one), [sample], {later: (g.make("sum", i, one), i)})
-    root = step.error
-    for _ in range(4):  # `error` is the squared error norm, ~ h^16: its 16th root is proportional to h
-        root = g.make("sqrt", root)
     sound = g.both([step.regular, step.within])
     good = g.both([sound, g.make("le", step.error, g.const(1.0))])
-    # step size controller: h_new = h clip(SAFETY / root, SHRINK, GROW), no growth right after a refused step
-    ideal = g.make("div", g.const(SAFETY), g.add(root, g.const(TINY)))
-    refused = g.make("mask", payload="%refused")
-    most = g.make("select", refused, g.const(1.0), g.const(GROW))
-    factor = g.maximum(g.minimum(ideal, most), g.const(SHRINK))
-    factor = g.make("select", sound, factor, g.const(SHRINK))
-    new = g.mul(h, factor)
-    # a step cut short by a sample must not reduce the next
-    best = g.make("select", g.both([good, g.make("lt", new, wanted)]), wanted, new)
-    best = g.minimum(best, g.leaf("%longest"))
-    ahead = g.make("sub", goal, t)
-    reached = g.both([good, g.make("le", ahead, h)])
+    best = _choose_step(g, step.error, sound, good)
+    reached = g.both([good, g.make("le", g.make("sub", goal, t), h)])
     t_new = g.make("select", reached, goal, g.make("select", good, g.add(t, h), t))
     place = If(g.make("any", reached), [], {due_later: (one, zero)})
-    further = g.make("sum", later, due_later)
-    # if the next sample is less than two steps away, halve the distance: that avoids a tiny last step
-    left = g.make("sub", g.leaf("%next"), t_new)
-    half = g.mul(g.const(0.5), left)
-    shorter = g.make("select", g.make("lt", left, g.mul(g.const(2.0), best)), half, best)
-    planned = g.make("select", g.make("le", left, best), left, shorter)
-    first = [g.leaf(f"%{x}") for x in ("start", "end")]
-    settling, chosen, counted = _settling(body, g.make("sum", tried, one))  # a refused step leaves settling to the next one
-    carried = counted | {x: (a, g.make("select", good, chosen.get(x, b), x)) for x, (a, b) in body.carried.items()}
-    carried |= {t: (first[0], t_new), goal: (first[1], g.leaf("%next")), h: (g.leaf("%h0"), planned), wanted: (g.leaf("%h0"), best)}
+    planned = _plan_step(g, g.make("sub", following, t_new), best)
+    start, end = g.leaf("%start"), g.leaf("%end")
+    settling = _settle_regularly(body, g.make("sum", tried, one))  # a refused step leaves settling to the next one
+    carried = dict(settling.counter)
+    for x, (initial, next_value) in body.carried.items():
+        carried[x] = initial, g.make("select", good, settling.chosen.get(x, next_value), x)
+    carried |= {t: (start, t_new), goal: (end, following), h: (g.leaf("%h0"), planned), g.leaf("%wanted"): (g.leaf("%h0"), best)}
     carried |= {taken: (g.const(0.0), g.add(taken, g.flag(good))), tried: (zero, g.make("sum", tried, one))}
-    carried |= {i: (zero, later), due: (one, due_later), refused: (g.all(False), g.make("not", good))}
+    carried |= {i: (zero, later), due: (one, due_later), g.make("mask", payload="%refused"): (g.all(False), g.make("not", good))}
     hopeless = g.both([g.make("not", good), g.make("lt", planned, g.leaf("%least"))])
     again = g.make("also", g.make("below", later, count), g.make("below", tried, g.count("%limit")))
     again = g.make("also", again, g.make("nowhere", hopeless))
     complete = g.make("everywhere", g.make("same", later, count))
-    loads = [Load("times", {first[0]: 0, first[1]: 1}), Load("times", {g.leaf("%next"): 0}, further)]
-    loop = Loop(carried, [*body.statements, store, place, *settling, loads[1]], again)
+    first_times, next_time = Load("times", {start: 0, end: 1}), Load("times", {following: 0}, g.make("sum", later, due_later))
+    loop = Loop(carried, [*body.statements, store, place, *settling.statements, next_time], again)
     report = [g.make("number", later), taken, g.make("number", tried), t]
-    statements: list[Statement] = [*body.entry, loads[0], loop, body.store_end(complete), Store("report", report)]
+    statements: list[Statement] = [*body.entry, first_times, loop, body.store_end(complete), Store("report", report)]
     arrays = {"y": Array(body.rows), **body.arrays, "times": Array(1), "samples": Array(1), "report": Array(4)}
     numbers = ("rtol", "atol", "longest", "least", "h0")
     return Routine("integrate", g, arrays, numbers, ("count", "limit"), statements, complete, body.operations)
 
 
+def _choose_step(g: Graph, error: int, sound: int, good: int) -> int:
+    """Return the step size that the error of a step asks for: h clip(SAFETY / root, SHRINK, GROW), at most `longest`.
+
+    `error` is the squared error norm, proportional to h^16. `sound` is the mask where all guards hold, `good` where the error is
+    small enough too.
+    """
+    h, wanted = g.leaf("%h"), g.leaf("%wanted")
+    root = error
+    for _ in range(4):  # the 16th root, which is proportional to h
+        root = g.make("sqrt", root)
+    ideal = g.make("div", g.const(SAFETY), g.add(root, g.const(TINY)))
+    most = g.make("select", g.make("mask", payload="%refused"), g.const(1.0), g.const(GROW))  # no growth after a refused step
+    factor = g.maximum(g.minimum(ideal, most), g.const(SHRINK))
+    new = g.mul(h, g.make("select", sound, factor, g.const(SHRINK)))
+    # a step that a sample has cut short must not reduce the next
+    best = g.make("select", g.both([good, g.make("lt", new, wanted)]), wanted, new)
+    return g.minimum(best, g.leaf("%longest"))
+
+
+def _plan_step(g: Graph, left: int, best: int) -> int:
+    """Return the next step size, with `left` the time to the next sample: the best one, or what ends the step at the sample.
+
+    If the sample is less than two steps away, the distance is halved, which avoids a tiny last step.
+    """
+    half = g.mul(g.const(0.5), left)
+    shorter = g.make("select", g.make("lt", left, g.mul(g.const(2.0), best)), half, best)
+    return g.make("select", g.make("le", left, best), left, shorter)
+
+
 def plain_body(code: Code, integrator: str) -> Body:
-    """Build the step without a reach, whose sines and order of operations are left to the target."""
+    """Build the body without a reach, whose sines and order of operations are left to the target."""
     return Body(code, STEPS[integrator](code, REACHES[integrator][-1], library=True), plain=True)
 
 
 def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routine:
-    """Build the routine that evaluates accelerations; sines are computed from scratch, or by the target if `plain`.
+    """Build the routine `accelerate`; sines are computed from scratch, or by the target if `plain`.
 
-    Its last output is 1 if the guards hold; with `margin`, the smallest pivot over its threshold, 0 if a number is not finite.
+    With `margin`, its last output is the smallest ratio of a pivot to its threshold, or 0 if a number is not finite.
     """
     b = Builder(code, EXACT, library=plain)
     a = b.acceleration(b.t, b.q, b.v)
     within = b.within(a)
-    return _at_one_state("accelerate", b, a, b.margin(within) if margin else b.g.flag(b.g.both([*b.pivots, within])), plain)
+    last = b.margin(within) if margin else b.g.flag(b.g.both([*b.pivots, within]))
+    return _at_one_state("accelerate", b, a, last, plain)
 
 
 def settling(code: Code) -> Routine:
-    """Build the routine `settle(y, p, t, out)`, which projects a state back onto the constraint rows of the program.
+    """Build the routine `settle`, which projects a state back onto the constraint rows of the program; it needs projecting code.
 
-    It needs code with projection. Positions get as many chord-Newton corrections as a step of the exact reach, then the velocity
-    one. `out` has one row more than y, which is 1 if the guards hold and the last correction was at rounding level.
+    Positions get as many chord-Newton corrections as a step of the exact reach, and velocities get one. The guards also require
+    that the last correction was at rounding level.
     """
     b = Builder(code, EXACT)
     q, _ = b.correct_position(b.t, b.q, [], b.q)
@@ -268,11 +305,16 @@ def settling(code: Code) -> Routine:
 
 def _at_one_state(name: str, b: Builder, values: Sequence[int], last: int, plain: bool) -> Routine:
     """Build the routine name(y, p, t, out), which stores `values` and then `last`."""
-    n, n_p, roots, g = b.n, b.code.program.n_parameters, [*values, last], b.g
+    roots, g = [*values, last], b.g
     if not plain:
         g, roots = rewrite(g, roots)
-    needed = live(g, roots) if plain else order(g, live(g, roots), {str(k): x for k, x in enumerate(roots)})
-    rows = {"y": [*(f"%q{i}" for i in range(n)), *(f"%v{i}" for i in range(n))], "p": [f"%p{i}" for i in range(n_p)], "t": ["%t"]}
+    needed = order(g, roots, {str(k): x for k, x in enumerate(roots)}, plain)
+    # array -> names of the leaves in its rows
+    rows = {
+        "y": [f"%{letter}{i}" for letter in "qv" for i in range(b.n)],
+        "p": [f"%p{i}" for i in range(b.code.program.n_parameters)],
+        "t": ["%t"],
+    }
     loads = [Load(array, {g.leaf(x): k for k, x in enumerate(leaves)}) for array, leaves in rows.items()]
     arrays = {array: Array(len(leaves)) for array, leaves in rows.items()} | {"out": Array(len(roots))}
     sound = g.make("lt", g.const(0.0), roots[-1])

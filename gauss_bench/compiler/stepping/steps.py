@@ -7,23 +7,23 @@ rounding, and q_k+1 does not wait for v_k+1):
     v2 = v + h/2 a1,        v3 = v + h/2 a2,      v4 = v + h a3
     q' = B + h^2/6 (a1 + a2 + a3),                v' = v + h/6 (a1 + 2 a2 + 2 a3 + a4)
 
-Sine and cosine of the angles are rotated from stage to stage by h/2 v and h v (`Reach.step`), and by the small rest in h^2
-(`Reach.bend`). A rotation carried on and on would gather rounding: sine and cosine at q are also computed from nothing, beside the
-chain of dependent operations, and everything after the second stage starts from those. In a step of order 8, which goes farther,
-all stages but the first turn them from where the middle of the step would be at the speed it begins with.
+Sines. Sine and cosine of the angles are rotated from stage to stage by h/2 v and h v (`Reach.step`), and by the small rest in h^2
+(`Reach.bend`). Rotation after rotation would accumulate rounding. Sine and cosine at q are therefore also computed from scratch,
+beside the chain of dependent operations, and everything after the second stage starts from those. A step of order 8 goes farther:
+its later stages rotate sine and cosine from the position q + h/2 v.
 
-Projection. At the end of a step, chord-Newton corrections of q with the Jacobian of the last stage, whose factors are there
-already. At its beginning the correction of v with the Jacobian at q, whose factors the first stage needs anyway. Only the slopes
-of the first stage are taken before that correction, which is of the order h^5 of the local error and so changes nothing in the
-order of the method; what is stored and what the step goes on from is corrected. Source: Hairer, Norsett and Wanner, Solving
-Ordinary Differential Equations I (1993), sections II.1 and II.14; Hairer and Wanner, Solving Ordinary Differential Equations II
-(1996), section VII.2 (projection).
+Projection. At the end of a step q gets chord-Newton corrections with the Jacobian of the last stage, whose factors are known
+already. At its beginning v is corrected with the Jacobian at q, whose factors the first stage needs anyway. Only the first stage is
+evaluated before that correction. The correction is of the size h^5 of the local error, and so does not change the order of the
+method. Samples have corrected states, and the other stages start from them.
 
 If rows are redundant and no step projects, the loop around the steps corrects the state in the same way after every
 `rollout.SETTLED` steps (`Builder.settle`).
 
-Gauss's collocation is implicit (`gauss_legendre`): its positions and velocities at the stages follow from the accelerations there,
-which are found in a fixed number of passes. Whether that was enough is a guard like the others.
+Gauss's collocation (`gauss_legendre`) is implicit: its positions and velocities at the stages follow from the accelerations there,
+which a fixed number of passes computes. A guard demands that they have converged.
+Sources: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), sections II.1 and II.14; Hairer and Wanner,
+Solving Ordinary Differential Equations II (1996), section VII.2 (projection).
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -35,15 +35,15 @@ import numpy as np
 
 from gauss_bench.compiler.machine import trigonometry
 from gauss_bench.compiler.machine.code import Code
-from gauss_bench.compiler.machine.graph import Graph, Pair, inline, rewrite
+from gauss_bench.compiler.machine.graph import Graph, Pair, inline
+from gauss_bench.compiler.machine.rewrite import rewrite
 from gauss_bench.integrate.fixed_step import DIFFERENCE, NATIVE_PASSES, dop853_estimates, dop853_tableau, gauss_tableau
 from gauss_bench.terms import Array
 
-FINITE = 1e300  # a sum beyond it comes of numbers that are not finite, or soon will be
-TINY = 1e-300
-CONVERGED = 2.0**-28  # the largest change of velocities by the last pass of an implicit step: a pass leaves less than a tenth
-LAST_CORRECTION = 2.0**-28  # norm; the chord leaves less than its thousandth part of it
-
+FINITE = 1e300  # a larger sum has terms that are not finite, or soon will be
+TINY = 1e-300  # keeps a divisor from being zero
+CONVERGED = 2.0**-28  # largest change of velocities in the last pass of an implicit step: less than a tenth of it is left as error
+LAST_CORRECTION = 2.0**-28  # [rad] largest norm of the last correction of positions: less than a thousandth of it is left
 
 Coefficients = Sequence[float]
 
@@ -53,9 +53,10 @@ class Tableau:
     """An explicit Runge-Kutta method of s stages for q'' = a(t, q, v).
 
     Attributes:
-        c: (s,) nodes. A: (s, s) weights of velocities at the stages; twice: those of positions, A A.
-        b, end: of velocities and positions after the step, b and b A.
-        estimates: likewise, of its differences from less exact steps; the sum of each is 0.
+        c: (s,) nodes.
+        A, twice: (s, s) weights of the accelerations in velocities and in positions of the stages, A and A A.
+        b, end: (s,) weights in the velocity and the position after the step, b and b A.
+        estimates: weights (s,) of the same two kinds, for the difference from a less exact step; each set of weights has the sum 0.
     """
 
     c: Coefficients
@@ -79,13 +80,13 @@ def order_eight() -> Tableau:
 
 @dataclass(frozen=True)
 class Reach:
-    """The reach of the angles within which a variant of the code is exact; a step that goes further is not counted.
+    """How far angles may move in a step for its rotated sines to be exact; a step that goes further is not counted.
 
     Attributes:
-        step: norm of the angles' h v [rad]; infinite for the variant that computes every sine from nothing.
-        bend: norm of the angles' h^2/2 a at three stages [rad].
-        correction: norm of a correction of the angles [rad].
-        corrections: Newton corrections of the positions at each step.
+        step: largest norm of h v of the angles [rad]; infinite for code that computes every sine from scratch.
+        bend: largest norm of h^2/2 a of the angles at three stages [rad].
+        correction: largest norm of a correction of the angles [rad].
+        corrections: number of Newton corrections of the positions in each step.
     """
 
     step: float
@@ -95,12 +96,13 @@ class Reach:
 
     @property
     def rotates(self) -> bool:
+        """True if sines are rotated, and not computed from scratch."""
         return isfinite(self.step)
 
 
 EXACT = Reach(inf, inf, inf, 4)
-# the shortest series with an error below an eighth of a rounding reach this far: with 2 terms (step) and 1 (bend), with 4 and 2;
-# with 5, to either side of the middle of a step of order 8, a sixth of which is waiting for sines from nothing
+# Series with an error below an eighth of a rounding reach 0.0065 rad with 2 terms, 0.0625 rad with 4, and 0.25 rad, from the middle
+# of a step of order 8 to either side, with 5; for `bend` they have 1 term, and 2. Each integrator takes its shortest reach first.
 REACHES = {
     "rk4": (Reach(0.0065, 1.5e-4, 2.0**-28, 1), Reach(0.0625, 6.5e-3, 2.0**-20, 2), EXACT),
     "dop853_fixed": (Reach(0.25, inf, 6.5e-3, 4), EXACT),
@@ -109,11 +111,10 @@ REACHES = {
 }
 
 
-# steps of a millisecond turn farther than the first reach and are corrected no more than within it: there one correction is enough
+# Steps of a millisecond turn angles farther than the first reach, while their corrections are as small as within it: one is enough.
 ONCE = replace(REACHES["rk4"][1], correction=2.0**-28, corrections=1)
 
-
-# operations of an acceleration: beyond, code with four of them takes long to compile and no longer fits the processor's caches
+# Operations of an acceleration. Code with four longer ones takes long to compile, and does not fit into the processor's caches.
 LONG = 3_500
 
 
@@ -135,13 +136,13 @@ class Step:
     """The values of a step.
 
     Attributes:
-        carried: leaf -> the value it has at the next step.
+        carried: name of a leaf -> its value at the next step.
         out: q, v (2n) at the beginning of the step, to be stored as a sample.
-        regular: mask where all pivots are regular; regular_out: the pivots that `out` needs.
+        regular: mask where no pivot is too small; regular_out: the same for the pivots that `out` needs.
         within: mask where the step stays within its reach and all values are finite.
         error: squared norm of the estimated local error relative to the tolerances, proportional to h^16; None if not estimated.
-        settled: leaf -> its value at the next step if the state is settled onto the constraints there; empty if it never is.
-        stages: of a loop over the stages, leaf -> its value at the first stage and at the next one; empty if all are written out.
+        settled: name of a leaf -> its value at the next step if the state is projected there; empty if it never is.
+        stages: leaf -> its value at the first stage, and at the next one, in a loop over the stages; empty if there is no loop.
     """
 
     graph: Graph
@@ -161,7 +162,7 @@ class Step:
         return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within, *error, *of_stages]
 
     def rewrite_into(self, into: Graph | None = None) -> "Step":
-        """The step with its arithmetic regrouped, in a graph that may have other steps already."""
+        """Return the step with its arithmetic regrouped, in a graph that may have other steps already."""
         every = [*self.roots(), *self.settled.values()]
         graph, roots = rewrite(self.graph, every, into)
         moved = dict(zip(every, roots, strict=True))
@@ -176,7 +177,15 @@ class Step:
 
 
 class Builder:
-    """Writes the stages of a step into a graph, and gathers their guards."""
+    """Writes the stages of a step into a graph, and collects their guards. Vectors are lists of n values, one per coordinate.
+
+    Attributes:
+        library: whether sines are computed by the functions of the target.
+        q, v, p, t, h: leaves of the state, the parameters, the time and the step size.
+        known: angle -> its sine and cosine, where a rotation or an earlier stage has computed them.
+        pivots: masks where a pivot is not too small.
+        score: squares of norms, each divided by its bound: the sum must be at most 1.
+    """
 
     def __init__(self, code: Code, reach: Reach, library: bool = False):
         self.g = g = Graph()
@@ -198,29 +207,31 @@ class Builder:
         return [(self.g.leaf(f"%s{i}"), self.g.leaf(f"%c{i}")) for i in self.code.angles]
 
     def times_h(self, factor: float, power: int = 1) -> int:
-        """Factor times a power of the step; does not change in the loop."""
+        """Return factor h^power, which is computed once before the loop."""
         product = self.g.const(factor)
         for _ in range(power):
             product = self.g.mul(product, self.h)
         return product
 
     def plus(self, x: list[int], y: list[int]) -> list[int]:
+        """Return the vector x + y."""
         return [self.g.add(a, b) for a, b in zip(x, y, strict=True)]
 
     def times(self, factor: int, x: list[int]) -> list[int]:
+        """Return the vector factor x."""
         return [self.g.mul(factor, a) for a in x]
 
     def along(self, x: list[int], factor: int, d: list[int]) -> list[int]:
-        """Return x + factor d."""
+        """Return the vector x + factor d."""
         return self.plus(x, self.times(factor, d))
 
     def weighted(self, a: list[list[int]], weights: Coefficients) -> list[int]:
-        """Return the weighted sum of some accelerations."""
+        """Return the weighted sum of the accelerations a at the stages so far."""
         used = [(self.g.const(w), x) for w, x in zip(weights, a, strict=False) if w]
         return [self.g.total([self.g.mul(w, x[i]) for w, x in used]) for i in range(self.n)]
 
     def sincos(self, x: int) -> Pair:
-        """Return sine and cosine: known from a rotation, else from scratch, or by the target's functions with `library`."""
+        """Return sine and cosine of an angle: known ones, else computed by the target's functions or from scratch."""
         if x not in self.known and self.library:
             self.known[x] = self.g.make("sin", x), self.g.make("cos", x)
         elif x not in self.known:
@@ -241,9 +252,9 @@ class Builder:
             self.score.append(g.mul(weight, g.squares(values)))
 
     def turn(self, pairs: list[Pair], change: list[int], largest: float, to: list[int]) -> list[Pair]:
-        """Return the sines and cosines of the angles after a change [rad] of the coordinates, each at most `largest`.
+        """Return sine and cosine of each angle after a change [rad] of the coordinates, whose norm is at most `largest`.
 
-        They are used where angles are needed at the positions `to`. None are returned if every step computes them anew.
+        They are registered for the angles of the positions `to`. The list is empty if sines are computed from scratch.
         """
         if not self.reach.rotates:
             return []
@@ -252,59 +263,66 @@ class Builder:
         return turned
 
     def share(self, q: list[int], pairs: list[Pair]) -> None:
-        """Register sines and cosines that are already known for the angles of q, if any."""
+        """Register sine and cosine of each angle of the positions q; an empty list of pairs registers nothing."""
         self.known.update(zip(self.of_angles(q), pairs, strict=False))
 
     def of_angles(self, x: list[int]) -> list[int]:
+        """Return the components of a vector that belong to angles whose sines are needed."""
         return [x[i] for i in self.code.angles]
 
     def acceleration(self, t: int, q: list[int], v: list[int]) -> list[int]:
+        """Return the acceleration at a stage, and add its pivots to the guards."""
         a, guard = inline(self.g, self.code.acceleration, ([t], q, v, self.p), self.sincos)
         self._watch(guard, self.code.program.thresholds)
         return a
 
     def directions(self, t: int, q: list[int], v: list[int]) -> list[list[int]]:
-        """Return the free motion for a unit displacement of each independent coordinate."""
+        """Return for each independent coordinate the free motion in which it moves by 1, and add their pivots to the guards."""
         g, free = self.g, self.code.program.independent
         *motions, guard = inline(g, self.code.program.directions, ([t], q, v, self.p), self.sincos)
         self._watch(guard, self.code.program.direction_thresholds)
         return [[g.div(x, motion[k]) for x in motion] for k, motion in zip(free, motions, strict=True)]
 
     def constrain(self, t: int, q: list[int], v: list[int], a: list[int], z: list[int]) -> list[int]:
-        """Accelerations that the rows allow, whose independent ones are z; a are any such."""
-        for k, x, motion in zip(self.code.program.independent, z, self.directions(t, q, v), strict=True):
-            a = self.along(a, self.g.sub(x, a[k]), motion)
+        """Return the accelerations that the rows allow and whose independent components are z; a are any that the rows allow."""
+        for k, wanted, motion in zip(self.code.program.independent, z, self.directions(t, q, v), strict=True):
+            a = self.along(a, self.g.sub(wanted, a[k]), motion)
         return a
 
     def newton(self, q: list[int], v: list[int], a: list[int], A: Array) -> Callable[[list[list[int]]], list[list[int]]]:
-        """Solves for changes (s, f) of independent accelerations of all stages, with one Jacobian: at q, v, where they are a."""
+        """Return a function that solves for the changes (s, f) of the f independent accelerations of all s stages.
+
+        Its argument are the errors (s, f) of the accelerations. All stages have the Jacobian of the state q, v, whose acceleration
+        is a:  (1 - h^2 A A x K - h A x D) change = error,  as in `gauss_legendre`.
+        """
         g, free = self.g, self.code.program.independent
         moved, per = g.const(DIFFERENCE), g.const(1 / DIFFERENCE)
         motions = self.directions(self.t, q, v)
 
         def derivatives(states: Iterable[tuple[list[int], list[int]]]) -> list[list[int]]:
+            """Return the derivatives (f, f) of the independent accelerations by differences, one displaced state per column."""
             columns = [self.acceleration(self.t, *state) for state in states]
             return [[g.mul(per, g.sub(x[k], a[k])) for x in columns] for k in free]
 
         K = derivatives((self.along(q, moved, N), v) for N in motions)
         D = derivatives((q, self.along(v, moved, N)) for N in motions)
-        places = [(i, k) for i in range(len(A)) for k in range(len(free))]
+        places = [(i, k) for i in range(len(A)) for k in range(len(free))]  # (stage, free motion) of each unknown
 
         def entry(i: int, k: int, j: int, l: int) -> int:
+            """Return the entry in the row of stage i, motion k and the column of stage j, motion l."""
             stiff = g.add(g.mul(self.times_h(float((A @ A)[i, j]), 2), K[k][l]), g.mul(self.times_h(float(A[i, j])), D[k][l]))
             return g.sub(g.const(float((i, k) == (j, l))), stiff)
 
-        matrix = [[entry(*row, *column) for column in places] for row in places]
-        factors = self.factorise(matrix)
+        solve = self.factorise([[entry(*row, *column) for column in places] for row in places])
 
-        def solve(off: list[list[int]]) -> list[list[int]]:
-            x = factors([y for row in off for y in row])
+        def solve_stages(errors: list[list[int]]) -> list[list[int]]:
+            x = solve([y for row in errors for y in row])
             return [x[i * len(free) : (i + 1) * len(free)] for i in range(len(A))]
 
-        return solve
+        return solve_stages
 
     def factorise(self, matrix: list[list[int]]) -> Callable[[list[int]], list[int]]:
-        """Solves with a matrix (k, k) whose pivots are those of its diagonal."""
+        """Factorise a matrix (k, k) into L U without exchanging rows; return a function that solves with it."""
         g, size = self.g, len(matrix)
         U, L = [list(row) for row in matrix], [[0] * size for _ in range(size)]
         inverse: list[int] = []
@@ -329,21 +347,25 @@ class Builder:
         return solve
 
     def _watch(self, guard: list[int], thresholds: Array) -> None:
+        """Demand that pivots are not below their thresholds; constant pivots need no guard."""
         g = self.g
         for pivot, threshold in zip(guard, thresholds, strict=True):
             if g.number(pivot) is None:
                 self.pivots.append(g.make("le", g.const(threshold), g.abs(pivot)))
 
     def margin(self, finite: int) -> int:
-        """Return the smallest ratio of a pivot to its threshold over all stages; 0 if a mask does not hold."""
+        """Return the smallest ratio of a pivot to its threshold over all stages; 0 where the mask `finite` does not hold."""
         g, least = self.g, self.g.const(FINITE)
         for mask in self.pivots:
-            threshold, size = g.operands[mask]
+            threshold, size = g.operands[mask]  # `_watch` has made the mask: threshold <= size
             least = g.minimum(g.div(size, threshold), least)
         return g.make("select", finite, least, g.const(0.0))
 
     def correct_velocity(self, q: list[int] | None = None) -> list[int]:
-        """Project the velocity onto the constraints at the positions q (default: those at the beginning of the step)."""
+        """Return the velocity, projected onto the constraints at the positions q, if the code projects.
+
+        By default q is the position at the beginning of the step.
+        """
         if not self.code.projected:
             return self.v
         nearest, guard = inline(self.g, self.code.program.nearest_velocity, ([self.t], q or self.q, self.v, self.p), self.sincos)
@@ -351,10 +373,13 @@ class Builder:
         return nearest
 
     def correct_position(self, t: int, q: list[int], pairs: list[Pair], at: list[int]) -> tuple[list[int], list[Pair]]:
-        """Project positions onto the constraints with the Jacobian of the positions `at`, and register their sines."""
+        """Return the positions and their sines, projected onto the constraints if the code projects.
+
+        All corrections have the Jacobian of the positions `at`.
+        """
         if not self.code.projected:
             return q, pairs
-        if at is q:  # no stage was there, so that nothing has watched the pivots
+        if at is q:  # no stage was evaluated at q, so that its pivots have no guard yet
             self.acceleration(t, q, self.v)
         for k in range(self.reach.corrections):
             dq, guard = inline(self.g, self.code.program.position_correction, ([t], at, [t], q, self.p), self.sincos)
@@ -374,21 +399,24 @@ class Builder:
         return g.both([score, g.make("le", g.abs(g.total(v)), g.const(FINITE))])
 
     def step(self, q: list[int], v: list[int], pairs: list[Pair], out_v: list[int], out_pivots: list[int]) -> Step:
-        """The step whose results are q, v and sines."""
+        """Return the step that ends at q, v and these sines; its sample has the velocity `out_v`, which `out_pivots` guard."""
         g, regular_out = self.g, self.g.both(out_pivots if self.code.projected else [])
         regular, within = g.both(self.pivots), self.within(v)
         settled = self.carried(*self.settle(q, v, pairs)) if self.code.settles else {}
         return Step(g, self.carried(q, v, pairs), [*self.q, *out_v], regular, regular_out, within, settled=settled)
 
     def carried(self, q: list[int], v: list[int], pairs: list[Pair]) -> dict[str, int]:
-        """The values that the next step begins with, by leaf."""
+        """Return name of a leaf -> its value at the beginning of the next step."""
         carried = {f"%q{i}": x for i, x in enumerate(q)} | {f"%v{i}": x for i, x in enumerate(v)}
         for i, (s, c) in zip(self.code.angles, pairs, strict=False):
             carried |= {f"%s{i}": s, f"%c{i}": c}
         return carried
 
     def settle(self, q: list[int], v: list[int], pairs: list[Pair]) -> tuple[list[int], list[int], list[Pair]]:
-        """Return the end state projected onto the constraints by one correction; the guards of the next step check it."""
+        """Return positions, velocities and sines at the end of the step, projected onto the constraints by one correction.
+
+        The guards of the next step check them.
+        """
         g, end = self.g, self.g.add(self.t, self.h)
         dq, _ = inline(g, self.code.program.position_correction, ([end], q, [end], q, self.p), self.sincos)
         nearest = self.plus(q, dq)
@@ -398,16 +426,16 @@ class Builder:
 
 
 def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
-    """One step of the classical Runge-Kutta method."""
+    """Write one step of the classical Runge-Kutta method, by the formulas at the head of this file."""
     b = Builder(code, reach, library=library)
-    g, q, u = b.g, b.q, b.v
+    g, q, u = b.g, b.q, b.v  # u is the velocity before its correction v
     half, h, sixth = b.times_h(0.5), b.times_h(1.0), b.times_h(1 / 6)
     middle, end = g.add(b.t, half), g.add(b.t, h)
     start = b.carried_sines() if reach.rotates else []
     b.share(q, start)
     v = b.correct_velocity()
     a1 = b.acceleration(b.t, q, u)
-    out_pivots = list(b.pivots)
+    out_pivots = list(b.pivots)  # the sample at q, v needs no other guard
     q2, B = b.along(q, half, u), b.along(q, h, v)
     pairs2 = b.turn(start, b.times(half, u), reach.step / 2, q2)
     a2 = b.acceleration(middle, q2, b.along(v, half, a1))
@@ -430,7 +458,7 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
 
 
 def rk4_looped(code: Code) -> Step:
-    """One step of the classical Runge-Kutta method whose right-hand side is written once, in a loop over the stages.
+    """Write one step of the classical Runge-Kutta method, with one acceleration in a loop over the stages.
 
     Stage j = 0, 1, 2, 3 is at x, u and the time s. It adds w u and w a to the sums X and U, with w = 1, 2, 2, 1, and the next stage
     is at q + c u and v + c a, with c = h/2, h/2, h. The step ends at q + h/6 X and v + h/6 U.
@@ -442,10 +470,10 @@ def rk4_looped(code: Code) -> Step:
         b.acceleration(b.t, q, b.v)  # for its guards, which the corrected velocity needs
     out_pivots, b.pivots = list(b.pivots), []
     x, u, X, U = (b.vector(letter) for letter in "xuXU")
-    stage, s, steady = g.count("%stage"), g.leaf("%s"), g.make("mask", payload="%steady")
+    stage, s, steady = g.count("%stage"), g.leaf("%s"), g.make("mask", payload="%steady")  # steady: all guards so far hold
     early = g.make("below", stage, g.whole(2))
     middle = g.make("also", g.make("below", g.whole(0), stage), g.make("below", stage, g.whole(3)))
-    way = g.make("select", g.make("everywhere", early), b.times_h(0.5), h)
+    c = g.make("select", g.make("everywhere", early), b.times_h(0.5), h)
     weight = g.make("select", g.make("everywhere", middle), g.const(2.0), g.const(1.0))
     a = b.acceleration(s, x, u)
     sum_X, sum_U = b.along(X, weight, u), b.along(U, weight, a)
@@ -453,10 +481,10 @@ def rk4_looped(code: Code) -> Step:
     zero = [g.const(0.0)] * b.n
     leaves = [*x, *u, *X, *U]
     first = [*q, *first_v, *zero, *zero]
-    following = [*b.along(q, way, u), *b.along(first_v, way, a), *sum_X, *sum_U]
+    following = [*b.along(q, c, u), *b.along(first_v, c, a), *sum_X, *sum_U]
     stages = dict(zip(leaves, zip(first, following, strict=True), strict=True))
-    stages |= {s: (b.t, g.add(b.t, way)), stage: (g.whole(0), g.make("sum", stage, g.whole(1))), steady: (g.all(True), regular)}
-    b.pivots, b.score = [regular, *out_pivots], []
+    stages |= {s: (b.t, g.add(b.t, c)), stage: (g.whole(0), g.make("sum", stage, g.whole(1))), steady: (g.all(True), regular)}
+    b.pivots, b.score = [regular, *out_pivots], []  # `regular` has the guards of all stages
     sixth = b.times_h(1 / 6)
     q_new, v_new = b.along(q, sixth, sum_X), b.along(first_v, sixth, sum_U)
     q_new, _ = b.correct_position(g.add(b.t, h), q_new, [], q_new)
@@ -464,9 +492,9 @@ def rk4_looped(code: Code) -> Step:
 
 
 def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step:
-    """One step of v' = v + h a(q, v), q' = q + h v', with both v and q' corrected onto the constraints where the step projects.
+    """Write one step of v' = v + h a(q, v), q' = q + h v'; v and q' are corrected if the code projects.
 
-    Sines of angles are carried from step to step, turned by h v' (`Builder.turn`), which must stay below `reach.step`.
+    Sines are carried from step to step, rotated by h v', whose norm must stay below `reach.step`.
     """
     b = Builder(code, reach, library=library)
     g, q = b.g, b.q
@@ -483,40 +511,41 @@ def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step
 
 
 def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = False) -> Step:
-    """One step of order 8 of Dormand and Prince, twelve stages, with the positions of the stages written out as in `rk4`.
+    """Write one step of Dormand and Prince of order 8, twelve stages, with the positions of the stages written out as in `rk4`.
 
-    Where the error is `estimated`, from formulas of order 5 and 3 over the same stages, tolerances are the leaves "%rtol", "%atol":
+    With `estimated`, formulas of order 5 and 3 over the same stages give the error. The tolerances are the leaves "%rtol", "%atol":
 
         error = h^2 e5^4 / ((e5^2 + e3^2 / 100) 2 n),   e5, e3 norms of the differences relative to atol + rtol max(|y|, |y'|)
     """
     b, method = Builder(code, reach, library=library), order_eight()
-    g, q, u, h = b.g, b.q, b.v, b.times_h(1.0)
+    g, q, u, h = b.g, b.q, b.v, b.times_h(1.0)  # u is the velocity before its correction v
     b.share(q, b.compute_sines() if reach.rotates else [])
+    # sines at q + h/2 u, from which those of the stages are rotated; `turned` collects the angles of these rotations
     to_middle, turned = b.times(b.times_h(0.5), u), list[int]()
     middle = [b.sincos(x) for x in b.of_angles(b.along(q, b.times_h(0.5), u))] if reach.rotates else []
     v = b.correct_velocity()
     a = [b.acceleration(b.t, q, u)]
     out_pivots = list(b.pivots)
 
-    def known(x: list[int], moved: list[int]) -> list[Pair]:
-        """Return sines of displaced positions, rotated from those at the middle of the step."""
-        ahead = [g.sub(d, way) for d, way in zip(moved, to_middle, strict=True)]
+    def rotate_sines(x: list[int], moved: list[int]) -> list[Pair]:
+        """Return the sines at positions x = q + moved, rotated from those at the middle of the step."""
+        ahead = [g.sub(d, half) for d, half in zip(moved, to_middle, strict=True)]
         turned.extend(b.of_angles(ahead))
         return b.turn(middle, ahead, reach.step, x)
 
     def at(c: float, weights: Coefficients, twice: Coefficients) -> tuple[list[int], list[int]]:
-        """Return displacements and velocities at the fraction c of the step."""
+        """Return displacement and velocity at the fraction c of the step: c h v + h^2 sum twice_k a_k, v + h sum weights_k a_k."""
         moved = b.along(b.times(b.times_h(c), v), b.times_h(1.0, 2), b.weighted(a, twice))
         return moved, b.along(v, h, b.weighted(a, weights))
 
     for k in range(1, len(method.c)):
         moved, w = at(method.c[k], method.A[k], method.twice[k])
         x = b.plus(q, moved)
-        known(x, moved)
+        rotate_sines(x, moved)
         a.append(b.acceleration(g.add(b.t, b.times_h(method.c[k])), x, w))
     moved, v_new = at(1.0, method.b, method.end)
     q_new = b.plus(q, moved)
-    pairs = known(q_new, moved)
+    pairs = rotate_sines(q_new, moved)
     b.limit([g.largest(turned)], reach.step)
     q_new, _ = b.correct_position(g.add(b.t, h), q_new, pairs, x if reach.rotates else q_new)
     step = b.step(q_new, v_new, [], v, out_pivots)
@@ -526,29 +555,30 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
 def _error(b: Builder, a: list[list[int]], old: list[int], new: list[int]) -> int:
     """Return the square of a step's estimated error over the allowed one, for `dop853`; `old`, `new` are states (2n)."""
     g, squares = b.g, []
-    allowed = []  # 1 / (atol + rtol max(|y|, |y'|)) of each coordinate and rate
+    inverses = []  # 1 / (atol + rtol max(|y|, |y'|)) of each coordinate and rate
     for x, y in zip(old, new, strict=True):
         larger = g.maximum(g.abs(y), g.abs(x))
-        allowed.append(g.div(g.const(1.0), g.add(g.leaf("%atol"), g.mul(g.leaf("%rtol"), larger))))
-    for weights, twice in order_eight().estimates:  # velocities take the weights, positions their sums over two integrations
-        off = [*b.times(b.h, b.weighted(a, twice)), *b.weighted(a, weights)]
-        squares.append(g.squares([g.mul(x, scale) for x, scale in zip(off, allowed, strict=True)]))
+        inverses.append(g.div(g.const(1.0), g.add(g.leaf("%atol"), g.mul(g.leaf("%rtol"), larger))))
+    for weights, twice in order_eight().estimates:
+        # errors of q and v divided by h; h^2 comes back in the last line
+        errors = [*b.times(b.h, b.weighted(a, twice)), *b.weighted(a, weights)]
+        squares.append(g.squares([g.mul(x, inverse) for x, inverse in zip(errors, inverses, strict=True)]))
     fifth, third = squares
     both = g.add(g.add(fifth, g.mul(g.const(0.01), third)), g.const(TINY))
     return g.div(g.mul(g.mul(b.h, b.h), g.mul(fifth, fifth)), g.mul(both, g.const(float(len(new)))))
 
 
 def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
-    """One step of Gauss's collocation with three stages, order 6: implicit, for springs and dampers that bind explicit steps.
+    """Write one step of Gauss's collocation with three stages, order 6, implicit, for springs and dampers that are stiff.
 
-    What is stiff is so along the free motions N alone, since the others are held by rows and not by forces. The unknowns of a
-    stage are its independent accelerations z; the others follow from the rows at the stage, A = a + N (z - a), and each pass takes
+    A motion can be stiff only along the free motions N, because rows and not forces hold the others. The unknowns of a stage are
+    its independent accelerations z. The other accelerations follow from the rows at the stage, a + N (z - a), and each pass solves
 
         (1 - h^2 A A x K - h A x D) dz = a - z        K, D = derivatives of a along N by positions and velocities, independent part
 
-    with K and D by differences at the beginning of the step. A step counts only if its last change of velocities is below
-    CONVERGED. Where a program knows no free motions, passes without K and D take what is not stiff. Source: Hairer and Wanner,
-    Solving Ordinary Differential Equations II (1996), sections IV.5 and IV.8.
+    with K and D by differences at the beginning of the step. A step counts only if the change of velocities in its last pass is
+    below CONVERGED. A linkage that is driven completely has no free motions: its passes replace the accelerations.
+    Source: Hairer and Wanner, Solving Ordinary Differential Equations II (1996), sections IV.5 and IV.8.
     """
     b, (nodes, A, weights) = Builder(code, reach, library=library), gauss_tableau()
     g, q, h, c, free = b.g, b.q, b.times_h(1.0), nodes.tolist(), code.program.independent
@@ -558,24 +588,25 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
     out_pivots = list(b.pivots)
     newton = b.newton(q, v, start, A) if free else None
 
-    def along(weights_v: Coefficients, twice: Coefficients, c: float) -> tuple[list[int], list[int]]:
+    def at(c: float, weights: Coefficients, twice: Coefficients) -> tuple[list[int], list[int]]:
+        """Return position and velocity at the fraction c of the step, from the accelerations of the stages."""
         moved = b.along(b.times(b.times_h(c), v), b.times_h(1.0, 2), b.weighted(stages, twice))
-        return b.plus(q, moved), b.along(v, h, b.weighted(stages, weights_v))
+        return b.plus(q, moved), b.along(v, h, b.weighted(stages, weights))
 
-    stages, z = [start] * s, [[start[k] for k in free]] * s
+    stages, z = [start] * s, [[start[k] for k in free]] * s  # accelerations (s, n), and their independent components (s, f)
     for _ in range(NATIVE_PASSES):
-        at = [along(A[i].tolist(), (A @ A)[i].tolist(), c[i]) for i in range(s)]
-        accelerations = [b.acceleration(g.add(b.t, b.times_h(c[i])), *at[i]) for i in range(s)]
-        off = [[g.sub(a[k], x) for k, x in zip(free, row, strict=True)] for a, row in zip(accelerations, z, strict=True)]
+        states = [at(c[i], A[i].tolist(), (A @ A)[i].tolist()) for i in range(s)]
+        accelerations = [b.acceleration(g.add(b.t, b.times_h(c[i])), *states[i]) for i in range(s)]
         if newton is None:
             changes = [[g.sub(x, y) for x, y in zip(a, old, strict=True)] for a, old in zip(accelerations, stages, strict=True)]
             stages = accelerations
             continue
-        changes = newton(off)
+        errors = [[g.sub(a[k], x) for k, x in zip(free, row, strict=True)] for a, row in zip(accelerations, z, strict=True)]
+        changes = newton(errors)
         z = [b.plus(row, change) for row, change in zip(z, changes, strict=True)]
-        stages = [b.constrain(g.add(b.t, b.times_h(c[i])), *at[i], accelerations[i], z[i]) for i in range(s)]
+        stages = [b.constrain(g.add(b.t, b.times_h(c[i])), *states[i], accelerations[i], z[i]) for i in range(s)]
     b.limit(b.times(h, [x for change in changes for x in change]), CONVERGED)
-    q_new, v_new = along(weights.tolist(), (weights @ A).tolist(), 1.0)
+    q_new, v_new = at(1.0, weights.tolist(), (weights @ A).tolist())
     q_new, _ = b.correct_position(g.add(b.t, h), q_new, [], q_new)
     return b.step(q_new, v_new, [], v, out_pivots)
 

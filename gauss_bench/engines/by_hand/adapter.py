@@ -1,9 +1,9 @@
-"""Two kinds of linkage by equations derived on paper and written in C: the code of an expert who needs one linkage to be fast.
+"""Two kinds of linkage by equations derived on paper and written in C, as an expert writes them who needs one linkage to be fast.
 
-The derivations are `crank_slider.c` and `four_bar.c`: the loop is closed by trigonometry, then Lagrange's equation is written in
-the angle of the crank, the one degree of freedom. They use no generated code. They cover these two kinds of loops and the loads
-that `loops.py` names; every other linkage is skipped. Each model is compared with the linkage before it is used. The velocities and
-accelerations of the other links follow from those of the crank by the linkage's constraint rows.
+The derivations are `crank_slider.c` and `four_bar.c`: trigonometry closes the loop, and Lagrange's equation is written in the angle
+of the crank, the only degree of freedom. No code is generated. The derivations cover these two loops with the loads that `loops.py`
+names; every other linkage is skipped. Each model is compared with the linkage before it is used. The velocities and accelerations
+of the other links follow from those of the crank by the linkage's constraint rows.
 """
 
 import ctypes
@@ -84,7 +84,7 @@ class ByHandModel(CompiledSteps):
         for turn, rate in ((0.0, speed), (-CHECKED, np.ones(1)), (CHECKED, -10.0 * np.ones(1))):
             (q,), (v,), (a,) = self.motion(np.zeros(1), angle[None] + turn, rate[None])
             if not np.isfinite(q).all():
-                continue  # the crank does not reach this angle
+                continue  # the crank cannot reach this angle
             terms = self.evaluator.terms(0.0, q, v)
             pairs = {"accelerations": (a, gauss(terms).a, size(a)), "joints": (terms.phi, 0 * terms.phi, 1.0)}
             if turn == 0.0:
@@ -113,7 +113,7 @@ class ByHandModel(CompiledSteps):
         """Return q (k, n) at crank angles (k,): each link is placed at the pin that joins it to the one before."""
         loop, q = self.loop, np.zeros((len(th), self.mechanism.n))
         start = np.array([angle_at(self.mechanism.q0, link) for link in loop.links])
-        unwrapped = wind(self._angles(th), follow(self._angles, float(self.start[0][0]), th, start))
+        unwrapped = wind(self._angles(th), follow(self._angles, float(self.start[0][0]), th, start))  # (k, 3)
         for link, angle, pin in zip(loop.links, unwrapped.T, loop.pins, strict=True):
             q[:, angle_slot(link)] = angle
             places(q)[:, link] = position(q, pin.before) - rotate(pin.own.local, angle)

@@ -1,4 +1,4 @@
-"""The numbers of a linkage that the two derivations by hand need, or the reason why neither derivation is of this linkage.
+"""The numbers of a linkage that the two derivations by hand need, or the reason why neither derivation holds for it.
 
 A crank-slider has a crank on a ground pin, a rod, and a slider on a level guide of the ground; a four-bar has a second ground pin
 in the slider's place. Loads: gravity, a constant torque and damping on the crank, and on the slider a spring and damper along x.
@@ -24,7 +24,7 @@ class Underived(ValueError):
 
 
 class Pin(NamedTuple):
-    """The two points of a pin: on the ground or the link before, and on the link that it carries."""
+    """The two points of a pin: `before` on the ground or on the link before, `own` on the link that the pin carries."""
 
     before: Point
     own: Point
@@ -35,11 +35,11 @@ class Loop:
     """A linkage as one of the two loops.
 
     Attributes:
-        source: the file of the derivation.
+        source: file of the derivation.
         numbers: name in the derivation -> value.
-        links: crank, second and third link (indices).
-        lines: (3,) direction [rad], in each link's frame, of the line whose angle the derivation uses; for a slider,
-            minus the slider's angle.
+        links: indices of the crank, the second and the third link.
+        lines: (3,) direction [rad], in each link's frame, of the line whose angle the derivation uses; minus the slider's angle for
+            a slider.
         pins: for each link the pin that joins it to the ground or to the link before.
     """
 
@@ -51,10 +51,10 @@ class Loop:
 
 
 def loop_of(mechanism: Mechanism) -> Loop:
-    """Recognise a linkage as one of the two loops and return its numbers.
+    """Recognise a linkage as one of the two loops, and return its numbers.
 
     Raises:
-        Underived: it is neither of the two, or the derivations lack one of its loads.
+        Underived: it is neither of the two, or the derivations do not have one of its loads.
     """
     crank, pins = mechanism.crank, mechanism.pins
     constrained = mechanism.drivers or mechanism.constraints or mechanism.has_friction
@@ -90,7 +90,7 @@ def loop_of(mechanism: Mechanism) -> Loop:
         start = position(mechanism.q0, crank_pin.before)
         to_ground, to_far = ground_pin.before.local - start, position(mechanism.q0, far_pin.before) - start
         side = to_ground[0] * to_far[1] - to_ground[1] * to_far[0]
-    numbers["SIDE"] = float(np.sign(side))  # which of the two closures the start is
+    numbers["SIDE"] = float(np.sign(side))  # selects the one of the two closures in which the linkage starts
     return Loop(source, numbers, (crank, second, third), np.array(lines), (pivot, crank_pin, far_pin))
 
 
@@ -104,17 +104,19 @@ def _find_pin(pins: Sequence[Revolute], before: int, link: int) -> Pin | None:
 
 
 def _angle(x: Array) -> float:
+    """Return the direction [rad] of a vector."""
     return float(np.arctan2(x[1], x[0]))
 
 
 def _vector(name: str, x: Array) -> dict[str, float]:
+    """Return the components of a vector under the names that the derivations give them."""
     return {f"{name}X": float(x[0]), f"{name}Y": float(x[1])}
 
 
 def _weights(k: str, mechanism: Mechanism, link: int, pivot: Point, tip: Point) -> dict[str, float]:
-    """Return a link's inertia about its pivot, and the moments of its weight.
+    """Return the numbers J, WC and WS of link `k` (1 or 3): its inertia about its pivot, and the moments of its weight.
 
-    The moment at the angle th of the line from pivot to tip is WC cos(th) - WS sin(th).
+    The moment of the weight at the angle th of the line from pivot to tip is WC cos(th) - WS sin(th).
     """
     body, (gx, gy) = mechanism.links[link], mechanism.gravity
     x, y = body.mass * turn_vector(-pivot.local, -_angle(tip.local - pivot.local))
@@ -123,7 +125,7 @@ def _weights(k: str, mechanism: Mechanism, link: int, pivot: Point, tip: Point) 
 
 
 def _second_link(mechanism: Mechanism, link: int, crank_pin: Point, line: Array) -> dict[str, float]:
-    """Return length, mass, inertia and centre of the second link, in a frame along its line from the crank's pin."""
+    """Return length, mass, inertia and centre of mass of the second link, in a frame along its line from the crank's pin."""
     body, (x, y) = mechanism.links[link], turn_vector(-crank_pin.local, -_angle(line))
     return {"L": float(np.linalg.norm(line)), "M2": body.mass, "I2": body.inertia, "A2": float(x), "B2": float(y)}
 

@@ -1,8 +1,8 @@
-"""A linkage of one degree of freedom in one coordinate, which is replaced by another one before its dead centres.
+"""A linkage of one degree of freedom in one coordinate, which another coordinate replaces before its dead centres.
 
-The equation is generated for the cheapest coordinate whose dyads stay open over the whole motion. If there is none, a coordinate is
-stepped until one of its dyads opens by less than `least`; then the coordinate whose dyads are open widest takes over, on the branch
-that the linkage is on.
+The equation is generated for the cheapest coordinate whose dyads stay open over the whole motion. If there is none, steps are taken
+in one coordinate until one of its dyads opens by less than `least`. Then the coordinate whose dyads are open widest takes over, on
+the branch that the linkage is on.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,12 +33,12 @@ from gauss_bench.trajectory import RunFailure, Status, Trajectory
 VARIANTS = read_variants(Path(__file__).parent)
 ADAPTIVE = "dop853"
 # The opening of a dyad is the sine or cosine of an angle, which is zero at a dead centre.
-STATES = 64  # states of the motion at which the openings of the dyads are evaluated
-STEADY = 0.15  # a coordinate whose dyads never open by less needs no change: about 9 degrees from a dead centre
-CHANGE = 0.35  # other coordinates are changed at this opening: nearer to dead centres they vary so fast that steps must be smaller
-NARROW = 0.02  # no coordinate is used below this opening: the run ends if none is open wider
+STATES = 64  # number of states of the motion at which the openings of the dyads are evaluated
+STEADY = 0.15  # least opening, about 9 degrees from a dead centre, of a coordinate that is used over the whole motion
+CHANGE = 0.35  # opening at which another coordinate takes over: nearer to dead centres steps would have to be smaller
+NARROW = 0.02  # opening below which no coordinate is used: the run ends if none is open wider
 AGREEMENT = 1e-8  # relative, of accelerations: rounding and the closure of the states cause about 1e-10, a wrong term about 1
-CHECKED = 4  # states at which a generated equation is compared with the linkage
+CHECKED = 4  # number of states at which a generated equation is compared with the linkage
 
 
 class Key(NamedTuple):
@@ -85,10 +85,10 @@ class Segment:
     """The part of a run that was stepped in one equation.
 
     Attributes:
-        row: index of the sample that the first of `states` is; the others follow.
-        start: (2n,) first state, at which the segment before ended.
-        states: (k, 2n) the samples.
-        end: (2n,) last state.
+        row: index of the first sample in `states`.
+        start: (2n,) state at the beginning of the segment.
+        states: (k, 2n) states at the samples.
+        end: (2n,) state at the end of the segment.
     """
 
     equation: Equation
@@ -115,16 +115,16 @@ class LinkMotion:
 
     @staticmethod
     def of(rate: Array, results: Sequence[Array]) -> "LinkMotion":
-        """Build it from the results (k, ...) of `Equation.motion` at rates (k,) of the coordinate."""
+        """Return the links' motion, given the results (k, ...) of `Equation.motion` and rates (k,) of the coordinate."""
         place, slope, bend, second = results
-        x, y, c, s = np.moveaxis(place.reshape(len(place), -1, 4), -1, 0)
+        x, y, c, s = np.moveaxis(place.reshape(len(place), -1, 4), -1, 0)  # (k, links) each
         w = rate[:, None]
         # v = p' q',  a = p' q'' + p'' q'^2
         return LinkMotion(np.stack([x, y], axis=-1), np.arctan2(s, c), slope * w, slope * second + bend * (w * w))
 
     @staticmethod
     def at(equation: Equation, y: Array) -> "LinkMotion":
-        """Evaluate an equation at its states y (k, 2n)."""
+        """Return the links' motion at states y (k, 2n) of an equation."""
         n, zero = equation.program.n, np.zeros((len(y), 1))
         return LinkMotion.of(y[:, n], equation.motion(zero, y[:, :n], y[:, n:], zero[:, :0]))
 
@@ -141,12 +141,15 @@ class MinimalModel:
     Attributes:
         ways: the possible coordinates.
         walk: sampled states of the motion.
-        signs: for each way the signs (states, dyads) of its openings at these states.
+        scales: for each way the openings (dyads,) that count as 1.
+        signs: for each way the signs (states, dyads) of its openings at the sampled states.
         open: (ways, states) smallest opening of the dyads of each way.
         steady: indices of the ways that never need a change.
         least: opening below which a coordinate is not used.
+        equations, evaluators, machines: for each key so far its equation, its links' motion as machine code, and its steps.
         first, now: keys of the first equation and of the present one.
-        tried: keys of the equations that have failed at the present state.
+        y: (2n,) present state, in the present equation.
+        tried: keys of the equations that have failed at this state.
         failure: the reason why the run ended early, or an empty text.
     """
 
@@ -183,10 +186,13 @@ class MinimalModel:
         return np.flatnonzero((self.signs[key.way] == key.signs).all(axis=1) & (self.open[key.way] > self.least))
 
     def _equation(self, key: Key, q: Array | None = None) -> Equation:
-        """Return the equation of a key; the first call writes it, from sampled states on its branch and from q (n,) if given."""
+        """Return the equation of a key, which the first call writes.
+
+        Its expressions are sampled at states of the walk on its branch, and at the position q (n,) if it is given.
+        """
         if key not in self.equations:
             on = self._states_on_branch(key)
-            # The half of the states that is farthest from dead centres, in the order of the walk.
+            # Take the half of the states that is farthest from dead centres, in the order of the walk.
             best = sorted(on[np.argsort(-self.open[key.way][on], kind="stable")][: max(3, len(on) // 2)])
             states = self.walk.q[best] if q is None else np.vstack([self.walk.q[best], q])
             least = self.least * self.scales[key.way]
@@ -194,24 +200,24 @@ class MinimalModel:
         return self.equations[key]
 
     def _evaluator(self, key: Key) -> Callable[[Array], list[Array]]:
-        """Return the links' motion by an equation as machine code: state (2n,) -> results of `Equation.motion`; compiled once."""
+        """Return a compiled function of an equation's state (2n,) with the results of `Equation.motion`."""
         if key not in self.evaluators:
             self.evaluators[key] = compile_function(self._equation(key).motion)
         return self.evaluators[key]
 
     def _machine(self, key: Key, q: Array | None = None) -> Machine:
-        """Return the machine code that steps an equation; it is compiled once."""
+        """Return the machine code that steps an equation, compiled by the first call."""
         if key not in self.machines:
             self.machines[key] = Machine(self._equation(key, q), self.choice.integrator)
         return self.machines[key]
 
     def _openings(self, at: Links) -> dict[Key, float]:
-        """Return every coordinate, on the branch that the links are on, with the smallest opening of its dyads there."""
-        found = {}
+        """Return key -> smallest opening of its dyads, for every coordinate on the branch that the links are on."""
+        smallest = {}
         for k, (way, scale) in enumerate(zip(self.ways, self.scales, strict=True)):
             openings = way.openings(at)
-            found[Key(k, tuple(np.sign(openings).tolist()))] = float(_smallest(openings, scale))
-        return found
+            smallest[Key(k, tuple(np.sign(openings).tolist()))] = float(_smallest(openings, scale))
+        return smallest
 
     def _verify(self) -> None:
         """Compare the first equation's motion with the linkage and Gauss's principle at a few states.
@@ -228,14 +234,14 @@ class MinimalModel:
             require_agreement(pairs, AGREEMENT)
 
     def _state(self, equation: Equation, q: Array, v: Array) -> Array:
-        """Translate a state of the linkage to the equation's state (2n,)."""
+        """Return the equation's state (2n,) at a state of the linkage."""
         return equation.state(Links.of(q, v), {link: float(angle_at(q, link)) for link in equation.angles})
 
     def _derive(self, key: Key, q: Array, v: Array) -> tuple[Array, Array, Array]:
-        """Return q, v, a (n,) as an equation computes them from its own coordinate at a state of the linkage."""
+        """Return q, v, a (n,) that an equation computes from its own coordinate at a state of the linkage."""
         equation = self._equation(key, q)
         y = self._state(equation, q, v)
-        if key == self.first:  # compiling takes time, which only an equation that is evaluated often makes up for
+        if key == self.first:  # to compile takes time, which pays only for an equation that is evaluated often
             rate = y[len(y) // 2]
             motion = LinkMotion.of(rate[None], [x[None] for x in self._evaluator(key)(y)])
         else:
@@ -244,7 +250,7 @@ class MinimalModel:
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         openings = self._openings(Links.of(q, v))
-        # The first coordinate if it is regular here, for its equation is compiled already; else the one that is open widest.
+        # Use the first coordinate if it is regular here, because its equation is compiled; else the one that is open widest.
         widest = max(openings, key=lambda key: openings[key])
         regular = (key for key, opening in openings.items() if key.way == self.first.way and opening > self.least)
         return finite_acceleration(t, self._derive(next(regular, widest), q, v)[2], "the equation in one coordinate")
@@ -267,7 +273,7 @@ class MinimalModel:
             self._reset()
 
     def _reset(self) -> None:
-        """Go back to the start and forget the last run."""
+        """Return to the start and forget the last run."""
         self.y, self.now, self.tried = self.start, self.first, set[Key]()
         self.steps, self.evaluations, self.changes, self.failure = 0, 0, 0, ""
         self.segments: list[Segment] = []
@@ -281,7 +287,7 @@ class MinimalModel:
                 self._run_equal(part)
 
     def _run_equal(self, part: Equal) -> None:
-        """Take the steps of one part, in which all steps have the same size and all samples the same distance."""
+        """Take the steps of one part, in which steps have one size and samples one number of steps between them."""
         begin, h, total, done = float(self.times[part.row]), part.size, part.steps * part.samples, 0
         while done < total and not self.failure:
             machine, start = self.machines[self.now], self.y
@@ -290,7 +296,7 @@ class MinimalModel:
             count, every = (total - done, part.steps) if due == part.steps else (due, due)
             states, moved, end = machine.steps(start, begin + done * h, h, count, every)
             end = end.copy()  # the next call overwrites the machine's memory
-            # A machine that stops early does not count the state where it stopped, even if a sample is due there.
+            # A machine that stops early does not return the state at which it stopped as a sample, even if one is due there.
             stopped_at_sample = moved < count and moved and moved % every == 0
             states = np.vstack([states, end]) if stopped_at_sample else states.copy()
             self.segments.append(Segment(machine.equation, part.row + 1 + done // part.steps, start, states, end))
@@ -300,7 +306,7 @@ class MinimalModel:
         self.evaluations = EVALUATIONS[self.choice.integrator] * self.steps
 
     def _run_adaptive(self) -> None:
-        """Step with error control from one change of coordinate to the next."""
+        """Take adaptive steps from one change of coordinate to the next."""
         times, row, t = self.times, 0, float(self.times[0])
         options = VARIANTS.options(self.choice.settings)
         tolerances = self.choice.tolerances(options["dop853_rtol"], options["dop853_atol"])
@@ -317,9 +323,9 @@ class MinimalModel:
                 self._change(t, course.taken)
 
     def _change(self, t: float, moved: int) -> None:
-        """Continue at time t [s] in the coordinate whose dyads are open widest, except those that have failed at this state.
+        """Continue at time t [s] in the coordinate whose dyads are open widest, unless it has failed at this state.
 
-        `moved` is the number of steps since the coordinate was last changed; if it is 0, the present coordinate has failed here.
+        `moved` is the number of steps in the present coordinate; without steps, those that failed before are excluded too.
         """
         machine = self.machines[self.now]
         self.tried = {self.now} if moved else self.tried | {self.now}
@@ -337,18 +343,22 @@ class MinimalModel:
         self.y, self.now, self.changes = new.state(here, spring_angles), best, self.changes + 1
 
     def _stopped_links(self) -> Links:
-        """Return the links at the state where steps stopped, evaluated by machine code because this is timed."""
+        """Return the links at the present state; machine code evaluates them, because a change of coordinate is timed."""
         place, slope, *_ = self._evaluator(self.now)(self.y)
-        x, y, c, s = place.reshape(-1, 4).T
-        u, w, spin = slope.reshape(-1, 3).T * self.y[len(self.y) // 2]
-        return Links.with_ground((x + 1j * y).tolist(), (c + 1j * s).tolist(), (u + 1j * w).tolist(), spin.tolist())
+        x, y, c, s = place.reshape(-1, 4).T  # (links,) each
+        dx, dy, spin = slope.reshape(-1, 3).T * self.y[len(self.y) // 2]
+        return Links.with_ground((x + 1j * y).tolist(), (c + 1j * s).tolist(), (dx + 1j * dy).tolist(), spin.tolist())
 
     def _name(self, equation: Equation) -> str:
+        """Return the name of an equation's coordinate for the note."""
         way = equation.way
         return f"slide {way.joint.name}" if way.joint.slides else f"angle of {self.mechanism.link_name(way.link)}"
 
     def _follow(self, segment: Segment, at: Array, angles_at_start: Array) -> Array:
-        """Return approximate, unwrapped angles (k, links) at values (k,) of the coordinate, given those at the segment's start."""
+        """Return approximate angles (k, links) [rad] at values (k,) of the coordinate, with whole turns counted.
+
+        They are followed through a segment from the angles (links,) at its start.
+        """
         equation = segment.equation
 
         def lines(x: Array) -> Array:
@@ -364,7 +374,7 @@ class MinimalModel:
         """Return the samples.
 
         Raises:
-            RunFailure: no coordinate was regular at some time; it carries the samples before.
+            RunFailure: no coordinate was regular at some time; it carries the samples until then.
         """
         q, v, a = sample_arrays(self.times, *self._derive(self.first, self.mechanism.q0, self.mechanism.v0))
         unwrapped = self.start_angles

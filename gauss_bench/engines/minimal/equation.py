@@ -1,11 +1,12 @@
 """The equation of motion of a linkage in one coordinate q, as expressions.
 
-Each link and point is described by its place and the first two derivatives of the place by q, denoted by primes. A link has the
-direction e = exp(i theta), omega = theta' and alpha = theta''; its point at the arm r from a point p0 has
+Links and points have a place, and its first and second derivative by q, which primes denote. Vectors of the plane are also written
+as complex numbers. A link has the direction e = exp(i theta), omega = theta' and alpha = theta''. Its point at the arm r from a
+point p0 has
 
     p' = p0' + i omega r,    p'' = p0'' + i alpha r - omega^2 r
 
-so that velocities are v = p' q', accelerations p' q'' + p'' q'^2. With the kinetic energy m(q) q'^2 / 2 Lagrange's equation is
+so that velocities are v = p' q' and accelerations p' q'' + p'' q'^2. With the kinetic energy m(q) q'^2 / 2 Lagrange's equation is
 
     m q'' + h q'^2 = Q,    m = sum M |p'|^2 + I omega^2,    h = m' / 2 = sum M p' . p'' + I omega alpha
 
@@ -17,8 +18,8 @@ replaced by masses at its pins and a moment of inertia. This saves operations, b
 A dyad's place follows from elementary geometry, with one square root. Its derivatives follow from two linear equations whose
 determinant is that root again, so the root also measures how far the dyad is from its dead centre.
 
-A torsion spring needs the angle of a link. The geometry gives angles only up to whole turns, so such an angle is integrated beside
-q from its rate omega q', unless it is the coordinate itself, or slides fix it relative to the coordinate or the ground.
+A torsion spring needs the angle of a link, and the geometry gives angles only up to whole turns. The angle is therefore integrated
+beside q from its rate omega q', unless it is the coordinate itself, or slides fix it relative to the coordinate or the ground.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,12 +30,12 @@ import numpy as np
 
 from gauss_bench.compiler.elimination.function import Function, Inputs, function, uses
 from gauss_bench.compiler.elimination.program import Program
-from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, Vector
-from gauss_bench.engines.minimal.structure import Dyad, Links, Way
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
+from gauss_bench.engines.minimal.structure import Dyad, Links, OuterJoint, Way
 from gauss_bench.mechanism.coordinates import DistanceState, state, strength
 from gauss_bench.mechanism.frames import Direction, End, Frame, Placement
 from gauss_bench.mechanism.model import GROUND, Angle, Law, Mechanism, Point, PointForce, Prismatic, loads
-from gauss_bench.mechanism.spaces import Vec, angle_at
+from gauss_bench.mechanism.spaces import Vec, angle_at, cross, dot, rotate_vec
 from gauss_bench.terms import Array
 
 NEAR = 0.02  # [rad, m] largest distance of the expressions' random test points from the samples
@@ -50,8 +51,8 @@ class Equation:
         signs: for each dyad the sign that selects one of its two solutions.
         integrated: links whose angles are integrated beside the coordinate.
         program: the acceleration for the compiler's integrators; its q are the coordinate and the angles of `integrated`.
-        angles: link whose angle a spring needs -> index of the program's q from which it differs by a constant, and that [rad].
-        motion: function (t, q, v, p) -> x, y, cos, sin of every link; x', y', omega; x'', y'', alpha; and q''.
+        angles: link whose angle a spring needs -> index of an entry of the program's q, and the constant [rad] that is added to it.
+        motion: function (t, q, v, p) -> x, y, cos, sin of every link; x', y', omega of every link; x'', y'', alpha; and q''.
     """
 
     way: Way
@@ -70,7 +71,7 @@ class Equation:
         return np.concatenate([q, v])
 
     def spring_angles(self, q: Array) -> dict[int, float]:
-        """Return the angles [rad] that springs need, by link, at the program's q (n,)."""
+        """Return link -> angle [rad], for the angles that springs need, at the program's q (n,)."""
         return {link: float(q[k]) + turn for link, (k, turn) in self.angles.items()}
 
 
@@ -91,7 +92,7 @@ class Root(NamedTuple):
 
 
 def _roots(way: Way) -> dict[int, Root]:
-    """Return link -> its root; a link whose angle no slide fixes is its own root."""
+    """Return link -> its root, which is the link itself if no slide fixes its angle."""
     roots = {GROUND: Root(GROUND, 0.0), way.link: Root(way.link, 0.0)}
     if isinstance(way.joint, Prismatic):
         roots[way.link] = Root(GROUND, way.joint.turn if way.joint.guide.link == GROUND else -way.joint.turn)
@@ -145,9 +146,9 @@ def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Ar
 class Place:
     """A point: its position p [m], and the first and second derivatives d and b of the position by the coordinate."""
 
-    p: Vector
-    d: Vector
-    b: Vector
+    p: Vec
+    d: Vec
+    b: Vec
 
     def __sub__(self, other: "Place") -> "Place":
         return Place(self.p - other.p, self.d - other.d, self.b - other.b)
@@ -159,27 +160,38 @@ class Body:
     `pin` is a second pin of the link in its own frame, or None: with two pins, masses at both replace the link's mass.
     """
 
-    def __init__(self, e: Vector, omega: Node, alpha: Node, at: Array, place: Place, pin: Array | None = None):
+    def __init__(self, e: Vec, omega: Node, alpha: Node, at: Array, place: Place, pin: Array | None = None):
         self.e, self.omega, self.alpha, self.at, self.place, self.pin = e, omega, alpha, at, place, pin
         self.square, self.change = omega * omega, omega * alpha
 
-    def arm(self, to: Array) -> Vector:
+    def arm(self, to: Array) -> Vec:
         """Return the vector from the point `at` to another point of the link, in world axes."""
-        return self.e * _constant(self.omega.graph, *(to - self.at))
+        return _product(self.e, _constant(self.omega.graph, *(to - self.at)))
 
     def point(self, local: Array) -> Place:
         """Return the motion of a point of the link: p' = p0' + i omega r,  p'' = p0'' + i alpha r - omega^2 r."""
         r, o = self.arm(local), self.place
-        return Place(o.p + r, o.d + r.turned(self.omega), o.b + r.turned(self.alpha) - r * self.square)
+        return Place(o.p + r, o.d + cross(self.omega, r), o.b + cross(self.alpha, r) - r * self.square)
 
 
-def _constant(graph: ExpressionGraph, x: float, y: float) -> Vector:
+def _constant(graph: ExpressionGraph, x: float, y: float) -> Vec:
     """Return a constant vector; a component that is only a rounding error becomes an exact zero, so that its terms vanish."""
     size = AXIS * max(abs(x), abs(y))
-    return Vector(*(graph.constant(0.0 if abs(z) < size else float(z)) for z in (x, y)))
+    return Vec(*(graph.constant(0.0 if abs(z) < size else float(z)) for z in (x, y)))
 
 
-def _unit(graph: ExpressionGraph, angle: float) -> Vector:
+def _product(a: Vec, b: Vec) -> Vec:
+    """Return the product of two vectors as complex numbers."""
+    return rotate_vec(b, a)
+
+
+def _quarter(x: Vec) -> Vec:
+    """Return i x, the vector turned by a quarter to the left."""
+    return cross(1.0, x)
+
+
+def _unit(graph: ExpressionGraph, angle: float) -> Vec:
+    """Return the constant vector exp(i angle)."""
     return _constant(graph, float(np.cos(angle)), float(np.sin(angle)))
 
 
@@ -187,6 +199,9 @@ class _Motion:
     """All links of a linkage as functions of the coordinate.
 
     Attributes:
+        q: nodes of the coordinate and of the angles that are integrated beside it.
+        v: node of the coordinate's rate.
+        bodies: link -> its motion; the ground is included.
         openings: for each dyad its square root, and the root's value at an opening of 1.
     """
 
@@ -196,28 +211,32 @@ class _Motion:
         self.q = [graph.input("q", k, states[:, k], NEAR) for k in range(states.shape[1])]
         self.v = graph.input("v", 0, np.linspace(1.0, 3.0, len(states)), 1.0)
         self.zero, self.one = graph.constant(0.0), graph.constant(1.0)
-        still = Vector(self.zero, self.zero)
+        still = Vec(self.zero, self.zero)
         rest = Place(still, still, still)
         self.bodies: dict[int, Body] = {GROUND: Body(_unit(graph, 0.0), self.zero, self.zero, np.zeros(2), rest)}
         self.bodies[way.link] = self._place_input_link(way)
         self.openings: list[tuple[Node, float]] = []
+        close = {"RRR": self._close_rrr, "RRP": self._close_rrp, "RPR": self._close_rpr}
         for dyad, sign in zip(way.dyads, signs, strict=True):
-            {"RRR": self._close_rrr, "RRP": self._close_rrp, "RPR": self._close_rpr}[dyad.kind](dyad, sign)
+            close[dyad.kind](dyad, sign)
 
     def _place_input_link(self, way: Way) -> Body:
         """Return the motion of the link whose motion is the coordinate: it turns by q, or it slides by q."""
         graph, joint, q = self.graph, way.joint, self.q[0]
-        still = Vector(self.zero, self.zero)
+        still = Vec(self.zero, self.zero)
         if not isinstance(joint, Prismatic):
             at = Place(_constant(graph, *way.fixed.local), still, still)
-            return Body(Vector(graph.cos(q), graph.sin(q)), self.one, self.zero, way.moved.local, at)
-        guided = joint.guide.link == GROUND  # else the guide moves, in the direction opposite to that of the block in it
-        turn = joint.turn if guided else -joint.turn
-        along = _unit(graph, joint.angle + (0.0 if guided else turn)) * (1.0 if guided else -1.0)
-        place = _constant(graph, *way.fixed.local) + along * q + along.turned(joint.offset)
+            return Body(Vec(graph.cos(q), graph.sin(q)), self.one, self.zero, way.moved.local, at)
+        if joint.guide.link == GROUND:
+            turn, along = joint.turn, _unit(graph, joint.angle)
+        else:  # the guide moves, in the direction opposite to that of the block in it
+            turn = -joint.turn
+            along = _unit(graph, joint.angle + turn) * -1.0
+        place = _constant(graph, *way.fixed.local) + along * q + cross(joint.offset, along)
         return Body(_unit(graph, turn), self.zero, self.zero, way.moved.local, Place(place, along, still))
 
     def at(self, point: Point) -> Place:
+        """Return the motion of a link-fixed point."""
         return self.bodies[point.link].point(point.local)
 
     def _close_rrr(self, dyad: Dyad, sign: float) -> None:
@@ -229,26 +248,30 @@ class _Motion:
         A, C = self.at(dyad.first.other), self.at(dyad.second.other)
         r1, r2 = dyad.lengths
         way = C - A
-        d, D = way.p, way.p.dot(way.p)
+        d, D = way.p, dot(way.p, way.p)
         near = D + (r1 * r1 - r2 * r2)
         square = D * (4 * r1 * r1) - near * near
         root = self.graph.sqrt(square)
-        a = (d * near + d.turned(root * sign)) * (self.graph.inverse(D) * 0.5)
+        a = (d * near + cross(root * sign, d)) * (self.graph.inverse(D) * 0.5)
         c = a - d
         both, inverse = (r1 * r1 + r2 * r2 - D) * 0.5, root * self.graph.inverse(square) * (2 * sign)
-        omega1, omega2 = way.d.dot(c) * inverse, way.d.dot(a) * inverse
+        omega1, omega2 = dot(way.d, c) * inverse, dot(way.d, a) * inverse
         s1, s2 = omega1 * omega1, omega2 * omega2
-        alpha1 = (way.b.dot(c) + s1 * both - s2 * (r2 * r2)) * inverse
-        alpha2 = (way.b.dot(a) + s1 * (r1 * r1) - s2 * both) * inverse
-        ends = ((dyad.first, a, A, omega1, alpha1), (dyad.second, c, C, omega2, alpha2))
-        for (outer, arm, place, omega, alpha), pin in zip(ends, dyad.middle, strict=True):
-            e = arm * self._reciprocal(pin.local - outer.own.local)
-            self.bodies[outer.link] = Body(e, omega, alpha, outer.own.local, place, pin.local)
+        alpha1 = (dot(way.b, c) + s1 * both - s2 * (r2 * r2)) * inverse
+        alpha2 = (dot(way.b, a) + s1 * (r1 * r1) - s2 * both) * inverse
+        pin1, pin2 = (pin.local for pin in dyad.middle)
+        self._add_rod(dyad.first, a, omega1, alpha1, A, pin1)
+        self._add_rod(dyad.second, c, omega2, alpha2, C, pin2)
         self.openings.append((root, 2 * r1 * r2))
 
-    def _reciprocal(self, s: Array) -> Vector:
-        """Return 1 / s as a complex number: a vector that is s in the link's frame, times this, is the link's direction e."""
-        return _constant(self.graph, float(s[0] / (s @ s)), float(-s[1] / (s @ s)))
+    def _add_rod(self, outer: OuterJoint, arm: Vec, omega: Node, alpha: Node, place: Place, pin: Array) -> None:
+        """Add the link whose `arm` leads from its outer joint, with the motion `place`, to its point `pin`.
+
+        With s the arm in the link's frame, as a complex number, the link's direction is e = arm / s.
+        """
+        s = pin - outer.own.local
+        inverse = _constant(self.graph, float(s[0] / (s @ s)), float(-s[1] / (s @ s)))
+        self.bodies[outer.link] = Body(_product(arm, inverse), omega, alpha, outer.own.local, place, pin)
 
     def _close_rrp(self, dyad: Dyad, sign: float) -> None:
         """Close a rod on pin A and a slide: B lies on a circle about A and on a line at `height` beside R.
@@ -256,43 +279,42 @@ class _Motion:
         With u along the line and n across it, B = A + x u + y n = R + s u + height n; u and n turn with the line's link.
         """
         guide, A, R = self.bodies[dyad.line.link], self.at(dyad.first.other), self.at(dyad.line)
-        u = guide.e * _unit(self.graph, dyad.angle)
-        n, way, height, r = u.turned(), R - A, dyad.height, dyad.lengths[0]
-        y = n.dot(way.p) + height
+        u = _product(guide.e, _unit(self.graph, dyad.angle))
+        n, way, height, r = _quarter(u), R - A, dyad.height, dyad.lengths[0]
+        y = dot(n, way.p) + height
         square = r * r - y * y
         root = self.graph.sqrt(square)
         x = root * sign
         # 1 / x = x / square: one division serves the root and its reciprocal
-        inverse, a, s = x * self.graph.inverse(square), u * x + n * y, x - u.dot(way.p)
-        omega = (n.dot(way.d) + guide.omega * s) * inverse
-        slip = -(omega * y) - (u.dot(way.d) - guide.omega * height)
+        inverse, a, s = x * self.graph.inverse(square), u * x + n * y, x - dot(u, way.p)
+        omega = (dot(n, way.d) + guide.omega * s) * inverse
+        slip = -(omega * y) - (dot(u, way.d) - guide.omega * height)
         turning = guide.alpha * s - guide.square * height + guide.omega * slip * 2.0
-        alpha = (n.dot(way.b) + turning + omega * omega * y) * inverse
-        rod, own = dyad.first, dyad.first.own.local
-        pins = [pin.local for pin in dyad.middle]
-        self.bodies[rod.link] = Body(a * self._reciprocal(pins[0] - own), omega, alpha, own, A, pins[0])
-        B = self.bodies[rod.link].point(pins[0])
-        e = guide.e * _unit(self.graph, dyad.turn)
-        self.bodies[dyad.second.link] = Body(e, guide.omega, guide.alpha, pins[1], Place(A.p + a, B.d, B.b))
+        alpha = (dot(n, way.b) + turning + omega * omega * y) * inverse
+        on_rod, on_slider = (pin.local for pin in dyad.middle)
+        self._add_rod(dyad.first, a, omega, alpha, A, on_rod)
+        B = self.bodies[dyad.first.link].point(on_rod)
+        e = _product(guide.e, _unit(self.graph, dyad.turn))
+        self.bodies[dyad.second.link] = Body(e, guide.omega, guide.alpha, on_slider, Place(A.p + a, B.d, B.b))
         self.openings.append((root, r))
 
     def _close_rpr(self, dyad: Dyad, sign: float) -> None:
         """Close a guide on pin C and its block on pin A: A - C = (x + i height) u, with u along the guide."""
         C, A = self.at(dyad.first.other), self.at(dyad.second.other)
         way, height = A - C, dyad.height
-        D = way.p.dot(way.p)
+        D = dot(way.p, way.p)
         square = D - height * height
         root = self.graph.sqrt(square)
         x = root * sign
         inverse = x * self.graph.inverse(square)
-        u = way.p * inverse if height == 0 else (way.p * x - way.p.turned(height)) * self.graph.inverse(D)
-        n = u.turned()
-        omega = n.dot(way.d) * inverse
-        slip = u.dot(way.d) + omega * height
-        alpha = (n.dot(way.b) + omega * omega * height - omega * slip * 2.0) * inverse
-        e = u * _unit(self.graph, -dyad.angle)
+        u = way.p * inverse if height == 0 else (way.p * x - cross(height, way.p)) * self.graph.inverse(D)
+        n = _quarter(u)
+        omega = dot(n, way.d) * inverse
+        slip = dot(u, way.d) + omega * height
+        alpha = (dot(n, way.b) + omega * omega * height - omega * slip * 2.0) * inverse
+        e = _product(u, _unit(self.graph, -dyad.angle))
         self.bodies[dyad.first.link] = Body(e, omega, alpha, dyad.first.own.local, C)
-        turned = e * _unit(self.graph, dyad.turn)
+        turned = _product(e, _unit(self.graph, dyad.turn))
         self.bodies[dyad.second.link] = Body(turned, omega, alpha, dyad.second.own.local, A)
         self.openings.append((root, 1.0))
 
@@ -302,7 +324,7 @@ class _Motion:
         for k, link in enumerate(self.mechanism.links):
             masses, halves, moment = _inertia(self.bodies[k], link.mass, link.inertia)
             m, h = [*m, *masses], [*h, *halves]
-            Q.append(_constant(self.graph, *self.mechanism.gravity).dot(moment))
+            Q.append(dot(_constant(self.graph, *self.mechanism.gravity), moment))
         for load in loads(self.mechanism.forces):
             Q.append(self._power_of_law(load) if isinstance(load, Law) else self._power_of_force(load))
         total, square = self.graph.total, self.v * self.v
@@ -320,8 +342,9 @@ class _Motion:
 
     def _power_of_force(self, force: PointForce) -> Node:
         """Return the power of a force at a point at q' = 1."""
-        F = self.bodies[force.frame].e * _constant(self.graph, *force.value)
-        return F.dot(self.at(force.point).d)
+        F = _product(self.bodies[force.frame].e, _constant(self.graph, *force.value))
+        power: Node = dot(F, self.at(force.point).d)
+        return power
 
     def angle(self, link: int) -> Node:
         """Return a link's angle [rad], including whole turns."""
@@ -333,38 +356,38 @@ class _Motion:
 
     def links(self) -> list[list[Node]]:
         """Return the links' part of `Equation.motion`: places and directions, first derivatives, second derivatives."""
-        rows: list[list[Node]] = [[], [], []]
+        places, first, second = list[Node](), list[Node](), list[Node]()
         for k in range(len(self.mechanism.links)):
             body = self.bodies[k]
             centre = body.point(np.zeros(2))
-            rows[0] += [centre.p.x, centre.p.y, body.e.x, body.e.y]
-            rows[1] += [centre.d.x, centre.d.y, body.omega]
-            rows[2] += [centre.b.x, centre.b.y, body.alpha]
-        return rows
+            places += [*centre.p.parts, *body.e.parts]
+            first += [*centre.d.parts, body.omega]
+            second += [*centre.b.parts, body.alpha]
+        return [places, first, second]
 
 
-def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[Node], Vector]:
+def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[Node], Vec]:
     """Return the terms that a link adds to m and to h, and its mass times the derivative of its centre.
 
     A link with two pins is replaced by masses at them, by the equation at the head of this file.
     """
     if body.pin is None:
         z = body.point(np.zeros(2))
-        return ([z.d.dot(z.d) * mass, body.square * inertia], [z.d.dot(z.b) * mass, body.change * inertia], z.d * mass)
+        return [dot(z.d, z.d) * mass, body.square * inertia], [dot(z.d, z.b) * mass, body.change * inertia], z.d * mass
     s = body.pin - body.at
     kappa = complex(*-body.at) / complex(*s)
     k, j = kappa.real, (0.0 if abs(kappa.imag) < AXIS else kappa.imag)
     A, B, J = body.place, body.point(body.pin), inertia + mass * float(s @ s) * (abs(kappa) ** 2 - k)
-    m = [A.d.dot(A.d) * (mass * (1 - k)), B.d.dot(B.d) * (mass * k), body.square * J]
-    h = [A.d.dot(A.b) * (mass * (1 - k)), B.d.dot(B.b) * (mass * k), body.change * J]
+    m = [dot(A.d, A.d) * (mass * (1 - k)), dot(B.d, B.d) * (mass * k), body.square * J]
+    h = [dot(A.d, A.b) * (mass * (1 - k)), dot(B.d, B.b) * (mass * k), body.change * J]
     moment = A.d * (mass * (1 - k)) + B.d * (mass * k)
     if j:  # the centre lies beside the line of the pins
         arm = body.arm(body.pin)
-        aside = A.d.dot(arm)
+        aside = dot(A.d, arm)
         m.append(body.omega * aside * (-2 * mass * j))
-        turning = A.b.dot(arm) + A.d.dot(arm.turned(body.omega))
+        turning = dot(A.b, arm) + dot(A.d, cross(body.omega, arm))
         h.append((body.alpha * aside + body.omega * turning) * (-mass * j))
-        moment = moment - arm * (body.omega * (mass * j))
+        moment = moment - arm * (body.omega * (mass * j))  # its part i j s' is -j omega s
     return m, h, moment
 
 
@@ -379,6 +402,7 @@ class _Rates(Placement):
         self.still = Vec(motion.zero, motion.zero)
 
     def frame(self, link: int) -> Frame:
+        """Return the frame of a link, with the origin at rest."""
         return self._frame(link, self.still, self.still)
 
     def _frame(self, link: int, place: Vec, velocity: Vec) -> Frame:
@@ -387,11 +411,7 @@ class _Rates(Placement):
 
     def end(self, point: Point) -> End:
         place = self.motion.at(point)
-        return End(self._frame(point.link, _parts(place.p), _parts(place.d * self.speed)), self.still)
+        return End(self._frame(point.link, place.p, place.d * self.speed), self.still)
 
     def vector(self, link: int, value: Array) -> Direction:
-        return Direction(self.frame(link), _parts(self.motion.bodies[link].e * _constant(self.motion.graph, *value)))
-
-
-def _parts(x: Vector) -> Vec:
-    return Vec(x.x, x.y)
+        return Direction(self.frame(link), _product(self.motion.bodies[link].e, _constant(self.motion.graph, *value)))

@@ -1,15 +1,15 @@
 """The order in which a linkage closes from one coordinate, dyad after dyad, and the geometry of each dyad.
 
-A dyad is two links and three joints: the inner joint connects the two links, and the outer joints connect each of them to a link
-that is placed already. With pins R and slides P there are three kinds that linkages commonly have,
+A dyad is two links and three joints: the inner joint connects the two links, and each outer joint connects one of them to a link
+that is placed already. With pins R and slides P linkages commonly have three kinds:
 
     RRR   two pins and a pin between:       B on two circles about A and C
     RRP   a pin, a pin between, a slide:    B on a circle about A and on a line
     RPR   two pins and a slide between:     a line through C at a given distance from A
 
-Each has two solutions (branches), of which a sign, taken from the start, selects one. A way is a choice of the link whose motion is
-the coordinate, together with the dyads that close the other links from there. Source: Assur, Issledovanie ploskikh sterzhnevykh
-mekhanizmov (1913); Artobolevskii, Theory of Mechanisms and Machines (1975).
+Each has two solutions (branches), of which a sign selects one. A way is a choice of the link whose motion is the coordinate,
+together with the dyads that close the other links from there.
+Sources: Assur, Issledovanie ploskikh sterzhnevykh mekhanizmov (1913); Artobolevskii, Theory of Mechanisms and Machines (1975).
 """
 
 import cmath
@@ -26,7 +26,7 @@ from gauss_bench.mechanism.numbers import turn_vector
 from gauss_bench.mechanism.spaces import bodies
 from gauss_bench.terms import Array
 
-Complex = Any  # a complex number for one state, or an array of them for many
+Complex = Any  # a complex number for one state, or an array of complex numbers for many states
 
 
 class NoWay(ValueError):
@@ -62,10 +62,11 @@ class Links:
 
     @staticmethod
     def with_ground(z: Iterable[Complex], e: Iterable[Complex], u: Iterable[Complex], w: Iterable[Complex]) -> "Links":
-        """Build it from the moving links; the ground is added."""
+        """Return the links of these lists, one entry for each moving link, with the ground added."""
         return Links([*z, 0j], [*e, 1.0 + 0j], [*u, 0j], [*w, 0.0])
 
     def point(self, point: Point) -> Complex:
+        """Return the place of a link-fixed point [m]."""
         return self.z[point.link] + self.e[point.link] * complex(*point.local)
 
     def arm(self, a: Point, b: Point) -> Complex:
@@ -73,11 +74,12 @@ class Links:
         return self.e[a.link] * complex(*(b.local - a.local))
 
     def direction(self, link: int, angle: float) -> Complex:
+        """Return the direction in world axes that has an angle [rad] in the link's frame."""
         return self.e[link] * cmath.exp(1j * angle)
 
 
 def _by_body(x: Array) -> Any:
-    """Return a state by bodies: numbers (bodies, 3) of a single state (n,), or an array (bodies, 3, ...) of a batch (..., n)."""
+    """Return a state (n,) as numbers (bodies, 3), or a batch (..., n) as an array (bodies, 3, ...)."""
     return bodies(x).tolist() if x.ndim == 1 else np.moveaxis(bodies(x), (-2, -1), (0, 1))
 
 
@@ -96,12 +98,13 @@ class OuterJoint:
 
     @property
     def link(self) -> int:
+        """Index of the dyad's link."""
         return self.own.link
 
 
 @dataclass(frozen=True, eq=False)
 class Dyad:
-    """Two links that are joined to each other and, each, to a link that is placed already.
+    """Two links that are joined to each other, and each of them to a link that is placed already.
 
     In an RRP dyad a rod is pinned at A, and at B to a link that slides on a placed link: B stays at the distance `height` to the
     left of a line through the point `line` of the placed link. In an RPR dyad one link carries a guide and is pinned at C, the
@@ -110,8 +113,8 @@ class Dyad:
     Attributes:
         kind: "RRR", "RRP" or "RPR".
         first, second: the joints that connect the two links to placed ones.
-        middle: B on the first and on the second link; of RPR, the two pins.
-        line: a point of the line.
+        middle: the inner pin B on the first link and on the second; in an RPR dyad the pins of the two links.
+        line: a point of the line; the first link's B in an RRR dyad, which has no line.
         angle: direction of the line in the frame of that point's link [rad].
         height: distance of B, or of A, to the left of the line [m].
         turn: angle of the second link minus that of the line's link [rad].
@@ -128,6 +131,7 @@ class Dyad:
 
     @property
     def links(self) -> tuple[int, int]:
+        """Indices of the two links."""
         return self.first.link, self.second.link
 
     @property
@@ -140,8 +144,8 @@ class Dyad:
     def opening(self, at: Links) -> Any:
         """Return a number that is zero at the dead centre and has opposite signs on the two branches.
 
-        RRR: sine of the angle between the links. RRP: cosine of the angle between rod and line. RPR: distance of A from C along
-        the guide [m].
+        It is the sine of the angle between the links (RRR), the cosine of the angle between rod and line (RRP), or the distance of
+        A from C along the guide [m] (RPR).
         """
         a, b = self.middle
         along = at.direction(self.line.link, self.angle).conjugate()
@@ -156,7 +160,7 @@ class Dyad:
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """One choice of the coordinate: the motion of a link at its joint with the ground, and the dyads that close the rest.
+    """One choice of the coordinate: the motion of a link at its joint with the ground, and the dyads that close the other links.
 
     Attributes:
         joint: the joint between that link and the ground; its motion is the coordinate.
@@ -171,10 +175,11 @@ class Way:
 
     @property
     def link(self) -> int:
+        """Index of the link whose motion is the coordinate."""
         return self.moved.link
 
     def state(self, at: Links) -> tuple[Any, Any]:
-        """Return the coordinate and its rate; an angle is known up to whole turns."""
+        """Return the coordinate and its rate at one state or many; an angle is known up to whole turns."""
         if not isinstance(self.joint, Prismatic):
             e = at.e[self.link]
             return np.arctan2(e.imag, e.real), at.w[self.link]
@@ -190,7 +195,7 @@ class Way:
 
 
 def ways(mechanism: Mechanism) -> tuple[Way, ...]:
-    """Return the ways of a linkage, one for each link on the ground from which dyads close the whole linkage; the crank's is first.
+    """Return the ways of a linkage, one for each joint with the ground from which dyads close the linkage, the crank's first.
 
     Raises:
         NoWay: there is none, or the linkage has forces or constraints that an equation in one coordinate does not cover.
@@ -241,11 +246,11 @@ def close_from(mechanism: Mechanism, given: set[int]) -> tuple[list[Dyad], set[i
 
 
 def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair: tuple[int, int], placed: set[int]) -> Dyad | None:
-    """Return the dyad that two links form in this order, or None."""
+    """Return the dyad that two links form in this order, or None; `pins` are link -> point for each pin."""
     one, two = pair
     firsts, seconds = (_outer_joints(pins, slides, link, placed) for link in pair)
     between = next((pin for pin in pins if one in pin and two in pin and not placed & pin.keys()), None)
-    # Each link has just one joint with a placed link; a slide may only be at the second, so that each pair matches in one order.
+    # Each link must have just one joint with placed links. A slide may only be at the second, so that a pair matches in one order.
     if len(firsts) != 1 or len(seconds) != 1 or firsts[0].slide:
         return None
     first, second = firsts[0], seconds[0]
@@ -253,7 +258,7 @@ def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair
         slide = next((s for s in slides if {p.link for p in s.ends} == {*pair}), None)
         if slide is None or second.slide or slide.guide.link != one:
             return None
-        # in the guide's frame: from the block's point on the line to the block's pin A, and from the guide's pin C to the line
+        # Vectors in the guide's frame: from the block's point on the line to its pin A, and from the guide's pin C to the line.
         to_pin = turn_vector(second.own.local - slide.block.local, slide.turn)
         to_line = slide.guide.local - first.own.local
         height = slide.offset + _left_of(slide.angle, to_pin) + _left_of(slide.angle, to_line)

@@ -1,7 +1,7 @@
 """One arithmetic for arrays of numbers and for symbols, so that the equations of a linkage are written once for both.
 
-A value is an array over states, a symbol, or one of the literals 0, 1 and -1, which are plain integers: products with a literal are
-no operations of the compiled code. A vector of the plane is a pair of values.
+A value is an array over states, a symbol, or one of the literals 0, 1 and -1, which are plain integers. Products with a literal
+give no operation in the compiled code. A vector of the plane is a pair of values.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ class Arithmetic:
     constant: Callable[[Any], Value]
 
     def of(self, number: Any) -> Value:
-        """Convert a constant to a value, to a literal if it is 0, 1 or -1."""
+        """Return a constant as a value, which is a literal for 0, 1 and -1."""
         for literal in (0, 1, -1):
             if number == literal:
                 return literal
@@ -40,18 +40,21 @@ def vanishes(a: Value) -> bool:
 
 
 def total(values: Any) -> Value:
-    """Return the sum of values, added in pairs, then pairs of pairs, so that long sums lose least to rounding."""
+    """Return the sum of values, added in pairs, then in pairs of pairs, so that long sums have the least rounding errors."""
     parts = [x for x in values if not vanishes(x)]
     while len(parts) > 1:
-        parts = [sum(parts[k + 1 : k + 2], start=parts[k]) for k in range(0, len(parts), 2)]
+        alone = parts[-1:] if len(parts) % 2 else []
+        parts = [a + b for a, b in zip(parts[::2], parts[1::2], strict=False)] + alone
     return parts[0] if parts else 0
 
 
 def plus(a: Vector, b: Vector) -> Vector:
+    """Return a + b."""
     return a[0] + b[0], a[1] + b[1]
 
 
 def scale_by(k: Value, a: Vector) -> Vector:
+    """Return k a."""
     return k * a[0], k * a[1]
 
 
@@ -66,8 +69,10 @@ def product(a: Vector, b: Vector) -> Vector:
 
 
 def dot(a: Vector, b: Vector) -> Value:
+    """Return the scalar product a . b."""
     return a[0] * b[0] + a[1] * b[1]
 
 
 def cross(a: Vector, b: Vector) -> Value:
+    """Return the component of a x b across the plane."""
     return a[0] * b[1] - a[1] * b[0]

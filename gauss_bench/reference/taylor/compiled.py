@@ -17,17 +17,23 @@ from gauss_bench.terms import Array
 
 
 class Constants:
-    """The numbers in a set of equations, each of which becomes a parameter of the compiled code."""
+    """The constants in a set of equations, each of which becomes a parameter of the compiled code.
+
+    Attributes:
+        known: text of a constant with all its digits -> index of its parameter.
+    """
 
     def __init__(self) -> None:
-        self.known: dict[str, int] = {}  # every digit as text -> number of the parameter
+        self.known: dict[str, int] = {}
 
     def __call__(self, value: Any) -> Any:
+        """Return the parameter for a constant; equal constants share one."""
         import heyoka
 
         return heyoka.par[self.known.setdefault(str(value), len(self.known))]
 
     def values(self, number: Number) -> list[Any]:
+        """Return the values of all parameters in a type of number."""
         return [number(text) for text in self.known]
 
 
@@ -43,8 +49,10 @@ class CompiledSeries:
     """Equations of one chart as compiled code.
 
     Attributes:
-        taylor: heyoka's integrator. watch: function that returns the pivots in double precision, or None if there are none.
-        parameters: of `watch`.
+        chart: the chart for which the equations hold.
+        taylor: heyoka's integrator.
+        watch: function that returns the pivots in double precision, or None if there are none.
+        parameters: parameters of `watch`.
     """
 
     chart: Chart
@@ -53,7 +61,7 @@ class CompiledSeries:
     parameters: Array
 
     def step(self, t: Any, state: Long, limit: Any) -> Any | None:
-        """Take a step from a state at t; return its length, at most `limit`, or None if the series is not finite."""
+        """Take a step from a state at t; return its length [s], at most `limit`, or None if the series is not finite."""
         import heyoka
 
         self.taylor.time, self.taylor.state[:] = t, state
@@ -66,7 +74,7 @@ class CompiledSeries:
         return np.array(self.taylor.update_d_output(t))
 
     def pivots(self, state: Long) -> Array:
-        """Return all pivots in units of the chart's scale, in double precision."""
+        """Return the pivots at a state in double precision, in units of the chart's scale."""
         if self.watch is None:
             return np.full(1, np.inf)
         pivots = self.watch(state[: len(self.chart.scale)].astype(float), pars=self.parameters)
@@ -80,7 +88,7 @@ def compile_series(rows: LoopRows, chart: Chart, piece: Piece, number: Number) -
     n = rows.coordinates.n
     names = [f"x{j:03d}" for j in range(n)] + [f"u{j:03d}" for j in range(len(chart.free))]
     state = [heyoka.make_vars(name) for name in names]
-    zero = heyoka.expression(0.0)  # makes a symbol of a literal
+    zero = heyoka.expression(0.0)  # added to a literal it gives a symbol
     constants, watch_constants = Constants(), Constants()
     motion = rates(rows, chart, Instant(state[:n], symbols(constants)), state[n:], piece.laws(heyoka.time, symbols(constants)))
     right_sides = [motion.velocity.get(j, 0) for j in range(n)] + motion.free

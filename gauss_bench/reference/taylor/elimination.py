@@ -1,8 +1,8 @@
 """Gaussian elimination with an order of pivots fixed beforehand, on sparse rows of numbers, arrays or symbols.
 
-The order is chosen at one state, in double precision; the elimination is then written once for all states near it. Each pivot is
-the one that causes the least fill-in among those that are not small in their row (Markowitz). A rectangular system A x = b of full
-row rank leaves some unknowns without a pivot; these are free, and x = x0 + N u with u their values.
+The order is chosen at one state in double precision, and then used for all states near it. Each pivot is the one with the least
+fill-in among those that are not small in their row (Markowitz). A rectangular system A x = b of full row rank leaves some unknowns
+without a pivot. They are free, and x = x0 + N u with u their values.
 
     x0    the solution in which the free unknowns vanish
     N     its columns solve A N = 0 with one free unknown equal to one and the others zero
@@ -21,16 +21,17 @@ from gauss_bench.terms import Array
 
 Entries = Mapping[int, Value]  # column -> value
 Order = tuple[tuple[int, int], ...]  # (row, column) of every pivot
-SMALL = 0.3  # least size of a pivot, relative to the largest entry of its row
-TINY = 0.1  # and relative to the largest entry of all, so that of dependent rows the one with larger entries is kept
+SMALL = 0.3  # least size of a pivot relative to the largest entry of its row
+TINY = 0.1  # least size relative to the largest entry of all, so that of dependent rows the one with larger entries is kept
 
 
 class Pivots(NamedTuple):
     """An order of pivots.
 
     Attributes:
-        smallest, weakest: the smallest pivot, and its row.
-        left: the largest entry in the rows without a pivot.
+        order: (row, column) of every pivot.
+        smallest, weakest: size of the smallest pivot, and its row.
+        left: size of the largest entry in the rows without a pivot.
     """
 
     order: Order
@@ -40,7 +41,10 @@ class Pivots(NamedTuple):
 
 
 def choose_pivots(A: Array, structure: NDArray[np.bool_], floor: float) -> Pivots:
-    """Choose pivots for a matrix (m, n) with a pattern of entries; rows without an entry above `floor` get none."""
+    """Choose pivots for a matrix A (m, n); rows whose remaining entries are at most `floor` get none.
+
+    `structure` (m, n) tells which entries are not zero for every state.
+    """
     A, structure = A.astype(float).copy(), structure.copy()
     rows, columns = list(range(A.shape[0])), list(range(A.shape[1]))
     order: list[tuple[int, int]] = []
@@ -53,7 +57,7 @@ def choose_pivots(A: Array, structure: NDArray[np.bool_], floor: float) -> Pivot
         usable = (part >= SMALL * largest[:, None]) & (part >= TINY * largest.max()) & (part > floor)
         if not usable.any():
             return Pivots(tuple(order), float(smallest), weakest, float(largest.max()))
-        cost = np.where(usable, fill + 0.5 / (1.0 + part), np.inf)  # of pivots with equal fill-in the largest
+        cost = np.where(usable, fill + 0.5 / (1.0 + part), np.inf)  # of pivots with equal fill-in the largest one
         i, j = np.unravel_index(int(cost.argmin()), cost.shape)
         r, c = rows.pop(int(i)), columns.pop(int(j))
         order.append((r, c))
@@ -69,8 +73,10 @@ class Factors(NamedTuple):
     """Factors of a matrix.
 
     Attributes:
-        rows: after elimination, in the order of the pivots and without them.
-        steps: row operations (target, source, factor).
+        order: (row, column) of every pivot.
+        rows: column -> entry after elimination, for every pivot's row and without the pivot.
+        pivots: the pivots.
+        steps: row operations (target, source, factor), with rows numbered by their pivots.
     """
 
     order: Order
@@ -80,7 +86,7 @@ class Factors(NamedTuple):
 
 
 def factorise(entries: Sequence[Entries], order: Order) -> Factors:
-    """Eliminate forward the rows that have a pivot."""
+    """Factorise the rows that have a pivot, by forward elimination in the order of the pivots."""
     rows = [dict(entries[r]) for r, _ in order]
     pivots: list[Value] = []
     steps: list[tuple[int, int, Value]] = []
@@ -96,7 +102,7 @@ def factorise(entries: Sequence[Entries], order: Order) -> Factors:
 
 
 def particular(factors: Factors, b: Sequence[Value]) -> dict[int, Value]:
-    """Return a particular solution, column -> value, for right-hand sides b (m,); free unknowns are 0 and left out."""
+    """Return the solution x0, column -> value, for a right-hand side b (m,); the free unknowns, which are 0, are left out."""
     y = [b[r] for r, _ in factors.order]
     for i, k, factor in factors.steps:
         y[i] = y[i] - factor * y[k]
@@ -110,7 +116,7 @@ def particular(factors: Factors, b: Sequence[Value]) -> dict[int, Value]:
 
 
 def null_space(factors: Factors, n: int) -> dict[int, dict[int, Value]]:
-    """Return free unknown -> its column of N, as entries by unknown; n is the number of unknowns."""
+    """Return N for n unknowns: free unknown -> its column, which is unknown -> value."""
     bound = {c for _, c in factors.order}
     N: dict[int, dict[int, Value]] = {j: {j: 1} for j in range(n) if j not in bound}
     for k in reversed(range(len(factors.order))):

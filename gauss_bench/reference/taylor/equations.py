@@ -4,8 +4,8 @@ The rows A x' = rate, A x'' = gamma leave some coordinates free, whose speeds ar
 
     x' = n0 + N u,        x'' = a0 + N u'
 
-With J_b the Jacobian of centre of mass and angle of link b, m_b its mass or inertia and F_b the force on it, by Gauss's principle
-of least constraint u' minimises sum_b |m_b z_b'' - F_b|^2 / m_b:
+Let J_b be the Jacobian of the centre of mass and the angle of link b, m_b its mass or inertia, and F_b the force on it. By Gauss's
+principle of least constraint u' minimises sum_b |m_b z_b'' - F_b|^2 / m_b:
 
     T u' = r,    T = sum_b m_b (J_b N)^T J_b N,    r = sum_b (J_b N)^T (F_b - m_b (J_b a0 + bias_b))
 
@@ -29,15 +29,17 @@ from gauss_bench.reference.taylor.solve import to_dense
 from gauss_bench.reference.taylor.vector_sums import NONE
 from gauss_bench.terms import Array
 
-REDUNDANT = 1e-9  # of entries of order one: far above what double precision leaves, far below a usable pivot
+REDUNDANT = 1e-9  # size of an entry that counts as zero: far above rounding in double precision, far below a usable pivot
 
 
 @dataclass(frozen=True)
 class Chart:
-    """The choice of free coordinates, by the order of pivots of the others.
+    """A choice of free coordinates.
 
     Attributes:
-        scale: (n,) how far a unit of each coordinate moves the loops [m or 1]; pivots are compared in these units.
+        order: (row, column) of the pivots of the other coordinates.
+        free: the free coordinates.
+        scale: (n,) distance by which a unit of each coordinate moves the loops [m or 1]; pivots are compared in these units.
     """
 
     order: Order
@@ -46,7 +48,7 @@ class Chart:
 
 
 class Rates(NamedTuple):
-    """The rates at a state: x' and x'' by coordinate, and u' by free coordinate."""
+    """The rates at a state: coordinate -> x', coordinate -> x'', and u' of the free coordinates in order."""
 
     velocity: dict[int, Value]
     acceleration: dict[int, Value]
@@ -54,7 +56,7 @@ class Rates(NamedTuple):
 
 
 def choose_chart(rows: LoopRows, at: Instant, scale: Array | None = None) -> tuple[Chart, Pivots]:
-    """Choose the chart for one state, given by arrays (1,), and return its pivots too; without a scale, use that of the state."""
+    """Return the best chart at one state, given by arrays (1,), and its pivots; a scale that is not given is that of the state."""
     n = rows.coordinates.n
     entries = rows.entries(at)
     A = to_dense(entries, 1, n)[0]
@@ -63,7 +65,7 @@ def choose_chart(rows: LoopRows, at: Instant, scale: Array | None = None) -> tup
         pattern[r, list(row)] = True
     if scale is None:
         loops = 2 * len(rows.closures)
-        vectors = np.hypot(A[0:loops:2], A[1:loops:2])  # of the loops: their lengths do not change as a loop turns
+        vectors = np.hypot(A[0:loops:2], A[1:loops:2])  # lengths of the loops' vectors, which do not change as a loop turns
         largest = np.maximum(vectors.max(axis=0, initial=0.0), np.abs(A[loops:]).max(axis=0, initial=0.0))
         scale = np.where(largest > REDUNDANT, largest, 1.0)
     pivots = choose_pivots(A / scale, pattern, REDUNDANT)
@@ -72,7 +74,7 @@ def choose_chart(rows: LoopRows, at: Instant, scale: Array | None = None) -> tup
 
 
 def rates(rows: LoopRows, chart: Chart, at: Instant, u: Sequence[Value], laws: Sequence[Law]) -> Rates:
-    """Return x', x'' and u' of a state (x, u); the instant has x."""
+    """Return the rates at a state (x, u); `at` has x, and `laws` are value, rate and second rate of every driver."""
     factors = factorise(rows.entries(at), chart.order)
     N = null_space(factors, rows.coordinates.n)
     prescribed = rows.rates(laws)
@@ -82,7 +84,7 @@ def rates(rows: LoopRows, chart: Chart, at: Instant, u: Sequence[Value], laws: S
     if not chart.free:  # the linkage is driven completely
         return Rates(velocity, a0, [])
     T, r = _reduce(rows, at, velocity, N, a0)
-    order = tuple((k, k) for k in range(len(r)))  # T is positive definite, so that any order serves
+    order = tuple((k, k) for k in range(len(r)))  # any order is good, because T is positive definite
     solved = particular(factorise([dict(enumerate(row)) for row in T], order), r)
     free = [solved[k] for k in range(len(r))]
     return Rates(velocity, _combine(a0, N, dict(zip(chart.free, free, strict=True))), free)
@@ -118,7 +120,6 @@ def _reduce(
         moment = loads.moment[i] - inertia * (0 if angle == NONE else a0.get(angle, 0))
         for j in range(f):
             r[j] += [dot(z[j], force), w[j] * moment]
-            for k in range(j + 1):
+            for k in range(j + 1):  # T is symmetric
                 T[j][k] += [mass * dot(z[j], z[k]), inertia * (w[j] * w[k])]
-    lower = [[total(T[max(j, k)][min(j, k)]) for k in range(f)] for j in range(f)]
-    return lower, [total(x) for x in r]
+    return [[total(T[max(j, k)][min(j, k)]) for k in range(f)] for j in range(f)], [total(x) for x in r]

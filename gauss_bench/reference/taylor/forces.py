@@ -1,8 +1,9 @@
-"""Applied forces on links as forces of the world: for each link a force through its centre of mass and a moment about it.
+"""Applied forces on links in world axes: for each link a force through its centre of mass, and a moment about it.
 
-A force F at a link-fixed point with arm r counts as F and r x F. A force along an axis of another link has a reaction on that link,
-the opposite force on the same line. The derivation shares nothing with `mechanism/coordinates.py` and the lowering of forces to it,
-on purpose: each kind of force is derived here a second time, or motions with it cannot be certified. It works for symbols too.
+A force F at a link-fixed point with arm r gives the force F and the moment r x F. A force along an axis of another link has a
+reaction on that link, the opposite force on the same line. On purpose the derivation shares nothing with
+`mechanism/coordinates.py`: each kind of force is derived here a second time, and motions with other forces cannot be certified. The
+formulas hold for symbols too.
 
     spring        on the second point: F = -(k (L - rest) + c L') d / L,    d from the first to the second,  L L' = d . d'
     axis spring   x = u . d,  x' = u . d' + omega u x d,                    F = (k (rest - x) - c x') u
@@ -34,7 +35,12 @@ KNOWN = (Torque, PointForce, SpringDamper, AxisSpringDamper, RotationalSpringDam
 
 
 class Wrench:
-    """Forces (vector) through the centres of mass of all links at an instant, and moments (value) about them."""
+    """The forces on all links at an instant.
+
+    Attributes:
+        force: for each link the force through its centre of mass.
+        moment: for each link the moment about its centre of mass.
+    """
 
     def __init__(self, coordinates: LoopCoordinates, at: Instant):
         self.coordinates, self.at = coordinates, at
@@ -43,10 +49,11 @@ class Wrench:
         self.moment: list[Value] = [0] * links
 
     def flat(self) -> list[Value]:
-        """Return force x, force y and moment of every link in turn."""
+        """Return the components x and y of the force, and the moment, of every link in turn."""
         return [x for force, moment in zip(self.force, self.moment, strict=True) for x in (*force, moment)]
 
     def value(self, terms: Sum) -> Vector:
+        """Return the value of a sum of vectors."""
         return self.at.combine(terms, self.at)
 
     def turn(self, vector: Any, link: int) -> Vector:
@@ -54,6 +61,7 @@ class Wrench:
         return self.value(self.coordinates.turn_vector(vector, link))
 
     def gap(self, a: Point, b: Point) -> Sum:
+        """Return the vector from point a to point b."""
         return merge(self.coordinates.point(b), self.coordinates.point(a))
 
     def twist(self, b: int, a: int, torque: Value) -> None:
@@ -63,7 +71,7 @@ class Wrench:
                 self.moment[link] = self.moment[link] + signed
 
     def push(self, point: Point, force: Vector, link: int | None = None) -> None:
-        """Apply a force at the place of a point to the point's link, or to another link."""
+        """Apply a force at the place of a point to the point's link, or to the link that is given."""
         at = point.link if link is None else link
         if at == GROUND:
             return
@@ -108,7 +116,7 @@ class Loads(Wrench):
         return turn if index == NONE else self.at.x[index] + turn
 
     def _apply(self, f: Force) -> None:
-        """Add a force to the wrenches of the links on which it acts.
+        """Apply a force of the linkage to the links on which it acts.
 
         Raises:
             TypeError: the kind of force has no derivation here.
@@ -132,7 +140,7 @@ class Loads(Wrench):
                 raise TypeError(f"force {f.name}: the kind {type(f).__name__} has no derivation here")
 
     def _linear(self, f: AxisSpringDamper | RotationalSpringDamper, x: Value, rate: Value) -> Value:
-        """Return the strength of a spring and damper on a coordinate x."""
+        """Return the force of a spring and damper at the value x and the rate of its coordinate."""
         return self.of(f.k) * (self.of(f.rest) - x) - self.of(f.c) * rate
 
     def _spring(self, f: SpringDamper) -> None:
@@ -165,4 +173,5 @@ class Loads(Wrench):
 
 
 def opposite(force: Vector) -> Vector:
+    """Return the reaction to a force."""
     return -force[0], -force[1]

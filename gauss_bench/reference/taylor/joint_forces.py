@@ -1,14 +1,14 @@
 """Joint forces of samples in extended precision: multipliers of the constraint rows in absolute coordinates.
 
-A column of J^T contains the forces of its constraint on the links for a multiplier of one: forces at points, or a torque.
-Constraints are in the mechanism's order, two per joint, then drivers, then knife edges. Each is derived here anew:
+A column of J^T has the forces of a constraint on the links for a multiplier of one: forces at points, or a torque. Constraints are
+in the mechanism's order, two for each joint, then drivers, then knife edges. Each is derived here a second time:
 
     pin           along x, then along y, on b, with the reaction on a
     slide         across the guide on the block, with the reaction in the same line on the guide; then a torque
     driver        a torque, a force along the guide, or a force along the line of two points, on the driven coordinate
     knife edge    across the edge at its point
 
-J^T lambda = Q - M a has more rows than unknowns; whether all of them hold checks the whole motion.
+J^T lambda = Q - M a has more rows than unknowns, so that its residual checks the whole motion.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ from gauss_bench.terms import Array
 
 
 def reactions(coordinates: LoopCoordinates, at: Instant) -> list[dict[int, Value]]:
-    """Return the rows of J, column -> value, at an instant."""
+    """Return the rows of J at an instant, each as column -> value."""
     mechanism, wrenches = coordinates.mechanism, list[Wrench]()
 
     def add_row() -> Wrench:
@@ -60,7 +60,7 @@ def reactions(coordinates: LoopCoordinates, at: Instant) -> list[dict[int, Value
 def joint_forces(rows: list[dict[int, Value]], force: Long, redundant: int, eps: float) -> tuple[Long, float]:
     """Return the multipliers (k, m) of J^T lambda = force (k, n), and the largest residual relative to the forces.
 
-    If rows are redundant some multipliers are zero and all are arbitrary, but the residual is meaningful.
+    If rows are redundant, some multipliers are set to zero and the others are not unique; the residual is meaningful all the same.
 
     Raises:
         Unsolved: a sample is singular in double precision.
@@ -77,13 +77,14 @@ def joint_forces(rows: list[dict[int, Value]], force: Long, redundant: int, eps:
                 parts[:, j] = parts[:, j] + value * x[:, i]
         return parts
 
-    multipliers[:, kept] = solve_by_chord(residual, pseudo_inverse(np.swapaxes(J[:, kept], 1, 2)), multipliers[:, kept], eps)
+    inverse = pseudo_inverse(np.swapaxes(J[:, kept], 1, 2))
+    multipliers[:, kept] = solve_by_chord(residual, inverse, multipliers[:, kept], eps)
     off, scale = (float(np.abs(x).astype(float).max(initial=0.0)) for x in (residual(multipliers[:, kept]), force))
     return multipliers, off / max(scale, 1e-300)
 
 
 def choose_independent(J: Array, count: int) -> list[int]:
-    """Choose `count` independent rows of J (m, n); return their indices in order."""
+    """Return the indices of `count` independent rows of J (m, n), in order."""
     from scipy.linalg import qr
 
     return sorted(qr(J.T, mode="r", pivoting=True)[1][:count].tolist()) if count else []

@@ -1,7 +1,7 @@
 """Motion laws as formulas of time, for a linkage that is driven in part.
 
-Time is divided into pieces at the breaks of all laws; within a piece every law is smooth. Values at the ends of a piece come from
-the law itself; the formulas in between are derived anew:
+Time is divided into pieces at the breaks of all laws, so that every law is smooth within a piece. Values at the ends of a piece
+come from the law itself; the formulas in between are derived a second time:
 
     constant    value + rate (t - t0)
     table       the cubic with value, rate and curvature at one knot and the curvature at the next
@@ -22,7 +22,13 @@ from gauss_bench.reference.taylor.rows import Law
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """The time between two breaks, with the drivers and their tables; `end` is None for the last piece."""
+    """The time between two breaks.
+
+    Attributes:
+        drivers: every driver and its table in the document.
+        begin, end: first and last time [s]; None for the end of the last piece.
+        number: type of number.
+    """
 
     drivers: tuple[tuple[Driver, dict[str, Any]], ...]
     begin: Any
@@ -34,7 +40,7 @@ class Piece:
         return [self._law(driver, table, t, arithmetic) for driver, table in self.drivers]
 
     def _law(self, driver: Driver, table: dict[str, Any], t: Value, arithmetic: Arithmetic) -> Law:
-        """Return value, rate and second rate of one driver."""
+        """Return value, rate and second rate of one driver at a time within the piece."""
         value, rate, second = driver.law(self.begin)
         none, origin, ends = rate - rate, self.begin, find_breaks(table, self.number)
         coefficients = [value, rate, second / 2]
@@ -53,7 +59,10 @@ class Piece:
 
 
 def wave(name: str, start: Any, travel: Any, time: Any, pi: Any, t: Value, arithmetic: Arithmetic) -> Law:
-    """Return the rise start + c t + A (cos w t - 1) + B sin w t and its rates; `name` is "sine" or "cosine"."""
+    """Return value, rate and second rate of a rise by `travel` within `time` [s]; `name` is "sine" or "cosine".
+
+    The value is start + speed t + A (cos w t - 1) + B sin w t.
+    """
     sine, of = name == "sine", arithmetic.of
     w = 2 * pi / time if sine else pi / time
     speed = travel / time if sine else travel - travel
@@ -65,7 +74,7 @@ def wave(name: str, start: Any, travel: Any, time: Any, pi: Any, t: Value, arith
 
 
 def polynomial(c: list[Any], x: Value, arithmetic: Arithmetic) -> Law:
-    """Return sum_k c_k x^k with its first and second derivative."""
+    """Return sum_k c_k x^k, and its first and second derivative."""
     levels = []
     for _ in range(3):
         value: Value = 0

@@ -1,9 +1,9 @@
-"""Integration from chart to chart, each with an order of pivots that is good where the motion is.
+"""Integration from chart to chart, each with an order of pivots that is good at the present position.
 
-After every step the pivots of the equations are computed. When one has become small another order is chosen: the chart changes, the
-motion does not. If a pivot changes its sign within a step, that step is repeated with half the length. So a singular position, at
-which no order has usable pivots, ends the motion, even if the series would continue it analytically: two branches cross there, and
-the equations do not determine on which of them the motion goes on.
+After every step the pivots of the equations are computed. If one has become small, another order is chosen: the chart changes, but
+not the motion. If a pivot changes its sign within a step, that step is repeated with half the length. A singular position, at which
+no order has usable pivots, therefore ends the motion, even if the series would continue it analytically: two branches cross there,
+and the equations do not determine on which of them the motion goes on.
 """
 
 from collections.abc import Sequence
@@ -24,18 +24,19 @@ from gauss_bench.reference.taylor.samples import LoopStates, join
 from gauss_bench.reference.taylor.solve import Long, epsilon, split_columns, stack_arrays
 
 WORN = 0.1  # size of a pivot, in units of its coordinate, below which another order is chosen
-WEAKER = 0.5  # if the best order is no better, another is chosen when its smallest pivot has halved
-GOOD_ENOUGH = 0.7  # of the best chart's smallest pivot: a chart with this much is used if it is compiled already
+WEAKER = 0.5  # if the best order has smaller pivots, the next order is chosen when its smallest pivot has halved
+GOOD_ENOUGH = 0.7  # smallest pivot relative to the best chart's, with which a chart is used if it is compiled already
 SINGULAR = 1e-5  # size of a pivot that costs five of thirty-three digits
-COLLAPSED = 1e-7  # of the longest step: steps so short show a singularity that is not in the pivots
-PARTS = 4  # times within a step at which the pivots are computed
+COLLAPSED = 1e-7  # length relative to the longest step: shorter steps show a singularity that is not in the pivots
+PARTS = 4  # number of times within a step at which the pivots are computed
 
 
 class Leg(NamedTuple):
-    """A part of the motion within one chart, up to the state at t.
+    """A part of the motion within one chart.
 
     Attributes:
-        samples: (time, state) of those within the leg.
+        t, state: time [s] and state at its end.
+        samples: (time, state) of the samples in it.
         worn: whether a pivot became too small at its end.
         stopped: the reason why the motion cannot go on, or empty.
     """
@@ -52,9 +53,12 @@ class March:
     """Integrates a motion from chart to chart and from piece to piece of the motion laws.
 
     Attributes:
-        number: the type of number; times: of the samples [s], from 0.
-        compiled: the series compiled so far, by order of pivots and index of the piece.
-        steps, longest: number of steps of the Taylor series, and the longest that was tried [s].
+        number: type of number.
+        pieces: the pieces of the motion laws.
+        times: times of the samples [s], from 0.
+        progress: called with the time reached [s], or None.
+        compiled: (order of pivots, index of the piece) -> series compiled so far.
+        steps, longest: number of steps of the Taylor series so far, and the longest that was tried [s].
     """
 
     rows: LoopRows
@@ -67,7 +71,7 @@ class March:
     longest: float = 0.0
 
     def run(self, chart: Chart, x: Long, v: Long) -> tuple[LoopStates, str]:
-        """Return the states at the sample times from a start (1, n), and the reason why they end before the last time, or empty.
+        """Return the states at the sample times from a start x, v (1, n), and the reason of an early end or an empty text.
 
         Raises:
             Unsolved: a position does not close where the chart changes.
@@ -89,14 +93,14 @@ class March:
                     if len(pivots.order) != len(chart.order) or pivots.smallest < SINGULAR:
                         return join(parts), self._singular(float(t), pivots)
                     here = self._states(chart, [(t, state)])
-                    # a chart satisfies independent rows only; errors in the others would be multiplied at every change
+                    # a chart satisfies only independent rows, and errors in the others would grow at every change of the chart
                     closed = self.rows.close(here.x, self.rows.laws(here.t), epsilon(self.number))
                     state = np.concatenate([closed[0], here.v[0, list(fresh.free)]])
                     chart, trust = fresh, min(WORN, WEAKER * pivots.smallest)
         return join(parts), ""
 
     def _other_chart(self, chart: Chart, k: int, state: Long) -> tuple[Chart, Pivots]:
-        """Choose a better chart at a state; one that is compiled already if it is good enough."""
+        """Return a better chart at a state within piece k, and its pivots; one that is compiled already if it is good enough."""
         x = state[: self.rows.coordinates.n]
         fresh, best = choose_chart(self.rows, at_states(x[None]), chart.scale)
         for (order, piece), series in self.compiled.items():
@@ -150,7 +154,7 @@ class March:
         return self.compiled[key]
 
     def _states(self, chart: Chart, samples: list[tuple[Any, Long]]) -> LoopStates:
-        """Return coordinates and rates of samples (time, state) within one chart, by the laws instead of their pieces."""
+        """Return coordinates and rates of samples (time, state) within one chart, with the motion laws themselves."""
         n = self.rows.coordinates.n
         t, y = np.array([time for time, _ in samples]), np.array([state for _, state in samples])
         positions, free_rates = y[:, :n], y[:, n:]
@@ -160,6 +164,7 @@ class March:
         return LoopStates(t, positions, v, a)
 
     def _singular(self, t: float, pivots: Pivots) -> str:
+        """Return the reason for an end at a singular position."""
         return (
             f"the position at t = {t:.6g} s is singular: the rows of {self.rows.names[pivots.weakest]} depend on the others "
             f"(pivot {pivots.smallest:.1e})"

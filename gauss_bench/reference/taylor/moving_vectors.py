@@ -1,11 +1,11 @@
 """Sums of turned vectors at one instant: their values, variations and accelerations.
 
-Terms with one key share the vector l e, e = exp(i theta), which changes by
+Terms with the same key share the vector l e, e = exp(i theta), which changes by
 
     d(l e) = i l e dtheta + e dl,        (l e)'' = i l e theta'' + e l'' + (2 i l' theta' - l theta'^2) e
 
-A velocity, a virtual displacement and the part of an acceleration that is linear in x'' are one formula, `variation`; the rest of
-the acceleration is `bias`. Values are arrays over states or symbols.
+Velocities, virtual displacements and the part of an acceleration that is linear in x'' have the same formula, `variation`. The rest
+of the acceleration is `bias`. Values are arrays over states, or symbols.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -15,11 +15,11 @@ from gauss_bench.reference.taylor.arithmetic import NUMBERS, Arithmetic, Value, 
 from gauss_bench.reference.taylor.solve import Long, split_columns
 from gauss_bench.reference.taylor.vector_sums import NONE, Key, Sum
 
-Vectors = Callable[[Key], Vector]
+Vectors = Callable[[Key], Vector]  # key -> vector
 
 
 class Instant:
-    """The turned vectors at coordinates x; each is computed once, when it is first needed."""
+    """The turned vectors at coordinates x, each of which is computed when it is first needed."""
 
     def __init__(self, x: Sequence[Value], arithmetic: Arithmetic):
         self.x = x
@@ -60,12 +60,12 @@ class Instant:
         return of
 
     def combine(self, terms: Sum, of: Vectors) -> Vector:
-        """Return sum_k c_k of(key_k)."""
+        """Return the sum of the terms c_k of(key_k)."""
         parts = [product((self.arithmetic.of(t.x), self.arithmetic.of(t.y)), of(t.key)) for t in terms]
         return total(p[0] for p in parts), total(p[1] for p in parts)
 
     def gradient(self, terms: Sum) -> dict[int, Vector]:
-        """Return the derivative of a sum by every coordinate that moves it."""
+        """Return coordinate -> derivative of a sum, for every coordinate that moves it."""
         moving = {index for t in terms for index in t.key if index != NONE}
         return {j: self.combine(tuple(t for t in terms if j in t.key), self.variation({j: 1})) for j in sorted(moving)}
 

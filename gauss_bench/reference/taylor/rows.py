@@ -6,7 +6,7 @@
     length       (d . d - law(t)^2) / 2 = 0                d from one point to the other
     knife edge   n . P' = 0                                n turns with the link; no position level
 
-A row reads A x' = rate at the level of velocities and A x'' = gamma at that of accelerations.
+A row is A x' = rate for velocities, and A x'' = gamma for accelerations.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ Law = tuple[Value, Value, Value]  # value, rate and second rate of a driver
 
 
 class Prescribed(NamedTuple):
-    """A quantity with a prescribed value: a coordinate plus the constant `turn`, or the length of the vector `gap`."""
+    """A quantity with a prescribed value: a coordinate plus the constant `turn`, or the length of `gap` if that has terms."""
 
     name: str
     coordinate: int
@@ -38,8 +38,10 @@ class LoopRows:
     """The rows of one mechanism: two per closure, then drivers, then knife edges.
 
     Attributes:
+        closures: sums that must vanish, one for each loop.
+        prescribed: the quantities that drivers prescribe.
         edges: (angle coordinate of the link, point, normal) of every knife edge.
-        names: the origin of each row, such as "joint A".
+        names: for each row the part of the linkage from which it comes, such as "joint A".
     """
 
     coordinates: LoopCoordinates
@@ -50,6 +52,7 @@ class LoopRows:
 
     @property
     def m(self) -> int:
+        """Number of rows."""
         return len(self.names)
 
     def laws(self, t: Any) -> list[Law]:
@@ -57,10 +60,10 @@ class LoopRows:
         return [driver.law(t) for driver in self.coordinates.mechanism.drivers]
 
     def close(self, x: Long, laws: Sequence[Law], eps: float) -> Long:
-        """Return the positions (k, n) near x that satisfy all rows to the last digit.
+        """Return the positions (k, n) near x (k, n) that satisfy all rows to the last digit.
 
         Raises:
-            Unsolved: there are none near.
+            Unsolved: there are none nearby.
         """
         none = x[:, 0] - x[:, 0]
 
@@ -70,7 +73,7 @@ class LoopRows:
         return solve_by_chord(residual, pseudo_inverse(to_dense(self.entries(at_states(x)), *x.shape)), x, eps)
 
     def entries(self, at: Instant) -> list[dict[int, Value]]:
-        """Return the rows of A, coordinate -> derivative, without entries that always vanish."""
+        """Return the rows of A, each as coordinate -> derivative, without entries that always vanish."""
         rows: list[dict[int, Value]] = []
         for closure in self.closures:
             gradient = at.gradient(closure)

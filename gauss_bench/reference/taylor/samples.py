@@ -15,8 +15,8 @@ from gauss_bench.reference.taylor.rows import LoopRows
 from gauss_bench.reference.taylor.solve import Long, epsilon, multiply, split_columns, stack_arrays
 from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates
 
-BALANCE = 1e-25  # largest relative residual of the equations of motion in 128 bit; shorter numbers have it in proportion
-ROUNDING = 2.0**-112  # of numbers with 128 bit
+BALANCE = 1e-25  # largest relative residual of the equations of motion in 128 bit; in proportion to the rounding of other numbers
+ROUNDING = 2.0**-112  # relative rounding of numbers with 128 bit
 
 
 class Inconsistent(ArithmeticError):
@@ -34,11 +34,15 @@ class LoopStates:
 
 
 def join(parts: Sequence[LoopStates]) -> LoopStates:
+    """Return the states of all parts, one after the other."""
     return LoopStates(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("t", "x", "v", "a")))
 
 
 def _absolute(coordinates: LoopCoordinates, at: Instant, vectors: Vectors, angles: Mapping[int, Value], like: Long) -> Long:
-    """Return one level (k, n) of all links: the combined vectors of their centres of mass, and the values of their angles."""
+    """Return positions, rates or second rates (k, n) of all links: vectors of their centres of mass, and values of their angles.
+
+    `angles` are coordinate -> value; `like` (k,) gives the type of number.
+    """
     values: list[Value] = []
     for centre, index in zip(coordinates.centres, coordinates.angle, strict=True):
         values += [*at.combine(centre, vectors), 0 if index == NONE else angles.get(index, 0)]
@@ -48,7 +52,7 @@ def _absolute(coordinates: LoopCoordinates, at: Instant, vectors: Vectors, angle
 def sample(
     rows: LoopRows, states: LoopStates, times: Sequence[str], redundant: int, stopped: str, method: str, number: Number
 ) -> Motion:
-    """Return the motion made of states at times (decimal texts); `redundant` is the number of redundant rows.
+    """Return the motion with these states at times (decimal texts); `redundant` is the number of redundant rows.
 
     Raises:
         Inconsistent: residuals of the loops or of the equations of motion are larger than rounding.
@@ -67,7 +71,7 @@ def sample(
     Q = stack_arrays(Loads(coordinates, at, v).flat(), like)
     drift = residuals(rows, states, at)
     fastest = float(np.abs(states.v).astype(float).max(initial=0.0))
-    # usually a thousand roundings; with decimals of the file that contradict each other, 1e-12
+    # the residuals are usually a thousand roundings, but 1e-12 if decimals of the file contradict each other
     if not max(drift[0], drift[1] / (1.0 + fastest)) < eps**0.5:
         raise Inconsistent(f"the loops come open by {drift[0]:.1e} m or rad, their rates by {drift[1]:.1e} per second")
     multipliers, off = joint_forces(reactions(coordinates, at), Q - mechanism.mass * acceleration, redundant, eps)
@@ -77,7 +81,7 @@ def sample(
 
 
 def residuals(rows: LoopRows, states: LoopStates, at: Instant) -> tuple[float, float]:
-    """Return the largest residual of positions and of velocities over all states, with redundant rows and circles of slides."""
+    """Return the largest residual of positions and that of velocities, over all states and rows, redundant ones included."""
     laws = rows.laws(states.t)
     like = states.t - states.t
     position = stack_arrays([*rows.residuals(at, laws), *rows.coordinates.turn_gaps], like)

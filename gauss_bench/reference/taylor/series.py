@@ -1,9 +1,9 @@
 """The first pipeline of a certificate: Taylor series in 128 bit, of the equations of motion in loop coordinates.
 
-heyoka expands the solution to order 40 by automatic differentiation of compiled code; its steps are so short that the last terms
-are below rounding. The equations are symbols of the state (x, u), with every constant a parameter, so that linkages with other
+heyoka expands the solution to order 40 by automatic differentiation of compiled code. Its steps are so short that the last terms
+are below rounding. The equations are symbols of the state (x, u), and every constant is a parameter, so that linkages with other
 numbers share the compiled code. The state of a linkage that is driven completely is x alone.
-Source: Biscani and Izzo, Monthly Notices of the Royal Astronomical Society 504 (2021), on heyoka; Jorba and Zou, Experimental
+Sources: Biscani and Izzo, Monthly Notices of the Royal Astronomical Society 504 (2021), on heyoka; Jorba and Zou, Experimental
 Mathematics 14 (2005), on orders and steps.
 """
 
@@ -32,10 +32,10 @@ def taylor_motion(
     """Return the motion at the sample times, up to where it has to stop.
 
     Args:
-        document: with decimals as written (`decimal_document`) and the scenario's override merged.
-        times: decimal texts [s], ascending from "0".
-        double: compute in double precision instead of 128 bit, to compare neighbouring linkages.
-        progress: is called with the time reached.
+        document: the linkage file with decimals as written (`decimal_document`), and with the scenario's override merged.
+        times: sample times as decimal texts [s], ascending from "0".
+        double: whether to compute in double precision instead of 128 bit, to compare neighbouring linkages.
+        progress: called with the time reached [s].
 
     Raises:
         AssemblyError: the linkage cannot be assembled.

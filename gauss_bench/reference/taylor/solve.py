@@ -11,7 +11,7 @@ from gauss_bench.mechanism.numbers import Number
 from gauss_bench.reference.taylor.arithmetic import Value
 from gauss_bench.terms import Array
 
-Long = NDArray[Any]
+Long = NDArray[Any]  # array of numbers of extended precision
 
 
 @lru_cache
@@ -25,7 +25,7 @@ def epsilon(number: Number) -> float:
 
 
 def stack_arrays(values: Sequence[Value], like: Long) -> Long:
-    """Stack m values, each an array (k,), a number or a literal, to (k, m) in shape and type of `like` (k,)."""
+    """Return m values, each an array (k,), a number or a literal, as one array (k, m) in the type of `like` (k,)."""
     none = like - like
     return np.stack([none + x for x in values], axis=-1) if len(values) else np.zeros((len(like), 0), dtype=like.dtype)
 

@@ -1,7 +1,7 @@
-"""The start of a motion to the last digit: loop coordinates and rates that obey the rows and the decimals of the file.
+"""The start of a motion to the last digit: loop coordinates and rates that satisfy the rows and the decimals of the file.
 
-The assembly in double precision is the first guess. The values that the start of a scenario gives are additional rows: an angle or
-a slide is prescribed as by a driver, a point is a closure P - target = 0 with a rate.
+The assembly in double precision is the first guess. The values in the start of a scenario are additional rows: an angle or a slide
+is prescribed as by a driver, and a point is a closure P - target = 0 with a rate.
 """
 
 from dataclasses import replace
@@ -20,7 +20,7 @@ from gauss_bench.terms import Array
 
 
 def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tuple[LoopRows, list[Law], list[Any]]:
-    """Add the rows of the start to those of the mechanism; return all rows, their laws at t = 0, and the rates of A x' = rate."""
+    """Return the rows of the mechanism and of the start together, all laws at t = 0, and the right-hand side of A x' = rate."""
     coordinates, start, zero = rows.coordinates, scenario.get("start", {}), number("0")
     mechanism = coordinates.mechanism
     laws = rows.laws(zero)
@@ -43,7 +43,7 @@ def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tupl
 
 
 def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
-    """Return link -> angle [rad] and speed [rad/s] that a start gives; its keys `crank` and `speed` are those of the crank."""
+    """Return link -> angle [rad] and speed [rad/s], as the start gives them; its keys `crank` and `speed` mean the crank."""
     angles = {name: radians(number, x) for name, x in start.get("angles_deg", {}).items()}
     angles |= {name: exact(number, x) for name, x in start.get("angles", {}).items()}
     speeds = {name: exact(number, x) for name, x in start.get("speeds", {}).items()}
@@ -69,7 +69,7 @@ def start_state(rows: LoopRows, scenario: dict[str, Any], guess: Array, number: 
     n, eps = rows.coordinates.n, epsilon(number)
     held, laws, rates = hold_start(rows, scenario, number)
     x = np.array([[exact(number, value) for value in guess.tolist()]]).reshape(1, n)
-    # the decimals of a start may contradict the loops in their last digits: the loops alone are closed once more
+    # decimals of the start may contradict the loops in their last digits, so that the loops alone are closed once more
     for group in (held, rows):
         x = group.close(x, laws[: len(group.prescribed)], eps)
     A = held.entries(at_states(x))

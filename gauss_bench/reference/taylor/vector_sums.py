@@ -2,14 +2,15 @@
 
     P = sum_k c_k l_k e_k,    e_k = exp(i theta_k)
 
-with constants c_k of the plane, l_k either 1 or a displacement, theta_k the angle of a group of links or none (e = 1). Links joined
-by slides turn together and share one angle; links that slides tie to the ground have none. A spanning tree, breadth first from the
-ground, takes slides before pins and adds one vector per step; a link that is not connected to the ground has two displacements of
-its own. Every slide has a displacement along its line, whether it is in the tree or not. A joint outside the tree is a closure:
+Here c_k are constant vectors, l_k is 1 or a displacement, and theta_k is the angle of a group of links or absent (e = 1). Links
+that slides join turn together and share one angle; links that slides tie to the ground have none. A spanning tree, breadth first
+from the ground, takes slides before pins and adds one vector in each step. A link that is not connected to the ground has two
+displacements of its own. Every slide has a displacement along its line, whether it is in the tree or not. A joint outside the tree
+is a closure:
 
     pin    P_b - P_a = 0,        slide    P_block - P_guide - (s + i offset) u = 0,    u the direction of the guide
 
-Source: Nikravesh, Planar Multibody Dynamics (2nd ed. 2018), on vector loops; Haug, Computer-Aided Kinematics and Dynamics of
+Sources: Nikravesh, Planar Multibody Dynamics (2nd ed. 2018), on vector loops; Haug, Computer-Aided Kinematics and Dynamics of
 Mechanical Systems (1989), chapter 2, on complex numbers in the plane.
 """
 
@@ -23,9 +24,9 @@ from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import GROUND, Joint, Mechanism, Point, Prismatic
 from gauss_bench.terms import Array
 
-NONE = -1  # in place of the index of an angle: a vector in world axes; in place of that of a displacement: length 1
+NONE = -1  # in place of the index of an angle a vector in world axes; in place of the index of a displacement the length 1
 
-Key = tuple[int, int]  # (angle, displacement): vectors with one key differ by a constant factor
+Key = tuple[int, int]  # (angle, displacement): vectors with the same key differ by a constant factor
 
 
 class VectorTerm(NamedTuple):
@@ -45,7 +46,7 @@ Sum = tuple[VectorTerm, ...]
 
 
 def merge(terms: Iterable[VectorTerm], less: Iterable[VectorTerm] = ()) -> Sum:
-    """Return the sum of `terms` minus that of `less`, with one term per key; terms that cancel are left out."""
+    """Return the sum of `terms` minus the sum of `less`, with one term for each key and without terms that cancel."""
     sums: dict[Key, tuple[Any, Any]] = {}
     for sign, part in ((1, terms), (-1, less)):
         for term in part:
@@ -61,11 +62,12 @@ class LoopCoordinates:
 
     Attributes:
         n: number of coordinates.
-        roots: for every angle coordinate the link whose angle it is: of links that slides join, the first that the tree reaches.
-        angle: coordinate of every link's angle, or NONE; turn: constant to be added to it [rad].
+        roots: for every angle coordinate its link; of links that slides join, the first that the tree reaches.
+        angle: for every link the coordinate of its angle, or NONE.
+        turn: for every link the constant to be added to that coordinate [rad].
         centres: centre of mass of every link.
         slides: name of a slide -> its displacement.
-        free: link that is not connected to the ground -> its displacement x; that of y is the next.
+        free: link that is not connected to the ground -> coordinate of its displacement in x; that in y is the next.
         closures: (name of the joint, sum that must vanish) of the joints outside the tree.
         turn_gaps: constant angles [rad] that must vanish, where slides form a circle.
     """
@@ -76,7 +78,7 @@ class LoopCoordinates:
         in_tree = {id(step.joint) for step in steps}
         zero = mechanism.gravity[0] - mechanism.gravity[0]  # in the type of number of the mechanism
         links, slides = range(len(mechanism.links)), [j for j in mechanism.joints if isinstance(j, Prismatic)]
-        # angles: slides tie that of a link to the angle of its leader, the first link that the tree reaches, by a constant turn
+        # angles: slides tie a link's angle to that of its leader, the first of these links in the tree, plus a constant turn
         leader, turn = {GROUND: GROUND}, {GROUND: zero}
         for step in steps:
             leader[step.link], turn[step.link] = step.link, zero
@@ -105,7 +107,7 @@ class LoopCoordinates:
             return VectorTerm(zero + 1, zero, NONE, x), VectorTerm(zero, zero + 1, NONE, x + 1)
         first, second = step.joint.ends
         along = self.along(step.joint) if isinstance(step.joint, Prismatic) else ()
-        if second.link == step.link:  # the joint leads from its first point to its second, or backwards
+        if second.link == step.link:  # the step goes from the joint's first point to its second, or backwards
             return merge([*self.point(first), *along], self.turn_vector(second.local, second.link))
         return merge(self.point(second), [*self.turn_vector(first.local, first.link), *along])
 
@@ -152,7 +154,7 @@ class LoopCoordinates:
 
 
 class TreeStep(NamedTuple):
-    """A step of the spanning tree to a new link, by a joint of a link already reached, or without a joint from the ground."""
+    """A step of the spanning tree to a new link: by a joint from the link `parent`, or without a joint from the ground."""
 
     parent: int
     link: int
@@ -170,7 +172,7 @@ def spanning_tree(mechanism: Mechanism) -> list[TreeStep]:
     steps: list[TreeStep] = []
 
     def reach(step: TreeStep) -> list[int]:
-        """Take a step; return the links that it reaches, with those that slides tie to them."""
+        """Take a step; return the link that it reaches, and the links that slides tie to it."""
         if step.link in reached:
             return []
         reached.add(step.link)

@@ -1,0 +1,241 @@
+"""Routines, and the base class of the emitters that write routines as text.
+
+A routine is a function with loops and branches, independent of the target machine: a list of statements over the values of one
+graph. A value is computed where a statement first needs it, or where `Compute` lists it. Values that do not change in a loop are
+computed before it.
+
+    Compute(values)                      values in this order
+    Load(array, rows, start)             rows of an array become leaves
+    Store(array, values, start)          values become rows of an array
+    Scatter(array, values, start, block, last)   the values of each lane, side by side, at a place of its own
+    Loop(carried, body, again)           the body; if `again` holds, once more with the next values of the carried leaves
+    If(condition, body, merged)          leaves that have one value after the body, and another without it
+
+The same routine computes one trajectory, or a vector of them with one trajectory in each lane. An array has rows, the trajectories
+of a group last in memory; each group of trajectories has its own part of it. The emitters are in `llvm.py` and `source.py`.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from gauss_bench.compiler.machine.graph import Graph, find_dependents, live
+
+
+@dataclass(frozen=True)
+class Array:
+    """An array among the arguments of a routine.
+
+    Attributes:
+        rows: number of rows for one group of trajectories; 0 if all groups share the array.
+        by: name of a count by which `rows` is multiplied; "" for 1.
+    """
+
+    rows: int
+    by: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Compute:
+    """Compute values in this order, their operands first."""
+
+    values: Sequence[int]
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """Load leaves from an array: leaf -> its row, counted from the row `start` (a count; None for 0)."""
+
+    array: str
+    rows: Mapping[int, int]
+    start: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Store:
+    """Store values in neighbouring rows of an array, from the row `start` (a count; None for 0) on."""
+
+    array: str
+    values: Sequence[int]
+    start: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Scatter:
+    """Store the values of each trajectory side by side in a flat array.
+
+    Those of trajectory k begin at min(k block, last) + start; `block`, `last` and `start` are counts.
+    """
+
+    array: str
+    values: Sequence[int]
+    start: int
+    block: int
+    last: int
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """Do `body`, and repeat it while the truth `again` holds at its end.
+
+    Attributes:
+        carried: leaf -> its value in the first turn, and its value in every next turn.
+    """
+
+    carried: Mapping[int, tuple[int, int]]
+    body: Sequence["Statement"]
+    again: int
+
+
+@dataclass(frozen=True, eq=False)
+class If:
+    """Do `body` if the truth `condition` holds.
+
+    Attributes:
+        merged: leaf -> its value after `body`, and its value if the condition does not hold.
+    """
+
+    condition: int
+    body: Sequence["Statement"]
+    merged: Mapping[int, tuple[int, int]]
+
+
+Statement = Compute | Load | Store | Scatter | Loop | If
+
+
+@dataclass(frozen=True, eq=False)
+class Routine:
+    """A function in statements.
+
+    Attributes:
+        arrays, numbers, counts: arguments in this order, by name; the number `x` is the leaf "%x" of the graph, and so is a count.
+        sound: mask that holds where the routine has done all that was asked; in C it returns 1 where the mask does not hold.
+        operations: number of operations in one turn of its loop, or in one evaluation.
+    """
+
+    name: str
+    graph: Graph
+    arrays: Mapping[str, Array]
+    numbers: tuple[str, ...]
+    counts: tuple[str, ...]
+    body: Sequence[Statement]
+    sound: int
+    operations: int
+
+    @property
+    def signature(self) -> str:
+        """The kinds of all arguments as letters (`TYPES` in llvm.py); the last argument is the number of groups."""
+        return "p" * len(self.arrays) + "d" * len(self.numbers) + "i" * (len(self.counts) + 1)
+
+
+def nest(statements: Sequence[Statement]) -> Iterator[Statement]:
+    """Yield all statements, with those inside loops and branches."""
+    for s in statements:
+        yield s
+        if isinstance(s, Loop | If):
+            yield from nest(s.body)
+
+
+def list_needed(r: Routine) -> set[int]:
+    """Return all values that the routine uses; loads and carried values outside this set can be omitted."""
+    roots = [r.sound]
+    for s in nest(r.body):
+        match s:
+            case Compute() | Store():
+                roots += s.values
+            case Scatter():
+                roots += [*s.values, s.start, s.block, s.last]
+            case Loop():
+                roots += [s.again, *(x for pair in s.carried.values() for x in pair)]
+            case If():
+                roots += [s.condition, *(x for pair in s.merged.values() for x in pair)]
+    return set(live(r.graph, roots))
+
+
+def find_changing(g: Graph, loop: Loop) -> set[int]:
+    """Return the values that may change between turns of a loop."""
+    defined = set(loop.carried)
+    for s in nest(loop.body):
+        match s:
+            case Loop():
+                defined |= set(s.carried)
+            case If():
+                defined |= set(s.merged)
+            case Load():
+                defined |= set(s.rows)
+    return find_dependents(g, defined)
+
+
+class Emitter:
+    """Base class of emitters, which writes every value where it is first needed and gives it a name in the text.
+
+    Attributes:
+        names: value -> its name in the text, for the values written so far.
+        needed: all values that the routine uses.
+        first: for each leaf that the next loop carries, the name of its first value.
+    """
+
+    def __init__(self, routine: Routine) -> None:
+        self.graph, self.needed = routine.graph, list_needed(routine)
+        self.names: dict[int, str] = {}
+        self.first: list[str] = []
+
+    def value(self, x: int) -> str:
+        """Write a value whose operands have names already; return its name."""
+        raise NotImplementedError
+
+    def statement(self, s: Statement) -> None:
+        """Write one statement."""
+        raise NotImplementedError
+
+    def statements(self, body: Sequence[Statement]) -> None:
+        """Write statements in their order."""
+        for s in body:
+            if isinstance(s, Compute):
+                self.compute(s.values)
+            else:
+                if isinstance(s, Loop):
+                    self._before(s)
+                self.statement(s)
+
+    def _before(self, s: Loop) -> None:
+        """Write what a loop needs before it: the first values of its carried leaves, and values that do not change in it."""
+        self.first = self.compute([first for first, _ in self.select_carried(s).values()])
+        changing = find_changing(self.graph, s)
+        for inner in nest(s.body):
+            if isinstance(inner, Compute):
+                self.compute([x for x in inner.values if x not in changing])
+        # names of changing values are those of an earlier loop: this loop computes them again
+        self.names = {x: name for x, name in self.names.items() if x not in changing}
+
+    def select_carried(self, loop: Loop) -> dict[int, tuple[int, int]]:
+        """Return the leaves of `loop.carried` that are needed, with their values."""
+        return {x: pair for x, pair in loop.carried.items() if x in self.needed}
+
+    def select_rows(self, load: Load) -> dict[int, int]:
+        """Return the leaves of `load.rows` that are needed, with their rows."""
+        return {x: row for x, row in load.rows.items() if x in self.needed}
+
+    def compute(self, values: Sequence[int]) -> list[str]:
+        """Return the names of values; write those that are missing."""
+        return [self.need(x) for x in values]
+
+    def need(self, x: int) -> str:
+        """Return the name of a value; write it and its operands first if necessary."""
+        waiting = [x]
+        while x not in self.names:
+            missing = [k for k in self.graph.operands[waiting[-1]] if k not in self.names]
+            if missing:
+                waiting += missing
+            else:
+                y = waiting.pop()
+                if y not in self.names:
+                    self.names[y] = self.value(y)
+        return self.names[x]
+
+    @contextmanager
+    def within(self) -> Iterator[None]:
+        """Drop, at the end of this context, all names that were given inside it."""
+        before = dict(self.names)
+        yield
+        self.names = before
