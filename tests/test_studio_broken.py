@@ -77,7 +77,7 @@ HOSTILE = [
 def test_names_and_paths_that_mean_harm_are_refused(tmp_path: Path, word: str) -> None:
     pen = four_bar(tmp_path)
     text = pen.session.text
-    assert pen.refused("rename", id="links.bar1", to=word)
+    assert pen.refused("rename", what="links.bar1", to=word)
     assert pen.refused("save", path=word)
     assert pen.refused("open", name=word)
     assert pen.refused("template", name=word)

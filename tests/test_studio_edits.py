@@ -64,23 +64,23 @@ def test_an_edit_leaves_comments_and_everything_else_as_they_were(tmp_path: Path
     pen.ask("template", name=name)
     link = pen.now["links"][0]["name"]
     pen.ask("set", path="gravity", value=[0.0, -1.62])
-    pen.ask("rename", id=f"links.{link}", to="renamed_link")
+    pen.ask("rename", what=f"links.{link}", to="renamed_link")
     after = pen.session.text
     comments = [line.partition("#")[2] for line in before.splitlines() if "#" in line]
     assert [line.partition("#")[2] for line in after.splitlines() if "#" in line] == comments
     assert len(after.split()) <= len(before.split()) + 6
-    pen.ask("rename", id="links.renamed_link", to=link)
+    pen.ask("rename", what="links.renamed_link", to=link)
     pen.ask("set", path="gravity", value=tomllib.loads(before).get("gravity"))
     assert tomllib.loads(pen.session.text) == tomllib.loads(before)
-    pen.refused("rename", id=f"links.{link}", to="no name")
+    pen.refused("rename", what=f"links.{link}", to="no name")
 
 
 def test_a_renamed_link_is_the_same_motion(tmp_path: Path) -> None:
     pen = Pen(tmp_path)
     pen.ask("template", name="shaper")
-    pen.ask("rename", id="links.lever", to="arm")
-    pen.ask("rename", id="pins.A", to="77")
-    pen.ask("rename", id="slides.slot", to="groove")
+    pen.ask("rename", what="links.lever", to="arm")
+    pen.ask("rename", what="pins.A", to="77")
+    pen.ask("rename", what="slides.slot", to="groove")
     pen.ask("save", path="renamed")
     old, new = load("shaper"), load(tmp_path / "renamed.toml")
     assert np.array_equal(old.q0, new.q0)

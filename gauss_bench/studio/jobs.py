@@ -61,13 +61,10 @@ class Jobs:
         return job
 
     def _follow(self, job: int, text: str, request: dict[str, Any], done: str) -> None:
-        """Send the events of a job as they arrive, then the event `done` with comparisons, or with the reason why the job failed."""
+        """Send the events of a job as they arrive, then the event `done` with comparisons, or with the reason why it failed."""
         process = self.running[job]
-        last: dict[str, Any] = {
-            "event": done,
-            "job": job,
-            "error": "it was stopped",
-        }  # unless an event changes or removes the error
+        # the error stays if no event of the job changes or removes it
+        last: dict[str, Any] = {"event": done, "job": job, "error": "it was stopped"}
         assert process.stdin is not None
         assert process.stdout is not None
         try:

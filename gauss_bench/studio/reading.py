@@ -237,7 +237,7 @@ def _build(document: Document) -> tuple[Mechanism | None, list[Fault]]:
 
 
 def leave_out(document: Document, fault: Fault) -> None:
-    """Remove the part of a document that a fault names. Missing masses, and a faulty format or name, get a default value instead."""
+    """Remove the part of a document that a fault names. Missing masses, and a faulty format or name, get a default value."""
     keys = split_path(fault.path)
     match keys:
         case ["links", str(name), "mass" | "inertia" as lacking] if isinstance(table(document, "links").get(name), dict):
