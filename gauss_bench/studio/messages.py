@@ -44,7 +44,7 @@ def place(x: Any, field: str = "at") -> complex:
     Raises:
         Refused: the value is no point, or is too far away.
     """
-    is_pair = isinstance(x, list) and len(x) == 2 and all(type(y) in (int, float) for y in x)
+    is_pair = isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and not isinstance(y, bool) for y in x)
     if not is_pair or not all(abs(y) <= FARTHEST for y in x):
         raise Refused(f"a place is two numbers, each of at most {FARTHEST:g} m", field=field)
     return complex(*x)
