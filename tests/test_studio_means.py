@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.studio import Pen, four_bar
-from tests.test_studio_page import XY, Page, studio
+from tests.studio import XY, Pen, four_bar
+from tests.test_studio_page import Page, studio
 
 STEPS = 50  # of the history, at least
 NAME = "means"
@@ -49,8 +49,12 @@ class Hand:
         """Closes a link by its first corner."""
         self.tap((0.1, -0.05))
 
+    def way(self, start: XY, by: XY) -> list[XY]:
+        """Six pixels from a place to another."""
+        return [self.sheet.pixel((start[0] + s * by[0], start[1] + s * by[1])) for s in np.linspace(0.0, 1.0, 6)]
+
     def drag(self, start: XY, by: XY) -> None:
-        way = [self.sheet.pixel((start[0] + s * by[0], start[1] + s * by[1])) for s in np.linspace(0.0, 1.0, 6)]
+        way = self.way(start, by)
         self.page.mouse.move(*way[0])
         self.page.mouse.down()
         for at in way[1:]:
@@ -61,15 +65,13 @@ class Hand:
         what.click()
 
     def write(self, field: str, text: str) -> None:
-        self._field(field).click(click_count=3)
-        self.page.keyboard.type(text)
-        self.page.locator(".properties h2").click()  # the field is left
-
-    def law(self, field: str, text: str) -> None:
-        """Writes into a field of the driver."""
-        self._field(field).click(click_count=3)
+        self.focus(self.page.get_by_label(field, exact=True).first)
+        self.page.keyboard.press("Control+a")
         self.page.keyboard.type(text)
         self.page.keyboard.press("Enter")
+
+    def focus(self, field: Any) -> None:
+        field.click()
 
     def choose(self, label: str, option: str) -> None:
         self.page.get_by_label(label, exact=True).select_option(option)
@@ -102,9 +104,6 @@ class Hand:
 
     def show_drawing(self) -> None: ...
 
-    def _field(self, label: str) -> Any:
-        return self.page.get_by_label(label, exact=True).first
-
 
 class Keys(Hand):
     """The keyboard alone: the cross, letters, Enter."""
@@ -130,13 +129,8 @@ class Keys(Hand):
         what.focus()
         self.page.keyboard.press("Space" if what.get_attribute("type") == "checkbox" else "Enter")
 
-    def write(self, field: str, text: str) -> None:
-        self._field(field).focus()
-        self.page.keyboard.press("Control+a")
-        self.page.keyboard.type(text)
-        self.page.keyboard.press("Enter")
-
-    law = write
+    def focus(self, field: Any) -> None:
+        field.focus()
 
     def choose(self, label: str, option: str) -> None:
         field = self.page.get_by_label(label, exact=True)
@@ -199,8 +193,7 @@ class Touch(Hand):
 
     def drag(self, start: XY, by: XY) -> None:
         hand = self.page.context.new_cdp_session(self.page)
-        way = [self.sheet.pixel((start[0] + s * by[0], start[1] + s * by[1])) for s in np.linspace(0.0, 1.0, 6)]
-        for k, (x, y) in enumerate(way):
+        for k, (x, y) in enumerate(self.way(start, by)):
             points = [{"x": x, "y": y, "id": 0}]
             hand.send("Input.dispatchTouchEvent", {"type": "touchMove" if k else "touchStart", "touchPoints": points})
         hand.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
@@ -209,17 +202,8 @@ class Touch(Hand):
     def press(self, what: Any) -> None:
         what.tap()
 
-    def write(self, field: str, text: str) -> None:
-        self._field(field).tap()
-        self.page.keyboard.press("Control+a")
-        self.page.keyboard.type(text)
-        self.page.locator(".properties h2").tap()
-
-    def law(self, field: str, text: str) -> None:
-        self._field(field).tap()
-        self.page.keyboard.press("Control+a")
-        self.page.keyboard.type(text)
-        self.page.keyboard.press("Enter")
+    def focus(self, field: Any) -> None:
+        field.tap()
 
     def show_parts(self) -> None:
         if self.sheet.button("Properties").get_attribute("aria-expanded") != "true":
@@ -311,7 +295,7 @@ def law(field: str, text: str) -> Callable[[Hand], None]:
         if field == "Law of motion":
             hand.choose(field, text)
         else:
-            hand.law(field, text)
+            hand.write(field, text)
         hand.page.keyboard.press("Escape")
         hand.page.locator(".drive .pop").wait_for(state="hidden")
 
@@ -556,8 +540,8 @@ HANDS = {"mouse": Hand, "keys": Keys, "touch": Touch}
 
 @pytest.fixture(params=HANDS)
 def hand(request: pytest.FixtureRequest, browser: Any, folder: Path) -> Iterator[Hand]:
-    with studio(folder) as (url, _):
-        opened = HANDS[request.param](browser, url)
+    with studio(folder) as running:
+        opened = HANDS[request.param](browser, running.address)
         yield opened
         opened.page.close()
 

@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import subprocess
+import tomllib
 from collections.abc import Callable, Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -17,35 +18,28 @@ import pytest
 from PIL import Image
 
 from gauss_bench.cli import main
+from tests.studio import XY, Running, ended, started
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "gauss_bench" / "studio" / "page_source"
 BUILT = ROOT / "gauss_bench" / "studio" / "page"
+WHERE = "c => [...c.querySelectorAll('g.linkage [data-pin]')].map(x => [x.dataset.pin, x.getAttribute('transform')])"
 SCRIPTS = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "tests" / "data" / "page").glob("*.js")}
-XY = tuple[float, float]
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("drawn")
+@pytest.fixture
+def folder(studio_server: Running) -> Path:
+    """The working folder of the studio that tests share."""
+    return studio_server.folder
 
 
 @contextlib.contextmanager
-def studio(folder: Path) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
-    """Address and process of a studio of its own, with its own cache."""
-    pytest.importorskip("starlette")
-    from tests.test_studio_server import ended, started
-
+def studio(folder: Path) -> Iterator[Running]:
+    """A studio of its own, with its own cache."""
     running = started(folder)
-    yield f"http://127.0.0.1:{running.port}/?token={running.token}", running.process
+    yield running
     if running.process.poll() is None:
         ended(running)
-
-
-@pytest.fixture(scope="module")
-def address(folder: Path) -> Iterator[str]:
-    with studio(folder) as (found, _):
-        yield found
 
 
 class Page:
@@ -92,8 +86,7 @@ class Page:
 
     def places(self) -> dict[str, str]:
         """Where the joints are drawn."""
-        pins = self.page.locator("g.linkage [data-pin]").all()
-        return {str(x.get_attribute("data-pin")): str(x.get_attribute("transform")) for x in pins}
+        return dict(self.canvas.evaluate(WHERE))
 
     def drawn_at(self) -> dict[str, XY]:
         """Where the joints are drawn, in pixels."""
@@ -133,7 +126,7 @@ class Page:
         seen: list[list[str]] = []
 
         def stays() -> bool:
-            seen.append([self.canvas.get_attribute(f"data-{x}") for x in ("scale", "origin", "pending")])
+            seen.append(self.canvas.evaluate("c => [c.dataset.scale, c.dataset.origin, c.dataset.pending]"))
             return len(seen) > 12 and all(x == [*seen[-1][:2], "0"] for x in seen[-12:])
 
         self.until(stays, 60)
@@ -191,9 +184,9 @@ class Page:
 
 
 @pytest.fixture(scope="module")
-def one(browser: Any, address: str) -> Iterator[Page]:
+def one(browser: Any, studio_server: Running) -> Iterator[Page]:
     """The page that tests share."""
-    opened = Page(browser, address)
+    opened = Page(browser, studio_server.address)
     yield opened
     opened.page.close()
 
@@ -256,9 +249,6 @@ def test_a_linkage_drawn_from_nothing_moves_as_the_suite_has_it(page: Page, fold
         assert np.abs(followed - moved).max() < near + 1e-3  # chords of the path between 181 places
 
 
-ARROWS = {"L": "Left", "R": "Right", "U": "Up", "D": "Down"}
-
-
 def used(browser: Any) -> dict[str, float]:
     """Processor time [s] so far: of the studios that this process has started, and of the browser's pages."""
     ticks = 0
@@ -304,73 +294,53 @@ def test_thirty_solved_frames_a_second_of_a_drag_that_jumps_to_no_branch(page: P
 
 @pytest.mark.slow
 def test_what_is_half_drawn_is_explained_and_stays_on_show(page: Page) -> None:
-    steps: list[tuple[str, tuple[XY, ...]]] = [
-        ("Ground pivot", (A,)),
-        ("Bar", ((0.2, 0.1), (0.3, 0.2))),  # hangs on nothing
-        ("Bar", (A, B)),
-        ("Bar", (B, (0.2, 0.1))),
-        ("Spring", (B, (0.3, 0.2))),
-        ("Torque", ((0.0, 0.06),)),
-    ]
-    for tool, places in steps:
-        page.use(tool, *places)
-        assert page.page.locator("g.linkage [data-pin]").count() >= 1, "the drawing has gone"
-    assert page.page.locator("[data-force]").count() == 2
+    page.use("Ground pivot", A)
+    page.use("Bar", (0.2, 0.1), (0.3, 0.2))  # hangs on nothing
+    page.use("Bar", A, B)
+    page.use("Spring", B, (0.3, 0.2))
+    for way, forces in ((None, 1), ("Undo", 0), ("Redo", 1)):
+        if way:
+            page.button(way).click()
+            page.settled()
+        assert page.page.locator("g.linkage [data-pin]").count() >= 4, "the drawing has gone"
+        assert page.page.locator("[data-force]").count() == forces
     page.button("Play").click()
     page.page.locator(".timeline .note, .prompt.refused").first.wait_for()
-    page.button("Undo").click()
-    page.settled()
-    assert page.page.locator("[data-force]").count() == 1
-    page.button("Redo").click()
-    page.settled()
-    assert page.page.locator("[data-force]").count() == 2
 
 
 @pytest.mark.slow
-def test_a_four_bar_is_drawn_moved_driven_and_saved_by_keys_alone(page: Page, folder: Path) -> None:
-    """The cross goes by fives of the grid's steps with Shift; held arrows pull the chosen pin in one step of the history."""
+def test_keys_alone_draw_pull_drive_and_save(page: Page, folder: Path) -> None:
+    """The cross goes by fives of the grid's steps with Shift; held arrows pull the chosen pin in one step of the history.
+
+    Every edit is made by keys alone in test_studio_means.
+    """
     press = page.page.keyboard.press
 
-    def go(keys: str, *ways: str) -> None:
-        for key in keys:
+    def go(*keys: str) -> None:
+        """Press keys, then Enter at the place of the cross."""
+        for key in (*keys, "Enter"):
             press(key)
-        for way in ways:
-            for _ in range(int(way[1:])):
-                press(f"Shift+Arrow{ARROWS[way[0]]}")
-        press("Enter")
         page.settled()
 
     page.canvas.focus()
-    go("g", "L3")
-    go("", "R6")
+    go("g", *["Shift+ArrowLeft"] * 3)
     go("b")
-    go("", "U3")
-    go("")
-    go("", "L5", "U2")
-    go("")
-    go("", "L1", "D5")
-    assert page.status() == ("1", "1")
-    go("v", "R6", "U3")  # the joint of the first bar and the coupler
+    go(*["Shift+ArrowUp"] * 3)
+    go("v")  # the free end of the bar
     assert page.page.locator(".properties h2").inner_text() == "Pin"
-    before, revision = page.stands_at(), page.revision()
-    for _ in range(5):
-        page.page.keyboard.down("ArrowLeft")
-    page.page.keyboard.up("ArrowLeft")
-    page.changed(revision)
-    moved = page.stands_at()
-    assert sum(np.hypot(*np.subtract(moved[x], before[x])) > 1e-4 for x in before) == 2
-    assert page.revision() == revision + 1
-    for _ in range(3):  # however fast one is after the other
-        press("ArrowRight")
-    page.changed(revision + 3)
-    press("m")
-    moved = page.places()
-    press("ArrowUp")
-    page.changed(revision + 4)
-    assert sum(page.places()[x] != moved[x] for x in moved) == 1
+    for key, step in (("v", 1), ("m", 2)):  # first the linkage is moved, then the length is changed
+        press(key)
+        before, revision = page.stands_at(), page.revision()
+        for _ in range(5):
+            page.page.keyboard.down("ArrowLeft")
+        page.page.keyboard.up("ArrowLeft")
+        page.changed(revision)
+        moved = page.stands_at()
+        assert sum(np.hypot(*np.subtract(moved[x], before[x])) > 1e-4 for x in before) == 1
+        assert page.revision() == revision + 1, step
     press("Control+z")
-    page.changed(revision + 5)
-    assert page.places() == moved
+    page.changed(revision + 1)
+    assert page.stands_at() == before
     press("v")
 
     for _ in range(60):
@@ -386,34 +356,24 @@ def test_a_four_bar_is_drawn_moved_driven_and_saved_by_keys_alone(page: Page, fo
     page.page.keyboard.type("by_keys")
     press("Enter")
     page.page.wait_for_selector("dialog", state="detached")
-    assert told("show", folder / "by_keys.toml")["name"] == "by_keys"
-    assert "driven" in (folder / "by_keys.toml").read_text(encoding="utf-8")
+    assert "driven" in tomllib.loads((folder / "by_keys.toml").read_text(encoding="utf-8"))["scenarios"]
 
 
 @pytest.mark.slow
-def test_names_of_a_file_are_text(page: Page, folder: Path) -> None:
-    hostile = "<img src=x onerror=alert(1)>"
+@pytest.mark.long("__proto__")
+@pytest.mark.parametrize("name", ["constructor", "__proto__"])
+def test_names_of_a_file_are_text_though_every_object_of_a_script_has_them(page: Page, folder: Path, name: str) -> None:
+    title = "<img src=x onerror=alert(1)>"
     text = (ROOT / "mechanisms" / "four_bar.toml").read_text(encoding="utf-8")
-    (folder / "hostile.toml").write_text(text.replace("Crank-rocker four-bar with a coupler point", hostile), encoding="utf-8")
+    text = re.sub(r"\bcrank\b", name, text.replace("Crank-rocker four-bar with a coupler point", title))
+    (folder / "hostile.toml").write_text(re.sub(f"^{name}( *=)", r"crank\1", text, flags=re.M), encoding="utf-8")
     page.button("Open").click()
     page.page.locator('dialog input[type="file"]').set_input_files(folder / "hostile.toml")
     page.page.wait_for_selector("dialog", state="detached")
-    page.settled()
-    assert page.page.get_by_label("Title").input_value() == hostile
-    assert page.page.locator("img").count() == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["constructor", pytest.param("__proto__", marks=pytest.mark.long)])
-def test_a_link_may_be_called_as_what_every_object_of_a_script_has(page: Page, name: str) -> None:
-    page.template("four bar")
     page.fitted()
-    revision = page.revision()
-    page.button("link crank").click()
-    page.page.get_by_label("Name", exact=True).fill(name)
-    page.page.keyboard.press("Enter")
-    page.changed(revision)
-    assert page.page.get_by_label("Name", exact=True).input_value() == name
+    assert page.page.get_by_label("Title").input_value() == title
+    assert page.page.locator("img").count() == 0
+    assert page.button(f"link {name}").count() == 1
 
     def is_whole() -> bool:
         """Whether pivots and crank are as the file has them, to a tenth of a pixel."""
@@ -421,7 +381,6 @@ def test_a_link_may_be_called_as_what_every_object_of_a_script_has(page: Page, n
         return abs(at["A"]) < 2e-4 and abs(at["D"] - 0.4) < 2e-4 and abs(abs(at["B"] - at["A"]) - 0.12) < 2e-4
 
     page.until(is_whole)
-    page.fitted()
     still = page.stands_at()["B"]
     page.page.get_by_label("Time", exact=True).focus()
     page.page.keyboard.press("PageUp")
@@ -431,24 +390,23 @@ def test_a_link_may_be_called_as_what_every_object_of_a_script_has(page: Page, n
 @pytest.mark.slow
 @pytest.mark.long("dark")
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_nothing_serious_and_nothing_is_wider_than_the_screen(browser: Any, address: str, scheme: str) -> None:
+def test_axe_finds_nothing_serious_and_nothing_is_wider_than_the_screen(browser: Any, studio_server: Running, scheme: str) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
-    here = Page(browser, address, color_scheme=scheme, bypass_csp=True)
+    here = Page(browser, studio_server.address, color_scheme=scheme, bypass_csp=True)
     here.template("four bar")
-    for width, height in ((375, 812), (768, 1024), (1440, 900)):
-        here.page.set_viewport_size({"width": width, "height": height})
-        shows: list[Any] = [lambda: None]
-        if width == 375:
-            shows.append(here.button("Properties").click)
-        if width == 1440:
-            shows += [here.button(name).click for name in ("Open", "Share", "Help", "Release")]
-        for show in shows:
-            show()
-            here.page.wait_for_timeout(300)
+    shown: dict[int, tuple[str, ...]] = {375: ("", "Properties"), 768: (), 1440: ("", "Open", "Share", "Help", "Release")}
+    for width, buttons in shown.items():
+        here.page.set_viewport_size({"width": width, "height": 900})
+        assert here.page.evaluate("document.documentElement.scrollWidth") <= width
+        for button in buttons:
+            if button:
+                here.button(button).click()
+                here.page.wait_for_timeout(300)
             assert here.page.evaluate("document.documentElement.scrollWidth") <= width
-            faults = [x for x in axe.run(here.page).response["violations"] if x["impact"] in ("serious", "critical")]
+            found = axe.run(here.page, options={"resultTypes": ["violations"]}).response["violations"]
+            faults = [x for x in found if x["impact"] in ("serious", "critical")]
             said = [(x["id"], x["nodes"][0]["html"][:160], x["nodes"][0]["failureSummary"][:200]) for x in faults]
-            assert not faults, f"{width} {scheme}: {said}"
+            assert not faults, f"{width} {scheme} {button}: {said}"
             here.page.keyboard.press("Escape")
         if here.button("Close properties").is_visible():
             here.button("Close properties").click()
@@ -515,7 +473,7 @@ def test_exports_are_what_they_are_called(page: Page) -> None:
 
 
 @pytest.mark.slow
-def test_a_link_opens_the_same_linkage_and_is_sent_nowhere(page: Page, browser: Any, address: str) -> None:
+def test_a_link_opens_the_same_linkage_and_is_sent_nowhere(page: Page, browser: Any, studio_server: Running) -> None:
     """What is behind the # sign is never part of a request; that no other place is asked is seen to for every page."""
     page.template("four bar")
     drawn = page.places()
@@ -527,7 +485,7 @@ def test_a_link_opens_the_same_linkage_and_is_sent_nowhere(page: Page, browser: 
     page.page.keyboard.press("Escape")
     page.begin()
     asked: list[str] = []
-    other = Page(browser, f"{address}#{fragment}", asked=asked)
+    other = Page(browser, f"{studio_server.address}#{fragment}", asked=asked)
     other.until(lambda: bool(other.page.locator("g.linkage [data-link]").count() == 3))
     other.settled()
     assert other.places().keys() == drawn.keys()
@@ -572,7 +530,7 @@ def test_branches_are_shown_and_taken(page: Page) -> None:
 
 
 @pytest.mark.slow
-def test_a_recommendation_comes_answer_by_answer_and_brings_its_program(browser: Any, address: str) -> None:
+def test_a_recommendation_comes_answer_by_answer_and_brings_its_program(browser: Any, studio_server: Running) -> None:
     """The first answers stand there while others are still looked for; the best one is a program that can be copied.
 
     Events come from here, when it suits the test: that a recommendation makes them is held in test_studio_motion.
@@ -599,7 +557,7 @@ def test_a_recommendation_comes_answer_by_answer_and_brings_its_program(browser:
     early |= {"status": "ok", "message": "", "snippet": ""}
     last = [early | {"ratio": 1.0, "snippet": "import gauss_bench"}]
     last += [early | {"engine": "mujoco", "status": "fail", "message": "too far"}]
-    here = Page(browser, address, sockets=between)
+    here = Page(browser, studio_server.address, sockets=between)
     here.template("four bar")
     here.button("Release").click()
     here.button("Which engine should I take?").click()
@@ -699,9 +657,9 @@ TOUCH = {"viewport": {"width": 375, "height": 812}, "has_touch": True}
 
 
 @pytest.mark.slow
-def test_a_finger_drags_a_joint_and_a_second_one_ends_that(browser: Any, address: str) -> None:
+def test_a_finger_drags_a_joint_and_a_second_one_ends_that(browser: Any, studio_server: Running) -> None:
     """The crank's end follows the finger; where a second one comes down the window is meant, and the linkage is as it was."""
-    here = Page(browser, address, **TOUCH)
+    here = Page(browser, studio_server.address, **TOUCH)
     here.template("four bar")
     here.fitted()
     hand = here.page.context.new_cdp_session(here.page)
@@ -826,8 +784,8 @@ def test_an_import_says_what_it_left_out_until_that_is_read(page: Page, folder: 
 def test_when_the_server_has_gone_nothing_is_lost(browser: Any, tmp_path: Path) -> None:
     """The page says so and gives its copy; a studio at another port offers what was drawn, as that of its file."""
     (tmp_path / "own.toml").write_text((ROOT / "mechanisms" / "crank_slider.toml").read_text(encoding="utf-8"), encoding="utf-8")
-    with studio(tmp_path) as (url, server):
-        here = Page(browser, url)
+    with studio(tmp_path) as first:
+        here = Page(browser, first.address)
         here.button("Open").click()
         here.button("own.toml").click()
         here.page.wait_for_selector("dialog", state="detached")
@@ -835,7 +793,7 @@ def test_when_the_server_has_gone_nothing_is_lost(browser: Any, tmp_path: Path) 
         here.use("Ground pivot", (0.2, 0.3))
         here.page.wait_for_timeout(600)  # the copy follows a moment later
         here.settled()
-        server.kill()
+        first.process.kill()
         here.page.get_by_role("alert").filter(has_text="The server has gone").wait_for()
         with here.page.expect_download() as waiting:
             here.button("Download a copy").click()
@@ -845,48 +803,12 @@ def test_when_the_server_has_gone_nothing_is_lost(browser: Any, tmp_path: Path) 
         here.page.locator(".prompt.refused").wait_for()
         assert "not there" in here.page.get_by_test_id("said").inner_text()
         here.page.close()
-    with studio(tmp_path) as (other, _):
-        assert other != url
-        here = Page(browser, other)
+    with studio(tmp_path) as second:
+        assert second.port != first.port
+        here = Page(browser, second.address)
         here.button("Open own.toml").click()
         here.button("Recover it").click()
         here.page.locator("g.linkage [data-pin]").nth(before).wait_for(state="attached")
         assert here.page.get_by_role("region", name="Kept").count() == 0
         assert not here.wrong
         here.page.close()
-
-
-@pytest.mark.slow
-@pytest.mark.long("force")
-@pytest.mark.parametrize("kind", ["slide", "force"])
-def test_what_has_another_name_can_be_changed_and_deleted(kind: str, page: Page) -> None:
-    """A slide gets an offset besides: its block lies to the left of the line through the guide's point."""
-    tip = (0.3, 0.1)
-    page.use("Ground pivot", A)
-    page.use("Bar", A, (0.0, 0.1))
-    page.use("Bar", (0.0, 0.1), tip)
-    page.use("Slider", tip, (0.5, 0.1))
-    page.use("Spring", (0.0, 0.1), (-0.2, 0.12))
-    listed = page.page.get_by_role("button", name=re.compile(rf"^{kind} "))
-    listed.first.click()
-    name, revision = page.page.get_by_role("textbox", name="Name", exact=True), page.revision()
-    name.fill("another")
-    name.press("Enter")
-    page.changed(revision)
-    assert not page.problems()
-    if kind == "slide":
-        before, revision = page.drawn_at(), page.revision()
-        page.page.get_by_label("Offset").fill("0.03")
-        page.page.get_by_label("Offset").press("Enter")
-        page.changed(revision)
-        moved = page.drawn_at()
-        assert max(before[k][1] - moved[k][1] for k in before) == pytest.approx(0.03 * page.scale(), abs=1.0)
-        assert page.status() == ("1", "1")
-        assert not page.problems()
-    revision = page.revision()
-    page.page.get_by_role("button", name="Delete").first.click()
-    page.changed(revision)
-    page.button("Share").click()
-    _, text = page.download("Linkage file")
-    page.page.keyboard.press("Escape")
-    assert "another" not in text.decode()
