@@ -10,7 +10,6 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.safe_xml import describe
@@ -123,9 +122,14 @@ class Robot:
 
     def origin(self, node: Element | None) -> tuple[Array, Array]:
         """Return the shift (3,) [m] and rotation (3, 3) of the <origin> in an element; zero and no rotation if it is missing."""
-        origin = None if node is None else node.find("origin")
-        # roll, pitch and yaw [rad] about the fixed axes x, y and z, in this order
-        turn = Rotation.from_euler("xyz", self.numbers(origin, "rpy", (0, 0, 0))).as_matrix()
+        origin, turn = None if node is None else node.find("origin"), np.eye(3)
+        # roll about x, pitch about y and yaw about z, in this order; each turns the other two axes i and j. Not by quaternions,
+        # which would round the axis of rotation and so the moments about the plane's normal.
+        for angle, (i, j) in zip(self.numbers(origin, "rpy", (0, 0, 0)), ((1, 2), (2, 0), (0, 1)), strict=True):
+            rotation = np.eye(3)
+            rotation[i, i] = rotation[j, j] = np.cos(angle)
+            rotation[i, j], rotation[j, i] = -np.sin(angle), np.sin(angle)
+            turn = rotation @ turn
         return self.numbers(origin, "xyz", (0, 0, 0)), turn
 
     def spatial(self, close: Sequence[str]) -> Spatial:

@@ -132,8 +132,9 @@ class Drawing:
 
     def points(self, link: str) -> dict[str, complex]:
         """Return name -> place of a link's points in its own frame, or of the ground's points in the world."""
+        given = self.written_points(link)  # a refusal is a ValueError, which must not be caught below
         try:
-            points = resolve_points(self.written_points(link))
+            points = resolve_points(given)
         except (RecursionError, KeyError, TypeError, ValueError):  # a point is faulty: take the points that could be read
             rest = self.reading.rest.get("ground", {}) if link == "ground" else self.reading.rest["links"][link]
             points = resolve_points(rest.get("points", {}))
