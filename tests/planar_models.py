@@ -43,6 +43,7 @@ def _body(r: Generator, k: int, parent: int, may_be_free: bool) -> tuple[str, li
     kind = "free" if may_be_free and parent < 0 and r.random() < 0.2 else "slide" if r.random() < 0.3 else "hinge"
     if kind == "hinge":
         pin = f'axis="0 0 {n(r.choice([-1, 1]))}" pos="{n(*r.normal(size=2) * 0.1, r.normal())}"'
+        pin += f' armature="{n(r.uniform(0, 0.1))}"' if parent < 0 else ""
         joints, names = f'<joint name="j{k}" {pin} ref="{n(r.normal() / 2)}" {spring}/>', [f"j{k}"]
     elif kind == "slide":
         joints, names = f'<joint name="j{k}" type="slide" {along} ref="{n(r.normal() / 2)}" {spring}/>', [f"j{k}"]

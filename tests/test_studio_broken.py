@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("tomlkit")
 from gauss_bench.linkage.load import built_in
 from gauss_bench.studio.requests import answer
-from tests.conftest import DATA
+from tests.conftest import DATA, exhaustive
 from tests.studio import Pen, four_bar
 
 BASE = built_in()["four_bar"].read_text(encoding="utf-8")
@@ -51,9 +51,10 @@ def test_what_is_broken_is_shown_and_explained_in_place(tmp_path: Path, name: st
         assert found["links"], "what is left is drawn"
 
 
-@pytest.mark.long("too long a crank")
-@pytest.mark.slow("counts that are others")
-@pytest.mark.parametrize("name", BROKEN)
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", exhaustive(BROKEN, "a loose chain", "no sketch", "a scenario that cannot start")
+)
 def test_nothing_asked_of_what_is_broken_is_a_fault(tmp_path: Path, name: str) -> None:
     """Each request gets what it asks for, or a sentence."""
     pen = broken(name, tmp_path)

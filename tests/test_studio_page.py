@@ -3,7 +3,6 @@
 import contextlib
 import io
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -249,42 +248,17 @@ def test_a_linkage_drawn_from_nothing_moves_as_the_suite_has_it(page: Page, fold
         assert np.abs(followed - moved).max() < near + 1e-3  # chords of the path between 181 places
 
 
-def used(browser: Any) -> dict[str, float]:
-    """Processor time [s] so far: of the studios that this process has started, and of the browser's pages."""
-    ticks = 0
-    for status in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError):
-            fields = status.read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
-            ticks += sum(map(int, fields[11:13])) if int(fields[1]) == os.getpid() and serves(status.parent) else 0
-    asking = browser.new_browser_cdp_session()
-    pages = sum(x["cpuTime"] for x in asking.send("SystemInfo.getProcessInfo")["processInfo"] if x["type"] == "renderer")
-    asking.detach()
-    return {"server": ticks / os.sysconf("SC_CLK_TCK"), "pages": pages}
-
-
-def serves(process: Path) -> bool:
-    return b"\0studio\0" in (process / "cmdline").read_bytes()
-
-
 @pytest.mark.slow
-def test_thirty_solved_frames_a_second_of_a_drag_that_jumps_to_no_branch(page: Page, browser: Any) -> None:
-    """A joint of the eight-bar goes around with the pointer; the page moves it itself, for whoever asks from outside costs more.
-
-    Every move waits for its frame: all are answered, and they cost the server and the page together at most a thirtieth of a second
-    of processor time, whatever else the machine does. The pointer ends where it began, and so does the linkage: on another branch
-    it would not.
-    """
+def test_a_drag_all_around_answers_every_move_and_jumps_to_no_branch(page: Page) -> None:
+    """A joint of the eight-bar goes around with the pointer, moved by the page itself, which waits for the frame of every move."""
     page.template("eight bar")
     page.button("Select").click()
     page.fitted()
-    begun, before, moves = page.stands_at(), used(browser), 180
+    begun, moves = page.stands_at(), 120
     found = page.page.evaluate(SCRIPTS["drag"], [page.pixel((0.08, 0.0)), page.pixel((0.0, 0.0)), moves])
     page.settled()
-    spent = {k: x - before[k] for k, x in used(browser).items()}
     assert found["frames"] == moves + 1
     assert found["jump"] < 0.6, f"a link turned by {found['jump']} rad from one frame to the next"
-    assert 0 < found["solving"] < spent["server"] + 0.02
-    assert found["frames"] / sum(spent.values()) > 30, spent
     assert page.status() == ("1", "3")
     assert not page.problems()
     ended = page.stands_at()
@@ -730,32 +704,6 @@ def test_instant_centres_go_with_the_frame_on_show(page: Page) -> None:
         assert np.hypot(*(pole - frame["pole"])) < 4.0
         seen += 1
     assert seen
-
-
-@pytest.mark.slow
-def test_what_plays_is_seen_whole_when_the_curves_open(page: Page) -> None:
-    """Drawn at the lower edge, where the curves of a motion that nobody drove before take the room."""
-    page.page.wait_for_timeout(300)  # the curves of what was there before leave their room
-    low = page.origin()[1] - page.canvas.bounding_box()["height"]
-    foot = low / page.scale() + 0.04
-    page.use("Ground pivot", (0.0, foot))
-    page.use("Bar", (0.0, foot), (0.1, foot))
-    tall = page.canvas.bounding_box()["height"]
-
-    def shown() -> bool:
-        box = page.canvas.bounding_box()
-        return all(0 < x < box["width"] and 0 < y < box["height"] for x, y in page.drawn_at().values())
-
-    page.button("Play").click()
-    page.until(lambda: bool(page.canvas.bounding_box()["height"] < tall - 50))
-    page.page.wait_for_timeout(100)
-    page.button("Pause").click()
-    page.page.get_by_role("slider", name="Time").focus()
-    for key in ("Home", *["PageUp"] * 10):  # all around
-        page.page.keyboard.press(key)
-        page.page.wait_for_timeout(20)
-        assert shown(), page.drawn_at()
-    page.button("Back to the sketch").click()
 
 
 @pytest.mark.slow
