@@ -52,9 +52,7 @@ def test_what_is_broken_is_shown_and_explained_in_place(tmp_path: Path, name: st
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", exhaustive(BROKEN, "a loose chain", "no sketch", "a scenario that cannot start")
-)
+@pytest.mark.parametrize("name", exhaustive(BROKEN, "a loose chain", "no sketch", "a scenario that cannot start"))
 def test_nothing_asked_of_what_is_broken_is_a_fault(tmp_path: Path, name: str) -> None:
     """Each request gets what it asks for, or a sentence."""
     pen = broken(name, tmp_path)
@@ -63,7 +61,7 @@ def test_nothing_asked_of_what_is_broken_is_a_fault(tmp_path: Path, name: str) -
         assert found["ok"] or (found["error"]["text"] and not found["error"].get("fault")), (message, found)
 
 
-HOSTILE = [
+HOSTILE = (
     "<script>alert(1)</script>",
     '"><img src=x onerror=alert(1)>',
     "\u202eabc",
@@ -71,21 +69,19 @@ HOSTILE = [
     "\x00",
     "x\ny",
     "a" * 100_000,
-]
+)
 
 
-@pytest.mark.parametrize("word", HOSTILE)
-def test_names_and_paths_that_mean_harm_are_refused(tmp_path: Path, word: str) -> None:
+def test_names_and_paths_that_mean_harm_are_refused(tmp_path: Path) -> None:
     pen = four_bar(tmp_path)
     text = pen.session.text
-    assert pen.refused("rename", what="links.bar1", to=word)
-    assert pen.refused("save", path=word)
-    assert pen.refused("open", name=word)
-    assert pen.refused("template", name=word)
-    assert pen.refused("set", path=word, value=1.0)
-    assert pen.refused("picture", picture={"url": word})
+    for word in HOSTILE:
+        assert pen.refused("rename", what="links.bar1", to=word)
+        for do, key in (("save", "path"), ("open", "name"), ("template", "name"), ("set", "path")):
+            assert pen.refused(do, **{key: word}), word
+        assert pen.refused("picture", picture={"url": word})
     assert pen.session.text == text
-    assert [x.name for x in tmp_path.iterdir()] == []
+    assert [*tmp_path.iterdir()] == []
 
 
 def test_files_are_of_the_working_folder_alone(tmp_path: Path) -> None:

@@ -10,26 +10,9 @@ import numpy as np
 import pytest
 
 pytest.importorskip("tomlkit")
-from gauss_bench.api.kinematics import kinematics
 from gauss_bench.engines import MissingExtra, compiled, not_installed
 from gauss_bench.studio.requests import answer
 from tests.studio import Pen, Watched, eight_bar, four_bar
-
-
-@pytest.mark.slow
-def test_the_path_of_a_coupler_point_is_that_of_kinematics(tmp_path: Path) -> None:
-    pen = four_bar(tmp_path)
-    found = pen.ask("motion", samples=24)
-    pen.ask("save", path="drawn")
-    told = kinematics(str(tmp_path / "drawn.toml"), intervals=24)
-    path = np.array(found["points"]["bar2.P"]["p"])
-    assert path == pytest.approx(np.column_stack([told.points["bar2.P"][k] for k in "xy"]), abs=1e-9)
-    speed = np.array(found["points"]["bar2.P"]["v"])
-    assert speed == pytest.approx(np.column_stack([told.points["bar2.P"][k] for k in ("vx", "vy")]), abs=1e-8)
-    assert len(found["times"]) == 25
-    assert found["torque"]["unit"] == "N m"
-    assert {x["joint"] for x in found["pins"]} == {"1", "2", "3", "4"}
-    assert found["transmission"]
 
 
 def test_marks_of_singular_positions_come_behind_the_motion(tmp_path: Path) -> None:

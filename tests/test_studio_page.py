@@ -382,8 +382,7 @@ def test_axe_finds_nothing_serious_and_nothing_is_wider_than_the_screen(browser:
             said = [(x["id"], x["nodes"][0]["html"][:160], x["nodes"][0]["failureSummary"][:200]) for x in faults]
             assert not faults, f"{width} {scheme} {button}: {said}"
             here.page.keyboard.press("Escape")
-        if here.button("Close properties").is_visible():
-            here.button("Close properties").click()
+        here.button("Close properties").wait_for(state="hidden")
     assert not here.wrong, here.wrong[:3]
     here.page.close()
 
@@ -694,6 +693,8 @@ def test_instant_centres_go_with_the_frame_on_show(page: Page) -> None:
     assert len({tuple(x["pins"]["B"]) for x in frames}) > 5, "nothing moves"
     seen = 0
     for frame in frames:
+        if frame["BC"] is None:
+            continue  # drawn before the centres of the motion have come
         A, B, C, D = (np.array(frame["pins"][k]) for k in "ABCD")
         assert np.hypot(*(B - frame["BC"])) < 1.0
         crank, rocker = B - A, C - D
@@ -703,7 +704,7 @@ def test_instant_centres_go_with_the_frame_on_show(page: Page) -> None:
         pole = A + crank * np.linalg.det([D - A, rocker]) / meet
         assert np.hypot(*(pole - frame["pole"])) < 4.0
         seen += 1
-    assert seen
+    assert seen > 5
 
 
 @pytest.mark.slow
