@@ -77,8 +77,9 @@ def test_names_and_paths_that_mean_harm_are_refused(tmp_path: Path) -> None:
     text = pen.session.text
     for word in HOSTILE:
         assert pen.refused("rename", what="links.bar1", to=word)
-        for do, key in (("save", "path"), ("open", "name"), ("template", "name"), ("set", "path")):
+        for do, key in (("save", "path"), ("open", "name"), ("template", "name")):
             assert pen.refused(do, **{key: word}), word
+        assert pen.refused("set", path=word, value=1.0)
         assert pen.refused("picture", picture={"url": word})
     assert pen.session.text == text
     assert [*tmp_path.iterdir()] == []
