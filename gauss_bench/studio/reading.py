@@ -128,7 +128,7 @@ def read(document: Document, starts: bool = True) -> Reading:
         """Add a problem at the parts with the ids `where`."""
         problems.append(Problem(level, text, where))
 
-    faults = [x for x in document_faults(document) if not _is_unfinished(document, x)]
+    faults = faults_of(document)
     rest = _without_scenarios(copy.deepcopy(document))
     mechanism, more = _build(rest)
     for fault in (*faults, *(f for f in more if f not in faults)):
@@ -191,17 +191,17 @@ def is_place(x: Any) -> bool:
     return isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and np.isfinite(y) for y in x)
 
 
-def _is_unfinished(document: Document, fault: Fault) -> bool:
-    """Tell whether a fault only means that the drawing is unfinished, which a hint reports."""
-    lone = {f"assembly.sketch.{name}" for name in lone_pins(document)}
-    return fault.path in lone or (fault.path in ("links", "scenarios") and not table(document, fault.path))
+def faults_of(document: Document) -> list[Fault]:
+    """Return the faults of a document, without those that only mean that the drawing is unfinished."""
+    unfinished = {f"assembly.sketch.{name}" for name in lone_pins(document)}
+    unfinished |= {group for group in ("links", "scenarios") if not table(document, group)}
+    return [x for x in document_faults(document) if x.path not in unfinished]
 
 
 def new_faults(before: Document, after: Document) -> list[Fault]:
-    """Return the faults that a document has after an edit and did not have before."""
+    """Return the faults of a document after an edit that it did not have before."""
     known = {(x.path, x.text) for x in document_faults(before)}
-    lone = {f"assembly.sketch.{x}" for x in lone_pins(after)}
-    return [x for x in document_faults(after) if (x.path, x.text) not in known and x.path not in lone]
+    return [x for x in faults_of(after) if (x.path, x.text) not in known]
 
 
 def _without_scenarios(document: Document) -> Document:

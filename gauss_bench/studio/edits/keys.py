@@ -197,8 +197,7 @@ def prune(d: Drawing) -> None:
     """Delete all entries that refer to deleted parts, and joints and scenarios that are incomplete without these parts."""
     before = d.reading.document  # the file as it was read; d.document already lacks the deleted parts
     for _ in range(1000):  # each pass removes one faulty entry, which may leave other entries with a missing reference
-        # a file without links or scenarios is faulty too, but may be drawn
-        faults = [x for x in new_faults(before, d.document) if x.path not in ("links", "scenarios")]
+        faults = new_faults(before, d.document)
         if not faults:
             break
         leave_out(d.document, faults[0])
