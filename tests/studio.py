@@ -27,7 +27,7 @@ XY = tuple[float, float]
 
 
 class Pen:
-    """A session, and what it answers."""
+    """A session that draws by requests."""
 
     def __init__(self, folder: Path):
         self.session = Session(folder)
@@ -38,7 +38,7 @@ class Pen:
         return found
 
     def refused(self, do: str, **more: Any) -> str:
-        """The sentence of a refusal that is not a fault of the studio."""
+        """Return the sentence by which a request is refused, and check that it is not a fault of the studio."""
         found = answer(self.session, {"id": 1, "do": do} | more)
         assert not found["ok"]
         assert not found["error"].get("fault"), found["error"]["text"]
@@ -56,16 +56,16 @@ class Pen:
         return self.session.scene()
 
     def near(self, x: float, y: float) -> list[str]:
-        """The ids of the pins at a place."""
+        """Return the ids of the pins at a place."""
         return [p["id"] for p in self.now["pins"] if abs(p["at"][0] - x) < 1e-6 and abs(p["at"][1] - y) < 1e-6]
 
     def at(self, x: float, y: float) -> str:
-        """The id of the only pin at a place."""
+        """Return the id of the only pin at a place."""
         (id,) = self.near(x, y)
         return id
 
     def bar(self, *at: XY) -> str:
-        """The name of a new bar between two places, at the pins that are there."""
+        """Draw a bar between two places, at pins if there are any, and return its name."""
         a, b = map(self.spot, at)
         return self.link("add_bar", **{"from": a, "to": b})
 
@@ -76,13 +76,13 @@ class Pen:
         return str(next(x for x in self.ask(do, **more)["made"] if x.startswith("links."))).removeprefix("links.")
 
     def spot(self, at: XY) -> dict[str, Any]:
-        """The pin at a place, or the place without a pin, as messages give them."""
+        """Return the pin at a place, or the place if there is no pin, in the form of messages."""
         near = self.near(*at)
         return {"pin": near[0]} if near else {"at": [*at]}
 
 
 class Watched:
-    """Events of one piece of work, until it is done."""
+    """A collection of the events that a session sends."""
 
     def __init__(self, pen: Pen):
         self.events: list[dict[str, Any]] = []
@@ -97,7 +97,7 @@ class Watched:
 
 
 def four_bar(folder: Path) -> Pen:
-    """Drawn from nothing, with a point on the coupler, and driven."""
+    """Draw a four-bar with an observed point on its coupler and a driven crank."""
     pen = Pen(folder)
     pen.pin(0.0, 0.0, ground=True)
     pen.pin(0.4, 0.0, ground=True)
@@ -110,7 +110,7 @@ def four_bar(folder: Path) -> Pen:
 
 
 def quick_return(folder: Path) -> Pen:
-    """A crank whose pin slides in a slotted lever, which moves a ram on the ground."""
+    """Draw a crank whose pin slides in a slotted lever, which moves a ram on the ground."""
     pen = Pen(folder)
     for at in ((0.0, 0.0), (0.0, 0.3)):
         pen.pin(*at, ground=True)
@@ -124,7 +124,7 @@ def quick_return(folder: Path) -> Pen:
 
 
 def eight_bar(folder: Path) -> Pen:
-    """The class IV linkage of three loops, at round places."""
+    """Draw a class IV linkage of three loops."""
     pen = Pen(folder)
     for at in ((0.0, 0.0), (0.36, -0.08), (0.48, 0.48)):
         pen.pin(*at, ground=True)

@@ -1,4 +1,4 @@
-"""Exported files: run without the package, they move as the suite's own engines do, and nobody's text escapes into them."""
+"""Exported files run without the package and move as the suite's own engines, and no text of a user becomes code in them."""
 
 import ast
 import contextlib
@@ -62,7 +62,7 @@ def needs(kind: str) -> None:
 
 
 def suite_run(mechanism: Mechanism, kind: str, times: Array, step: float) -> tuple[Array, Array]:
-    """q, v (k, n) by the suite's own run of the engine, with the file's settings."""
+    """Return q and v, both (k, n), of the suite's own run of the engine with the settings of the file."""
     k = KINDS[kind]
     model = get(k.engine).build(mechanism, Choice(k.settings, k.integrator, k.stabilization, step))
     model.prepare(times)
@@ -72,7 +72,7 @@ def suite_run(mechanism: Mechanism, kind: str, times: Array, step: float) -> tup
 
 
 def run_alone(text: str, kind: str, folder: Path, end: float, step: float = STEP) -> tuple[list[str], Array]:
-    """The table that an exported file prints, or plain MuJoCo with it."""
+    """Return heading and rows of the table that an exported file prints, or that a plain script prints for MJCF."""
     file = folder / f"exported{KINDS[kind].suffix}"
     file.write_text(text, encoding="utf-8")
     if kind == "c":
@@ -85,7 +85,7 @@ def run_alone(text: str, kind: str, folder: Path, end: float, step: float = STEP
 
 
 def compared(mechanism: Mechanism, kind: str, folder: Path, written: Mechanism | None = None) -> None:
-    """The file of a linkage, or of one that is `written` with other names, moves as the suite's own run."""
+    """Check that a file moves as the suite's own run; the file is that of the linkage, or of `written`, which has other names."""
     end, step = min(END, mechanism.duration), min(STEP, mechanism.duration / 300)
     heading, rows = run_alone(export_linkage(written or mechanism, kind, step).text, kind, folder, end, step)
     q, v = suite_run(mechanism, kind, rows[:, 0], step)
@@ -133,7 +133,7 @@ HOSTILE += ("'''\"\"\"", "coding: utf-7", "??/", "%s{0}")
 
 
 def hostile(mechanism: Mechanism, points: bool) -> Mechanism:
-    """A mechanism whose every name and title is an attack, and the names of points too."""
+    """Return the mechanism with attacks as title and names, and with `points` as names of points too."""
     links = tuple(replace(link, name=HOSTILE[k % len(HOSTILE)] + "#" * k) for k, link in enumerate(mechanism.links))
 
     def renamed(joint: Any, k: int) -> Any:

@@ -1,4 +1,4 @@
-"""Models that come in: masses, forces and motions are MuJoCo's own, and what is no planar linkage is refused by name."""
+"""Imported models have MuJoCo's masses, forces and accelerations, and a model that is no planar linkage is refused by name."""
 
 import json
 import tomllib
@@ -48,7 +48,7 @@ def own_model(text: str) -> Any:
 
 
 def flat_motion(text: str, back: Mechanism, file: Path, rigid: bool) -> tuple[Array, Array, Array]:
-    """q (x and y only), v and a (links, 3) of the bodies of a document at its start, by MuJoCo, in the plane of the linkage."""
+    """Return places (links, 2), velocities and accelerations (links, 3) of MuJoCo's bodies at the start, in the plane."""
     plane, model = plane_of(from_mjcf(read_xml(file), file)), own_model(text)
     if rigid:
         model.opt.tolerance, model.opt.iterations = 0.0, 5
@@ -91,7 +91,7 @@ def test_what_is_left_out_is_listed(tmp_path: Path) -> None:
 
 
 def model(joint: str = 'axis="0 0 1"', more: str = "", after: str = "", world: str = "") -> str:
-    """A small document: a body on a joint, more in that body, in the world, and behind the world."""
+    """Return a small document: a body on a joint, with more elements in that body, in the world, and after the world."""
     body = f'<body name="b" pos="0.3 0 0"><joint name="j" {joint}/><geom size="0.1" mass="1"/>{more}</body>'
     return f"<mujoco><worldbody>{body}{world}</worldbody>{after}</mujoco>"
 
@@ -147,7 +147,7 @@ def test_the_verb_writes_a_linkage_that_every_other_verb_reads(tmp_path: Path, c
 
 
 def test_welded_bodies_are_one_link(tmp_path: Path) -> None:
-    """A weld of two bodies that hang apart, one of them by a hinge that it holds, and a body fixed to the world."""
+    """The two welded bodies hang on different joints, and the weld locks the hinge of the first body."""
     text = """<mujoco><worldbody>
       <body name="post" pos="0 0 1"><geom size="0.1"/>
         <body name="a"><joint name="A" axis="0 1 0"/><geom size="0.05" pos="0.2 0 0" mass="1"/></body>
@@ -246,7 +246,7 @@ def test_what_mujoco_cannot_name_is_a_refusal(fault: Exception, monkeypatch: pyt
 def test_a_hostile_file_ends_in_bounded_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What would take MuJoCo's compiler long or much ends with the worker."""
+    """The worker is stopped if MuJoCo's compiler takes too long."""
     monkeypatch.setattr(exchange, "READING", 4.0)
     file = tmp_path / "model.xml"
     file.write_text(model(world='<replicate count="40000"><geom size="1"/></replicate>'))

@@ -1,4 +1,4 @@
-"""What an import leaves out is named, element by element; damping and springs come in as what they are."""
+"""An import names every element that it leaves out, and keeps dampers and springs apart."""
 
 import json
 import tomllib
@@ -63,7 +63,7 @@ NAMED = [
 
 
 def edited(text: str, changes: dict[str, str], tmp_path: Path) -> Imported:
-    """Import a model after replacing texts, each of which it must have."""
+    """Import a model after replacing parts of its text, each of which must occur."""
     for old, new in changes.items():
         assert old in text, old
         text = text.replace(old, new)
@@ -130,7 +130,7 @@ def test_many_long_names_make_no_long_sentence() -> None:
 
 
 def test_a_file_that_is_stepped_as_it_stands_keeps_its_settings(tmp_path: Path) -> None:
-    """What a diagnosis or tuning of a user's own file leaves out is what its linkage lacks, not the solver that steps it."""
+    """A diagnosis or tuning of a user's file steps it with the file's own solver, so it lists no settings as left out."""
     edited(LEG, {}, tmp_path)
     remarks = own_linkage(tmp_path / "model.xml", "leg").flattened.remarks
     assert any("contacts of 4" in x for x in remarks)

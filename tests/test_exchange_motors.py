@@ -1,4 +1,4 @@
-"""Motors: constant forces go out as MJCF motors whose ctrl is their value, drive the model there, and come back as they were."""
+"""Constant forces are exported as MJCF motors with their values as ctrl, drive the exported model, and are imported unchanged."""
 
 import tomllib
 from dataclasses import replace
@@ -31,7 +31,7 @@ CARTS = DATA / "motors" / "carts.toml"
 
 
 def exported(mechanism: Mechanism, folder: Path) -> tuple[Any, Any]:
-    """Plain MuJoCo's model of the exported document, and its data at the keyframe; closures are made rigid."""
+    """Return plain MuJoCo's model of the exported document, with rigid closures, and its data at the keyframe."""
     text = export_linkage(mechanism, "mujoco", 1e-3).text
     (folder / "model.xml").write_text(text, encoding="utf-8")
     model = mujoco.MjModel.from_xml_string(text)
@@ -42,7 +42,7 @@ def exported(mechanism: Mechanism, folder: Path) -> tuple[Any, Any]:
 
 
 def same_work(back: Mechanism, mechanism: Mechanism, names: list[str]) -> tuple[Array, Array]:
-    """The sum of the forces with these names in both linkages at the start, as generalised forces on one tree of joints."""
+    """Return for both linkages the sum of some forces at the start, as generalised forces on one tree of joints."""
     order = [[x.name for x in back.links].index(link.name) for link in mechanism.links]
     found: list[Array] = []
     for x, links in ((back, order), (mechanism, [*range(len(order))])):
@@ -73,7 +73,7 @@ def test_a_motor_that_goes_out_comes_back_as_the_same_motor(file: str, tmp_path:
 
 
 def check_motors(back: Mechanism, mechanism: Mechanism) -> int:
-    """Compare torques by their links and values, forces at points by what they do; return how many there are."""
+    """Compare torques by their links and values, and forces at points by their generalised forces; return the number of motors."""
     motors = [f for f in mechanism.forces if isinstance(f, (Torque, PointForce))]
     by_name = {f.name: f for f in back.forces}
     for f in motors:

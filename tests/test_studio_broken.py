@@ -1,4 +1,4 @@
-"""Half-drawn and broken linkages: each is shown as far as it goes and explained in place; nothing ends in a fault of the studio."""
+"""Unfinished and faulty linkages: the readable part is shown, faults are explained, no request ends in a fault of the studio."""
 
 import math
 import tomllib
@@ -18,7 +18,7 @@ BROKEN = FOUND["broken"]
 
 
 def broken(name: str, folder: Path) -> Pen:
-    """A drawing that is broken as the data file says."""
+    """Return a drawing with the fault that the data file describes."""
     how, pen = BROKEN[name], Pen(folder)
     for x, y in how.get("pins", []):
         pen.pin(x, y, ground="ground" in how)
@@ -54,7 +54,7 @@ def test_what_is_broken_is_shown_and_explained_in_place(tmp_path: Path, name: st
 @pytest.mark.slow
 @pytest.mark.parametrize("name", exhaustive(BROKEN, "a loose chain", "no sketch", "a scenario that cannot start"))
 def test_nothing_asked_of_what_is_broken_is_a_fault(tmp_path: Path, name: str) -> None:
-    """Each request gets what it asks for, or a sentence."""
+    """Each request gets a result, or a sentence that refuses it."""
     pen = broken(name, tmp_path)
     for message in FOUND["asked"]:
         found = answer(pen.session, {"id": 1} | message)
@@ -112,7 +112,7 @@ def test_a_file_that_is_there_is_replaced_only_where_that_is_wished(tmp_path: Pa
 
 
 def test_a_template_is_unsaved_only_once_it_is_changed(tmp_path: Path) -> None:
-    """One that is opened after another can be had again: nobody is asked about it, and nothing of it is kept."""
+    """A template can be opened again, so nothing of an unchanged template is kept."""
     pen = Pen(tmp_path)
     for how in (
         {"do": "template", "name": "crank_rocker"},

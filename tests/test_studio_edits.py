@@ -1,4 +1,4 @@
-"""Drawing by edits: what is drawn is a file that the suite takes, every edit can be taken back, and comments stay."""
+"""Edits of a drawing: the suite reads the saved file, every edit can be undone, and comments stay."""
 
 import base64
 import math
@@ -28,7 +28,7 @@ LOOPS = {"four_bar": 1, "quick_return": 2, "eight_bar": 3}
 
 @pytest.mark.parametrize("name", DRAWN)
 def test_what_was_drawn_from_nothing_assembles_and_is_a_file_that_the_suite_takes(drawn: dict[str, Pen], name: str) -> None:
-    """Both scenarios start where it was drawn, to what the file's digits say."""
+    """Both scenarios start at the drawing, within the digits of the file."""
     pen, found = drawn[name], drawn[name].now
     assert found["problems"] == []
     counts = {"assembles": True, "dof": 1, "loops": LOOPS[name], "redundant": 0}
@@ -236,7 +236,7 @@ def test_a_linkage_is_a_link_that_carries_itself(tmp_path: Path) -> None:
 
 
 def test_a_locked_length_stays_whatever_is_edited(tmp_path: Path) -> None:
-    """Moved, given another length along the same link, or joined elsewhere: refused, and nothing has happened."""
+    """Edits that would change the length are refused and change nothing."""
     pen = Pen(tmp_path)
     plate = pen.plate((0.0, 0.0), (0.3, 0.0), (0.1, 0.2))
     a, b, c = pen.now["links"][0]["points"]
@@ -253,7 +253,7 @@ def test_a_locked_length_stays_whatever_is_edited(tmp_path: Path) -> None:
 
 
 def test_a_picture_is_named_in_scenes_and_outlives_its_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is kept in a file of its own, and offered with the drawing once its process is no more; another drawing has none."""
+    """The picture is kept with the unsaved drawing, and offered with it after the process has ended."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     pen, url = Pen(tmp_path), "data:image/png;base64,AAAA"
     here = {"at": [0, 0], "width": 1, "height": 1}

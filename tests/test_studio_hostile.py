@@ -1,4 +1,4 @@
-"""The studio under those who mean it ill, or merely two of whom draw at once."""
+"""Hostile messages and connections, and several pages that draw at once."""
 
 import contextlib
 import json
@@ -38,7 +38,7 @@ KEYS += ("name", "fragment", "index", "job", "samples", "driver", "scenario", "a
 
 @pytest.mark.slow
 def test_whatever_a_message_holds_its_answer_is_a_sentence(tmp_path: Path) -> None:
-    """Strange values for the keys of all verbs: never a fault of the studio, never a change by what is refused."""
+    """Strange values for the keys of all verbs cause no fault of the studio, and a refused message changes nothing."""
     session, chance = four_bar(tmp_path).session, random.Random(0)
     for verb in sorted(VERBS.keys() - {"hello", "import", "drawing", "recommend", "release"}):
         for _ in range(20):
@@ -59,7 +59,7 @@ def test_half_a_character_is_refused_before_it_is_in_the_drawing(tmp_path: Path)
 
 
 def test_a_process_that_has_ended_is_no_more_though_nobody_asked_how() -> None:
-    """What it left is offered: where its parent never waits for it, as in a container, it stays among the processes for good."""
+    """A process whose parent does not wait for it stays in the list of processes, as in some containers."""
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
         assert start_of(process.pid)
         process.kill()
@@ -102,7 +102,7 @@ CRANKS = [((x, 0.0), (x + 0.05, 0.1)) for x in (0.0, 0.2, 0.4)]
 def test_bars_in_one_line_are_no_freer_than_they_are_elsewhere(
     tmp_path: Path, grounds: Any, bars: Any, plate: Any, dof: int, redundant: list[int]
 ) -> None:
-    """The rows of joints lose rank where all bars lie in one line; a double parallelogram has a row too many everywhere."""
+    """The rows of the joints lose rank if all bars lie in one line. A double parallelogram has a redundant row everywhere."""
     pen = Pen(tmp_path)
     for x in grounds:
         pen.pin(x, 0.0, ground=True)
@@ -159,7 +159,7 @@ def test_a_second_page_sees_what_the_first_one_draws(studio_server: Running) -> 
 
 @pytest.mark.long
 def test_no_page_waits_for_the_long_requests_of_another_or_its_own(studio_server: Running) -> None:
-    """An import is read in a process of its own, for seconds; meanwhile everybody draws on."""
+    """An import takes seconds in a process of its own, and other requests are answered meanwhile."""
     with studio_server.socket() as first, studio_server.socket() as second:
         ask(first, "hello"), ask(second, "hello")
         first.send(json.dumps({"id": 7, "do": "import", "text": "<mujoco><worldbody/></mujoco>"}))
@@ -174,7 +174,7 @@ def test_no_page_waits_for_the_long_requests_of_another_or_its_own(studio_server
 
 @pytest.mark.slow
 def test_who_reads_nothing_holds_up_nobody(studio_server: Running) -> None:
-    """Pages that ask and never read, half-open connections, and more pages than there is room for."""
+    """A page that never reads its replies and half-open connections do not stop another page."""
     idle = [sockets.create_connection(("127.0.0.1", studio_server.port)) for _ in range(10)]
     with studio_server.socket() as deaf, studio_server.socket() as good:
         ask(good, "template", name="four_bar")
@@ -194,7 +194,7 @@ def test_who_reads_nothing_holds_up_nobody(studio_server: Running) -> None:
 @pytest.mark.long("fresh")
 @pytest.mark.parametrize("before", ["", "GET /page/none HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n"], ids=["fresh", "answered"])
 def test_requests_that_never_end_leave_room_for_the_user(studio_server: Running, before: str) -> None:
-    """The oldest of them are closed, the newest may still end, and a page that is open stays so."""
+    """The server closes the oldest unfinished requests, answers the newest, and keeps the socket of an open page."""
     rest = f"GET /?token={studio_server.token} HTTP/1.1\r\nHost: 127.0.0.1:{studio_server.port}\r\n"
     with contextlib.ExitStack() as stack:
         page = stack.enter_context(studio_server.socket())

@@ -22,7 +22,7 @@ TOOLS |= {"Torque": "t", "Force": "f", "Cylinder": "c", "Observe": "o"}
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """The file of a four-bar with a rod that slides on the ground, a spring and a pin that is joined to nothing."""
+    """Save a four-bar with a rod that slides on the ground, and return its folder."""
     pen = four_bar(tmp_path)
     pen.bar((0.3, 0.28), (0.6, 0.0))
     pen.ask("add_slide", pin=pen.at(0.6, 0.0), guide="ground", angle_deg=0.0)
@@ -31,7 +31,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 class Hand:
-    """The mouse: points at metres, presses buttons, writes into fields."""
+    """Edits by mouse; places are in metres."""
 
     look: dict[str, Any] = {}  # noqa: RUF012
 
@@ -47,11 +47,11 @@ class Hand:
         self.page.mouse.click(*self.sheet.pixel(at))
 
     def end(self) -> None:
-        """Closes a link by its first corner."""
+        """Close a link at its first corner."""
         self.tap((0.1, -0.05))
 
     def way(self, start: XY, by: XY) -> list[XY]:
-        """Six pixels from a place to another."""
+        """Return six pixels on the way from a place by a displacement."""
         return [self.sheet.pixel((start[0] + s * by[0], start[1] + s * by[1])) for s in np.linspace(0.0, 1.0, 6)]
 
     def drag(self, start: XY, by: XY) -> None:
@@ -78,7 +78,7 @@ class Hand:
         self.page.get_by_label(label, exact=True).select_option(option)
 
     def pick(self, part: str) -> None:
-        """Chooses a part in the list of all."""
+        """Select a part in the list of parts."""
         self.rest()
         self.show_parts()
         self.press(self.sheet.button(part))
@@ -93,7 +93,7 @@ class Hand:
         self.press(self.sheet.button("Save"))
 
     def rest(self) -> None:
-        """Select, with nothing chosen."""
+        """Take the tool Select, and select nothing."""
         self.use("Select")
         nothing = self.page.locator('[aria-label="Select nothing"]')
         if nothing.count():
@@ -107,7 +107,7 @@ class Hand:
 
 
 class Keys(Hand):
-    """The keyboard alone: the cross, letters, Enter."""
+    """Edits by the keyboard alone, with the cross of the canvas."""
 
     def use(self, tool: str) -> None:
         self.sheet.canvas.focus()
@@ -121,7 +121,7 @@ class Keys(Hand):
         self.page.keyboard.press("Enter")
 
     def drag(self, start: XY, by: XY) -> None:
-        """Chooses the pin with the cross, and takes it five steps of the grid along with one arrow."""
+        """Select a pin with the cross, and move it by five steps of the grid with one arrow key."""
         assert max(map(abs, by)) == pytest.approx(5 * self._step())
         self.tap(start)
         self.page.keyboard.press(f"Shift+Arrow{'Right' if by[0] > 0 else 'Left' if by[0] < 0 else 'Up' if by[1] > 0 else 'Down'}")
@@ -155,13 +155,13 @@ class Keys(Hand):
         self.page.keyboard.press("Escape")
 
     def _step(self) -> float:
-        """The fine step of the grid [m]."""
+        """Return the fine step of the grid [m]."""
         wanted = 9 / self.sheet.scale()
         power = 10 ** np.floor(np.log10(wanted))
         return float(next(f for f in (1, 2, 5, 10) if f * power >= wanted) * power)
 
     def _go(self, at: XY) -> None:
-        """Leads the cross to a place, as near as the grid lets it."""
+        """Move the cross to the point of the grid that is nearest to a place."""
         cross = self.page.locator(".rubber .cross")
         press, step = self.page.keyboard.press, self._step()
         if not cross.count():
@@ -182,7 +182,7 @@ class Keys(Hand):
 
 
 class Touch(Hand):
-    """A finger on a phone, with the keyboard that comes up for a field."""
+    """Edits by a finger on a phone, and by a keyboard in fields."""
 
     look = {"viewport": {"width": 390, "height": 844}, "has_touch": True}  # noqa: RUF012
 
@@ -216,7 +216,7 @@ class Touch(Hand):
 
 
 class Saved:
-    """What a file says, read by a session of its own."""
+    """The content of the saved file, and its scene."""
 
     def __init__(self, folder: Path):
         self.text = (folder / f"{NAME}.toml").read_text(encoding="utf-8")
@@ -224,7 +224,7 @@ class Saved:
         self.scene = Pen(folder).scene("open", text=self.text)
 
     def get(self, *keys: Any) -> Any:
-        """An entry of the file; None where there is none."""
+        """Return an entry of the file, or None."""
         at: Any = self.document
         for key in keys:
             try:
@@ -234,7 +234,7 @@ class Saved:
         return at
 
     def turn(self, link: str) -> float:
-        """The angle of a link [rad]."""
+        """Return the angle of a link [rad]."""
         return float(next(x["pose"][2] for x in self.scene["links"] if x["name"] == link))
 
     def pin(self, id: str) -> dict[str, Any]:
@@ -243,7 +243,7 @@ class Saved:
 
 @dataclass(frozen=True)
 class Edit:
-    """One step of the history: how a hand makes it, and what the file says afterwards but not before.
+    """One step of the history.
 
     Attributes:
         name: what is done.
@@ -270,7 +270,7 @@ def draw(tool: str, *places: XY, end: bool = False) -> Callable[[Hand], None]:
 
 
 def write(part: str, field: str, text: str) -> Callable[[Hand], None]:
-    """Writes into a field of a part, or of the whole linkage."""
+    """Return an edit that writes into a field of a part, or of the whole linkage if `part` is empty."""
 
     def make(hand: Hand) -> None:
         hand.pick(part) if part else (hand.rest(), hand.show_parts())
@@ -288,7 +288,7 @@ def press(part: str, kind: str, name: str) -> Callable[[Hand], None]:
 
 
 def law(field: str, text: str) -> Callable[[Hand], None]:
-    """Writes into a field of the driver, or chooses its law."""
+    """Return an edit that writes into a field of the driver, or chooses its law."""
 
     def make(hand: Hand) -> None:
         hand.rest()
@@ -312,7 +312,7 @@ def drag(tool: str, pin: XY | str, by: XY) -> Callable[[Hand], None]:
 
 
 def join(pin: str, to: str) -> Callable[[Hand], None]:
-    """Joins a pin with another by name."""
+    """Return an edit that joins a pin with another by name."""
 
     def make(hand: Hand) -> None:
         hand.pick(pin)
@@ -345,12 +345,12 @@ def near(value: Any, wanted: float) -> bool:
 
 
 def value(wanted: float, *keys: Any) -> Callable[[Saved], bool]:
-    """Whether an entry of the file has a value in SI."""
+    """Return a test whether an entry of the file has a value in SI."""
     return lambda x: near(x.get(*keys), wanted)
 
 
 def driven(key: str, wanted: Any) -> Callable[[Saved], bool]:
-    """Whether the driver has a value: the only one, or with more free coordinates the first one."""
+    """Return a test whether a key of the only driver, or of the first one, has a value."""
     own = ("scenarios", "driven", "driver"), ("scenarios", "driven", "drivers", 0)
     return lambda x: any(x.get(*at, key) == (wanted if isinstance(wanted, str) else pytest.approx(wanted, rel=1e-9)) for at in own)
 
@@ -444,13 +444,13 @@ EDITS = [
 
 
 def shown(hand: Hand) -> dict[str, list[str]]:
-    """The ids of the parts on the page."""
+    """Return kind -> ids of the parts on the page."""
     find = "(c, kind) => [...c.querySelectorAll(`[data-${kind}]`)].map(x => x.dataset[kind])"
     return {kind: sorted(hand.sheet.canvas.evaluate(find, kind)) for kind in IDS}
 
 
 def check(hand: Hand, folder: Path) -> Saved:
-    """Saves, and returns what the file says, which is what the page shows."""
+    """Save, check that the page shows the parts of the file, and return the file."""
     before = hand.sheet.revision()
     hand.save()
     hand.sheet.changed(before)
@@ -473,7 +473,7 @@ def is_locked(hand: Hand, part: str, button: str) -> bool:
 
 
 def make_all(hand: Hand, folder: Path) -> list[Saved]:
-    """Makes all edits, each checked on the page and in the file, and returns the files before, between and after them."""
+    """Make all edits, check each on the page and in the file, and return the files before, between and after them."""
     sheet = hand.sheet
     sheet.button("Open").click()
     sheet.button(f"{NAME}.toml").click()
@@ -501,7 +501,7 @@ def make_all(hand: Hand, folder: Path) -> list[Saved]:
 
 
 def walk_history(hand: Hand, folder: Path, files: list[Saved]) -> None:
-    """Takes all edits back and makes them again; page and file are as they were at every step."""
+    """Undo all edits and redo them; check page and file after every step."""
     count = len(EDITS)
     steps = [*((k, "undo", EDITS[k]) for k in reversed(range(count))), *((k + 1, "redo", EDITS[k]) for k in range(count))]
     for k, way, edit in steps:

@@ -1,4 +1,4 @@
-"""Moving a drawing: dragged, by a law, and let go; each says what the suite's own verbs say."""
+"""Drags, driven motions, assemblies and runs of a drawing."""
 
 import math
 from dataclasses import replace
@@ -59,7 +59,7 @@ def test_a_drag_follows_the_pointer_and_is_drawn_where_it_ends(tmp_path: Path) -
 
 @pytest.mark.parametrize(("template", "crank"), [("crank_rocker", "B"), ("eight_bar", "2"), ("five_bar", "B"), ("whitworth", "A")])
 def test_a_crank_pin_led_all_round_beside_its_circle_says_nothing(template: str, crank: str, tmp_path: Path) -> None:
-    """The pointer is inside and outside the circle by turns; the crank goes all the way round with it."""
+    """The pointer goes around in a wave about the circle, and the crank makes a whole turn with it."""
     pen = Pen(tmp_path)
     pin = next(x for x in pen.scene("template", name=template)["pins"] if x["id"] == crank)
     owner = pin["members"][0].partition(".")[0]
@@ -160,7 +160,7 @@ def test_what_is_not_installed_is_said_with_how_to_install_it(tmp_path: Path, mo
 
 
 def test_a_recommendation_tells_each_answer_as_it_comes_and_all_of_them_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the search finds is another's matter (test_recommend), and takes as long as the machine lets it."""
+    """The search itself is replaced here; test_recommend tests it."""
     from gauss_bench.advice.answer import Answer
     from gauss_bench.api import recommend
     from gauss_bench.studio import job

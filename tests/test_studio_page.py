@@ -1,4 +1,4 @@
-"""The studio's page in a real browser: linkages drawn from nothing, driven, dragged, saved, and what the suite makes of them."""
+"""The studio's page in a browser: draw, drive, drag and save linkages, and compare them with the suite's own verbs."""
 
 import contextlib
 import io
@@ -34,7 +34,7 @@ def folder(studio_server: Running) -> Path:
 
 @contextlib.contextmanager
 def studio(folder: Path) -> Iterator[Running]:
-    """A studio of its own, with its own cache."""
+    """Start a studio with a cache of its own, and end it after the test."""
     running = started(folder)
     yield running
     if running.process.poll() is None:
@@ -42,7 +42,7 @@ def studio(folder: Path) -> Iterator[Running]:
 
 
 class Page:
-    """A page and a hand that points at metres."""
+    """A page of the studio; places are in metres unless they are called pixels."""
 
     def __init__(self, browser: Any, url: str, asked: list[str] | None = None, sockets: Any = None, **look: Any):
         self.page = browser.new_page(**({"viewport": {"width": 1440, "height": 900}} | look))
@@ -65,34 +65,34 @@ class Page:
         self.page.wait_for_selector("#canvas[data-revision]", timeout=60_000)
 
     def begin(self) -> None:
-        """An empty drawing."""
+        """Open an empty drawing."""
         self.button("Open").click()
         self.button("Empty drawing").click()
         self.page.wait_for_selector("dialog", state="detached")
 
     def template(self, name: str) -> None:
-        """A linkage of the gallery, by the beginning of its name."""
+        """Open a linkage of the gallery by the beginning of its name."""
         self.button("Open").click()
         self.page.get_by_role("button", name=re.compile(f"^{name}", re.I)).click()
         self.page.wait_for_selector("dialog", state="detached")
         self.settled()
 
     def download(self, kind: str) -> tuple[str, bytes]:
-        """Name and content of an export."""
+        """Return name and content of an export."""
         with self.page.expect_download(timeout=60_000) as waiting:
             self.page.locator("ul.kinds button", has_text=kind).first.click()
         return waiting.value.suggested_filename, Path(waiting.value.path()).read_bytes()
 
     def places(self) -> dict[str, str]:
-        """Where the joints are drawn."""
+        """Return pin -> transform in the drawing."""
         return dict(self.canvas.evaluate(WHERE))
 
     def drawn_at(self) -> dict[str, XY]:
-        """Where the joints are drawn, in pixels."""
+        """Return pin -> place in the drawing, in pixels."""
         return {k: tuple(map(float, re.findall(r"-?[\d.]+(?:e-?\d+)?", x)))[:2] for k, x in self.places().items()}  # type: ignore[misc]
 
     def stands_at(self) -> dict[str, XY]:
-        """Where the joints are in the world, wherever the window has been moved meanwhile."""
+        """Return pin -> place in the world [m]."""
         scale, (x, y) = self.scale(), self.origin()
         return {k: ((at[0] - x) / scale, (y - at[1]) / scale) for k, at in self.drawn_at().items()}
 
@@ -103,7 +103,7 @@ class Page:
         return int(self.canvas.get_attribute("data-revision"))
 
     def until(self, happens: Callable[[], bool], seconds: int = 20) -> None:
-        """Waits until something is so; the page lets nobody evaluate text, so that it is asked again and again."""
+        """Wait until a condition is true. The page forbids the evaluation of text, so the condition is asked repeatedly."""
         for _ in range(20 * seconds):
             if happens():
                 return
@@ -111,16 +111,16 @@ class Page:
         raise AssertionError(f"it does not come to that: {self.page.get_by_test_id('said').inner_text()}")
 
     def changed(self, before: int) -> None:
-        """Waits until the drawing is another."""
+        """Wait until the drawing has a later revision than `before`."""
         self.until(lambda: self.revision() > before)
         self.settled()
 
     def settled(self) -> None:
-        """Waits until every request has its reply."""
+        """Wait until every request has its reply."""
         self.until(lambda: bool(self.canvas.get_attribute("data-pending") == "0"), 60)
 
     def fitted(self) -> None:
-        """Waits until the window is fitted to the motion, and once more to the room that its curves leave: until it stays."""
+        """Wait until the window has been fitted to the motion and to the room beside its curves, and no longer changes."""
         self.page.locator("path.path").first.wait_for(state="attached", timeout=60_000)
         seen: list[list[str]] = []
 
@@ -142,7 +142,7 @@ class Page:
         return box["x"] + x + scale * at[0], box["y"] + y - scale * at[1]
 
     def use(self, tool: str, *places: XY, end: bool = False) -> None:
-        """Take a tool and click; waits until the drawing has changed."""
+        """Take a tool, click at places, and wait until the drawing has changed."""
         before = self.revision()
         self.button(tool).click()
         for place in places:
@@ -166,7 +166,7 @@ class Page:
         return list(self.page.locator(".problems li").all_inner_texts())
 
     def path(self, point: str) -> Any:
-        """The path on show, in metres (k, 2), and the width of a pixel."""
+        """Return the drawn path (k, 2) [m] and the width of a pixel [m]."""
         drawn = self.page.locator(f'[data-path="{point}"] path.path')
         drawn.wait_for(state="attached", timeout=60_000)
         self.page.wait_for_timeout(500)  # the motion follows an edit a moment later, and its curves take room
@@ -192,7 +192,7 @@ def one(browser: Any, studio_server: Running) -> Iterator[Page]:
 
 @pytest.fixture
 def page(one: Page) -> Iterator[Page]:
-    """An empty drawing, and nothing gone wrong at the end."""
+    """The shared page with an empty drawing; at the end, check that nothing went wrong."""
     one.page.keyboard.press("Escape")
     one.begin()
     yield one
@@ -201,7 +201,7 @@ def page(one: Page) -> Iterator[Page]:
 
 
 def told(verb: str, file: Path, *arguments: str, fine: tuple[int, ...] = (0,)) -> dict[str, Any]:
-    """What a verb of the suite says of a drawn file with --json; 1 says that a run is not to be trusted."""
+    """Return the answer of a verb with --json on a file; `fine` are the exit codes that are allowed."""
     said, wrong = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(wrong):
         code = main([verb, str(file), *arguments, "--json"])
@@ -223,7 +223,7 @@ def four_bar(page: Page) -> None:
 
 @pytest.mark.slow
 def test_a_linkage_drawn_from_nothing_moves_as_the_suite_has_it(page: Page, folder: Path) -> None:
-    """The path on show is that of `gauss-bench kinematics` on the saved file to a pixel; Gauss and MuJoCo take the file."""
+    """The drawn path is that of `gauss-bench kinematics` on the saved file, to a pixel; two engines follow it."""
     for _ in range(2):
         page.button("Zoom out").click()
     four_bar(page)
@@ -250,7 +250,7 @@ def test_a_linkage_drawn_from_nothing_moves_as_the_suite_has_it(page: Page, fold
 
 @pytest.mark.slow
 def test_a_drag_all_around_answers_every_move_and_jumps_to_no_branch(page: Page) -> None:
-    """A joint of the eight-bar goes around with the pointer, moved by the page itself, which waits for the frame of every move."""
+    """A script in the page drags a joint of the eight-bar around, and waits for the frame of every move."""
     page.template("eight bar")
     page.button("Select").click()
     page.fitted()
@@ -284,9 +284,9 @@ def test_what_is_half_drawn_is_explained_and_stays_on_show(page: Page) -> None:
 
 @pytest.mark.slow
 def test_keys_alone_draw_pull_drive_and_save(page: Page, folder: Path) -> None:
-    """The cross goes by fives of the grid's steps with Shift; held arrows pull the chosen pin in one step of the history.
+    """With Shift, the cross moves by five steps of the grid. A held arrow moves the selected pin in one step of the history.
 
-    Every edit is made by keys alone in test_studio_means.
+    test_studio_means makes every edit by keys alone.
     """
     press = page.page.keyboard.press
 
@@ -350,7 +350,7 @@ def test_names_of_a_file_are_text_though_every_object_of_a_script_has_them(page:
     assert page.button(f"link {name}").count() == 1
 
     def is_whole() -> bool:
-        """Whether pivots and crank are as the file has them, to a tenth of a pixel."""
+        """Tell whether pivots and crank are as in the file, to a tenth of a pixel."""
         at = {k: complex(*x) for k, x in page.stands_at().items()}
         return abs(at["A"]) < 2e-4 and abs(at["D"] - 0.4) < 2e-4 and abs(abs(at["B"] - at["A"]) - 0.12) < 2e-4
 
@@ -391,7 +391,7 @@ def test_axe_finds_nothing_serious_and_nothing_is_wider_than_the_screen(browser:
 
 @pytest.mark.slow
 def test_the_page_is_what_its_sources_give(tmp_path: Path) -> None:
-    """The same bytes from the sources, where node and the packages of the lock file are here."""
+    """A build of the sources gives the same bytes, if node and the packages of the lock file are installed."""
     node, esbuild = shutil.which("node"), SOURCE / "node_modules" / "esbuild"
     if node is None or not esbuild.is_dir():
         pytest.skip("no node here with the packages of page_source/package-lock.json: the page is not rebuilt")
@@ -421,14 +421,14 @@ def test_the_sources_of_the_page_import_each_other_in_no_circle() -> None:
 
 
 def picture(path: Path) -> Path:
-    """A small PNG, all of one grey."""
+    """Write a small grey PNG, and return its path."""
     Image.new("L", (40, 20), 128).save(path)
     return path
 
 
 @pytest.mark.slow
 def test_exports_are_what_they_are_called(page: Page) -> None:
-    """Each kind that takes no engine, as the browser writes it to disk; the film is made by the browser alone."""
+    """The browser downloads each kind of export that needs no engine; it makes the film itself."""
     page.template("four bar")
     page.page.locator("path.path").first.wait_for(state="attached", timeout=60_000)
     page.button("Share").click()
@@ -449,7 +449,7 @@ def test_exports_are_what_they_are_called(page: Page) -> None:
 
 @pytest.mark.slow
 def test_a_link_opens_the_same_linkage_and_is_sent_nowhere(page: Page, browser: Any, studio_server: Running) -> None:
-    """What is behind the # sign is never part of a request; that no other place is asked is seen to for every page."""
+    """The text after the # sign is in no request. `Page` checks that no page asks another server."""
     page.template("four bar")
     drawn = page.places()
     page.button("Share").click()
@@ -506,9 +506,9 @@ def test_branches_are_shown_and_taken(page: Page) -> None:
 
 @pytest.mark.slow
 def test_a_recommendation_comes_answer_by_answer_and_brings_its_program(browser: Any, studio_server: Running) -> None:
-    """The first answers stand there while others are still looked for; the best one is a program that can be copied.
+    """The first answer is shown while the search goes on; the best answer has a program that can be copied.
 
-    Events come from here, when it suits the test: that a recommendation makes them is held in test_studio_motion.
+    This test sends the events itself; test_studio_motion tests that a recommendation sends them.
     """
     asked: list[dict[str, Any]] = []
     sockets: list[Any] = []
@@ -580,7 +580,7 @@ def test_let_go_a_second_engine_is_laid_over_and_said_where_it_parts(page: Page)
 
 @pytest.mark.slow
 def test_a_pin_put_elsewhere_shows_its_links_meanwhile(page: Page) -> None:
-    """Lengths change while the pointer moves, in no step of the history before it is let go."""
+    """Lengths change on the page while the pointer moves, without a step of the history."""
     four_bar(page)
     page.button("Reshape").click()
     before, revision = page.places(), page.revision()
@@ -601,7 +601,7 @@ def test_a_pin_put_elsewhere_shows_its_links_meanwhile(page: Page) -> None:
 
 @pytest.mark.slow
 def test_a_picture_lies_behind_and_outlives_the_page(page: Page, folder: Path) -> None:
-    """It is sent once, scaled by two points, there again after loading anew, and in no scene."""
+    """The picture is scaled by two points, is there after a reload, and is sent once but in no scene."""
     page.button("Picture").click()
     sent: list[str] = []
     page.page.once("websocket", lambda s: s.on("framereceived", lambda frame: sent.append(str(frame))))
@@ -633,7 +633,7 @@ TOUCH = {"viewport": {"width": 375, "height": 812}, "has_touch": True}
 
 @pytest.mark.slow
 def test_a_finger_drags_a_joint_and_a_second_one_ends_that(browser: Any, studio_server: Running) -> None:
-    """The crank's end follows the finger; where a second one comes down the window is meant, and the linkage is as it was."""
+    """The crank's end follows a finger. A second finger ends the drag without a change, and two fingers zoom."""
     here = Page(browser, studio_server.address, **TOUCH)
     here.template("four bar")
     here.fitted()
@@ -681,7 +681,7 @@ def test_a_finger_drags_a_joint_and_a_second_one_ends_that(browser: Any, studio_
 
 @pytest.mark.slow
 def test_instant_centres_go_with_the_frame_on_show(page: Page) -> None:
-    """Frame by frame of a motion that plays: the pin's centre lies on the pin, the coupler's pole where crank and rocker meet."""
+    """In every frame, the centre of a pin lies on the pin, and the coupler's pole at the intersection of crank and rocker."""
     page.template("four bar")
     page.fitted()
     page.button("Instant centres").click()
@@ -733,7 +733,7 @@ def test_an_import_says_what_it_left_out_until_that_is_read(page: Page, folder: 
 
 @pytest.mark.slow
 def test_when_the_server_has_gone_nothing_is_lost(browser: Any, tmp_path: Path) -> None:
-    """The page says so and gives its copy; a studio at another port offers what was drawn, as that of its file."""
+    """The page offers its copy for download, and a studio at another port offers the unsaved drawing of the file."""
     (tmp_path / "own.toml").write_text((ROOT / "mechanisms" / "crank_slider.toml").read_text(encoding="utf-8"), encoding="utf-8")
     with studio(tmp_path) as first:
         here = Page(browser, first.address)

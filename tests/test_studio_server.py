@@ -1,4 +1,4 @@
-"""The studio's server as a browser meets it: a page with a token, one socket, and nobody else."""
+"""The studio's server answers its own page with the right token, and nobody else."""
 
 import contextlib
 import json
@@ -86,6 +86,16 @@ def test_messages_are_answered_no_faster_than_their_rate() -> None:
 
 
 @pytest.mark.long
+def test_a_server_that_searches_for_singular_positions_ends_cleanly(tmp_path: Path) -> None:
+    running = started(tmp_path)
+    with running.socket() as socket:
+        for name in ("eight_bar", "four_bar"):
+            ask(socket, "template", name=name)
+            assert ask(socket, "motion", samples=4)["ok"]
+    assert ended(running) == 0
+
+
+@pytest.mark.long
 def test_what_was_drawn_outlives_a_killed_server_whatever_its_port_and_nothing_a_clean_end(tmp_path: Path) -> None:
     cache = tmp_path / "cache" / "gauss-bench" / "studio"
     first = started(tmp_path)
@@ -131,7 +141,7 @@ def test_what_was_drawn_outlives_a_killed_server_whatever_its_port_and_nothing_a
 
 
 def of_the_studio(folder: Path) -> list[str]:
-    """Processes that were started with this folder's cache."""
+    """Return the processes that were started with the cache in a folder."""
     sign, found = f"XDG_CACHE_HOME={folder / 'cache'}".encode(), []
     for path in Path("/proc").glob("[0-9]*/environ"):
         with contextlib.suppress(OSError):

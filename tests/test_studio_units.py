@@ -1,4 +1,4 @@
-"""Units and curves of the studio's page: shown in the chosen unit, SI in the file, and curves that are read by every means."""
+"""Values on the studio's page are shown in the chosen unit and saved in SI, and curves are read by mouse, keys and touch."""
 
 import csv
 import io
@@ -127,7 +127,7 @@ def test_what_a_dialog_asks_and_is_refused_is_said_in_the_dialog(page: Page) -> 
 
 @pytest.mark.slow
 def test_a_point_that_goes_round_evenly_has_a_level_curve_on_a_scale_from_zero(page: Page) -> None:
-    """Its speed changes by rounding alone, which is no curve."""
+    """The speed changes by rounding only, which must not fill the chart."""
     page.template("four bar")
     page.button("link coupler").click()
     page.button("P").click()

@@ -1,4 +1,4 @@
-"""A link to look at, made in the studio and opened in the page that the studio serves."""
+"""Links to look at: made in the studio, and opened in the page that the studio serves."""
 
 import re
 from pathlib import Path
@@ -86,7 +86,7 @@ def test_share_makes_a_link_that_draws(browser: Any, studio_server: Running, wid
 def test_three_poses_placed_by_hand_become_a_sketch_in_one_step(
     browser: Any, studio_server: Running, width: int, scheme: str
 ) -> None:
-    """The pins of a four-bar with pivots at (-0.1, -0.05) and (0.2, -0.05) in three poses, then the same from the pivots alone."""
+    """The poses are those of a four-bar with known pivots, which the studio finds from the pins and from the pivots."""
     page = Page(browser, studio_server.address, viewport={"width": width, "height": 850}, color_scheme=scheme)
     page.begin()
     page.button("Snap to the grid").click()
