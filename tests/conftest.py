@@ -92,6 +92,17 @@ def browser() -> Iterator[Any]:
         opened.close()
 
 
+@pytest.fixture(scope="session")
+def studio_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """The studio that tests share; it shows what the last of them drew."""
+    pytest.importorskip("uvicorn")
+    from tests.studio import ended, started
+
+    running = started(tmp_path_factory.mktemp("studio"))
+    yield running
+    assert ended(running) == 0
+
+
 @pytest.fixture
 def elsewhere(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """The interpreter of the environment of a test's engine: its case `engine`, or ENGINE of its file; skipped where there is none.

@@ -1,4 +1,4 @@
-"""Planar MJCF by rule: trees of hinges, slides and free bodies with springs, motors and servos, in any plane, some with loops."""
+"""Random planar MJCF: trees of hinges, slides and free bodies with springs, motors and servos, in any plane, with any loops."""
 
 import numpy as np
 from numpy.random import Generator
@@ -12,7 +12,7 @@ def n(*x: float) -> str:
 
 
 def random_model(r: Generator, loops: int = 0) -> str:
-    """A document with the keyframe `start`; with loops at rest at its reference, where MuJoCo closes them."""
+    """Return a document with the keyframe `start`; with loops it starts at rest at its reference, where the loops are closed."""
     count = int(r.integers(2 if loops else 1, 5))
     parents = [int(r.integers(-1, k)) if k else -1 for k in range(count)]
     bodies, joints = zip(*(_body(r, k, parents[k], loops == 0) for k in range(count)), strict=True)
@@ -43,6 +43,7 @@ def _body(r: Generator, k: int, parent: int, may_be_free: bool) -> tuple[str, li
     kind = "free" if may_be_free and parent < 0 and r.random() < 0.2 else "slide" if r.random() < 0.3 else "hinge"
     if kind == "hinge":
         pin = f'axis="0 0 {n(r.choice([-1, 1]))}" pos="{n(*r.normal(size=2) * 0.1, r.normal())}"'
+        pin += f' armature="{n(r.uniform(0, 0.1))}"' if parent < 0 else ""
         joints, names = f'<joint name="j{k}" {pin} ref="{n(r.normal() / 2)}" {spring}/>', [f"j{k}"]
     elif kind == "slide":
         joints, names = f'<joint name="j{k}" type="slide" {along} ref="{n(r.normal() / 2)}" {spring}/>', [f"j{k}"]

@@ -1,20 +1,33 @@
-"""Drawing in the tests of the studio: requests without a socket."""
+"""What the tests of the studio share: drawing by requests without a socket, and servers in processes of their own."""
 
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
 import time
+import urllib.error
+import urllib.request
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 pytest.importorskip("tomlkit")
+pytest.importorskip("uvicorn")
+from websockets.sync.client import ClientConnection, connect
+
 from gauss_bench.studio.requests import answer
 from gauss_bench.studio.session import Session
 
 Scene = dict[str, Any]
+XY = tuple[float, float]
 
 
 class Pen:
-    """A session, and what it answers."""
+    """A session that draws by requests."""
 
     def __init__(self, folder: Path):
         self.session = Session(folder)
@@ -25,7 +38,7 @@ class Pen:
         return found
 
     def refused(self, do: str, **more: Any) -> str:
-        """The sentence of a refusal that is not a fault of the studio."""
+        """Return the sentence by which a request is refused, and check that it is not a fault of the studio."""
         found = answer(self.session, {"id": 1, "do": do} | more)
         assert not found["ok"]
         assert not found["error"].get("fault"), found["error"]["text"]
@@ -34,38 +47,42 @@ class Pen:
     def scene(self, do: str, **more: Any) -> Scene:
         return dict(self.ask(do, **more)["scene"])
 
-    def pin(self, x: float, y: float, ground: bool = False) -> str:
-        """The id of a new pin."""
-        made = self.ask("add_pin", at=[x, y], ground=ground)["made"]
-        return str(next(x for x in made if x.startswith("pins."))).removeprefix("pins.")
+    def pin(self, x: float, y: float, ground: bool = False) -> None:
+        """Draw a pin."""
+        self.ask("add_pin", at=[x, y], ground=ground)
 
     @property
     def now(self) -> Scene:
         return self.session.scene()
 
+    def near(self, x: float, y: float) -> list[str]:
+        """Return the ids of the pins at a place."""
+        return [p["id"] for p in self.now["pins"] if abs(p["at"][0] - x) < 1e-6 and abs(p["at"][1] - y) < 1e-6]
+
     def at(self, x: float, y: float) -> str:
-        """The id of the pin that lies at a place."""
-        near = [p for p in self.now["pins"] if abs(p["at"][0] - x) < 1e-6 and abs(p["at"][1] - y) < 1e-6]
-        assert len(near) == 1, [(p["id"], p["at"]) for p in self.now["pins"]]
-        return str(near[0]["id"])
+        """Return the id of the only pin at a place."""
+        (id,) = self.near(x, y)
+        return id
 
-    def bar(self, a: tuple[float, float], b: tuple[float, float]) -> str:
-        """The name of a new bar between two places, at pins where there are some."""
-        return self.link("add_bar", **{"from": self.spot(a), "to": self.spot(b)})
+    def bar(self, *at: XY) -> str:
+        """Draw a bar between two places, at pins if there are any, and return its name."""
+        a, b = map(self.spot, at)
+        return self.link("add_bar", **{"from": a, "to": b})
 
-    def plate(self, *at: tuple[float, float]) -> str:
+    def plate(self, *at: XY) -> str:
         return self.link("add_link", points=[self.spot(x) for x in at])
 
     def link(self, do: str, **more: Any) -> str:
         return str(next(x for x in self.ask(do, **more)["made"] if x.startswith("links."))).removeprefix("links.")
 
-    def spot(self, at: tuple[float, float]) -> dict[str, Any]:
-        near = [p for p in self.now["pins"] if abs(p["at"][0] - at[0]) < 1e-6 and abs(p["at"][1] - at[1]) < 1e-6]
-        return {"pin": near[0]["id"]} if near else {"at": [*at]}
+    def spot(self, at: XY) -> dict[str, Any]:
+        """Return the pin at a place, or the place if there is no pin, in the form of messages."""
+        near = self.near(*at)
+        return {"pin": near[0]} if near else {"at": [*at]}
 
 
 class Watched:
-    """Events of one piece of work, until it is done."""
+    """A collection of the events that a session sends."""
 
     def __init__(self, pen: Pen):
         self.events: list[dict[str, Any]] = []
@@ -80,7 +97,7 @@ class Watched:
 
 
 def four_bar(folder: Path) -> Pen:
-    """Drawn from nothing, with a point on the coupler, and driven."""
+    """Draw a four-bar with an observed point on its coupler and a driven crank."""
     pen = Pen(folder)
     pen.pin(0.0, 0.0, ground=True)
     pen.pin(0.4, 0.0, ground=True)
@@ -93,7 +110,7 @@ def four_bar(folder: Path) -> Pen:
 
 
 def quick_return(folder: Path) -> Pen:
-    """A crank whose pin slides in a slotted lever, which moves a ram on the ground."""
+    """Draw a crank whose pin slides in a slotted lever, which moves a ram on the ground."""
     pen = Pen(folder)
     for at in ((0.0, 0.0), (0.0, 0.3)):
         pen.pin(*at, ground=True)
@@ -107,7 +124,7 @@ def quick_return(folder: Path) -> Pen:
 
 
 def eight_bar(folder: Path) -> Pen:
-    """The class IV linkage of three loops, at round places."""
+    """Draw a class IV linkage of three loops."""
     pen = Pen(folder)
     for at in ((0.0, 0.0), (0.36, -0.08), (0.48, 0.48)):
         pen.pin(*at, ground=True)
@@ -124,3 +141,55 @@ def eight_bar(folder: Path) -> Pen:
 
 
 DRAWN = {"four_bar": four_bar, "quick_return": quick_return, "eight_bar": eight_bar}
+
+
+@dataclass(frozen=True)
+class Running:
+    """A studio in a process of its own."""
+
+    process: "subprocess.Popen[str]"
+    port: int
+    token: str
+    folder: Path
+
+    @property
+    def address(self) -> str:
+        return f"http://127.0.0.1:{self.port}/?token={self.token}"
+
+    def get(self, path: str, **headers: str) -> tuple[int, str, Any]:
+        request = urllib.request.Request(f"http://127.0.0.1:{self.port}{path}", headers=headers)
+        try:
+            with urllib.request.urlopen(request, timeout=20) as answer:
+                return answer.status, answer.read().decode(), answer.headers
+        except urllib.error.HTTPError as error:
+            return error.code, error.read().decode(), error.headers
+
+    def socket(self, token: str | None = None, **headers: str) -> ClientConnection:
+        address = f"ws://127.0.0.1:{self.port}/socket?token={self.token if token is None else token}"
+        return connect(address, additional_headers=headers, max_size=None, open_timeout=20)
+
+
+def started(folder: Path, *arguments: str) -> Running:
+    environment = os.environ | {"XDG_CACHE_HOME": str(folder / "cache"), "PYTHONUNBUFFERED": "1"}
+    command = [sys.executable, "-m", "gauss_bench", "studio", "--no-browser", *arguments]
+    process = subprocess.Popen(command, cwd=folder, env=environment, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    for line in process.stderr:
+        if found := re.search(r"http://127\.0\.0\.1:(\d+)/\?token=(\S+)", line):
+            return Running(process, int(found[1]), found[2], folder)
+    raise AssertionError("the studio did not say where it is")
+
+
+def ended(running: Running, by: int = signal.SIGINT) -> int:
+    running.process.send_signal(by)
+    _, said = running.process.communicate(timeout=60)
+    assert "Traceback" not in said, said
+    return running.process.returncode
+
+
+def ask(socket: ClientConnection, do: str, **more: Any) -> dict[str, Any]:
+    socket.send(json.dumps({"id": 1, "do": do} | more))
+    while True:
+        found: dict[str, Any] = json.loads(socket.recv(60))
+        if "event" not in found:
+            return found

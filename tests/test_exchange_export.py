@@ -1,4 +1,4 @@
-"""Exported files: run without the package, they move as the suite's own engines do, and nobody's text escapes into them."""
+"""Exported files run without the package and move as the suite's own engines, and no text of a user becomes code in them."""
 
 import ast
 import contextlib
@@ -44,18 +44,14 @@ from tests.conftest import DATA, exhaustive
 
 END, STEP = 0.2, 1e-3
 LIBRARY = {"mujoco": "mujoco", "pinocchio": "pinocchio", "exudyn": "exudyn", "casadi": "casadi", "c": "llvmlite"}
-QUICK = [*(("crank_slider", kind) for kind in KINDS), ("five_bar/spring", "exudyn"), ("four_bar/cycloid", "c")]
+QUICK = [("five_bar/spring", "exudyn"), ("four_bar/cycloid", "c")]
 SLOW = [("five_bar/spring", "mujoco"), ("five_bar/spring", "pinocchio")]
 SLOW += [("four_bar/cycloid", kind) for kind in ("pinocchio", "exudyn", "casadi")]
 SLOW += [(name, kind) for name in ("jansen/walk", "shaper/torque") for kind in KINDS]  # loops in loops and forces; a moving guide
 SLOW += [("parallelogram", kind) for kind in ("mujoco", "pinocchio", "exudyn")]
 SLOW += [("excavator", kind) for kind in ("exudyn", "casadi", "c")]
-SLOW += [("sleigh", "c"), ("pendulums_13", "c"), ("n_four_bar_7", "mujoco")]
-SLOW += [
-    (str(DATA / "loaded.toml"), "pinocchio"),
-    (str(DATA / "all_kinds.toml"), "exudyn"),
-    (str(DATA / "all_kinds.toml"), "pinocchio"),
-]
+SLOW += [("sleigh", "c"), ("pendulums_13", "c"), ("n_four_bar_7", "mujoco"), (str(DATA / "loaded.toml"), "pinocchio")]
+SLOW += [(str(DATA / "all_kinds.toml"), kind) for kind in ("exudyn", "pinocchio")]
 PLAIN_MUJOCO = (DATA / "plain_mujoco.txt").read_text(encoding="utf-8")
 
 
@@ -66,7 +62,7 @@ def needs(kind: str) -> None:
 
 
 def suite_run(mechanism: Mechanism, kind: str, times: Array, step: float) -> tuple[Array, Array]:
-    """q, v (k, n) by the suite's own run of the engine, with the file's settings."""
+    """Return q and v, both (k, n), of the suite's own run of the engine with the settings of the file."""
     k = KINDS[kind]
     model = get(k.engine).build(mechanism, Choice(k.settings, k.integrator, k.stabilization, step))
     model.prepare(times)
@@ -76,7 +72,7 @@ def suite_run(mechanism: Mechanism, kind: str, times: Array, step: float) -> tup
 
 
 def run_alone(text: str, kind: str, folder: Path, end: float, step: float = STEP) -> tuple[list[str], Array]:
-    """The table that an exported file prints, or plain MuJoCo with it."""
+    """Return heading and rows of the table that an exported file prints, or that a plain script prints for MJCF."""
     file = folder / f"exported{KINDS[kind].suffix}"
     file.write_text(text, encoding="utf-8")
     if kind == "c":
@@ -88,32 +84,35 @@ def run_alone(text: str, kind: str, folder: Path, end: float, step: float = STEP
     return rows_of(python_alone(file, end, step))
 
 
-def compared(mechanism: Mechanism, kind: str, folder: Path) -> None:
+def compared(mechanism: Mechanism, kind: str, folder: Path, written: Mechanism | None = None) -> None:
+    """Check that a file moves as the suite's own run; the file is that of the linkage, or of `written`, which has other names."""
     end, step = min(END, mechanism.duration), min(STEP, mechanism.duration / 300)
-    heading, rows = run_alone(export_linkage(mechanism, kind, step).text, kind, folder, end, step)
+    heading, rows = run_alone(export_linkage(written or mechanism, kind, step).text, kind, folder, end, step)
     q, v = suite_run(mechanism, kind, rows[:, 0], step)
     if kind == "mujoco":
-        names = [link.name for link in mechanism.links]
-        order = [names.index(x.rpartition(".")[0]) for x in heading[1:-1:2]]
+        order = [*range(len(mechanism.links))]
+        if written is None:
+            names = [link.name for link in mechanism.links]
+            order = [names.index(x.rpartition(".")[0]) for x in heading[1:-1:2]]
         wanted = q.reshape(len(q), -1, 3)[:, order, :2].reshape(len(q), -1)
         found = rows[:, 1:-1]
     else:
-        assert heading[1 : 1 + mechanism.n] == [f"{link.name}.{x}" for link in mechanism.links for x in ("x", "y", "theta")]
+        names = [f"{link.name}.{x}" for link in mechanism.links for x in ("x", "y", "theta")]
+        assert written or heading[1 : 1 + mechanism.n] == names
         wanted, found = np.hstack([q, v]), rows[:, 1:]
     assert len(rows) > 10
     assert np.abs(wanted - wanted[0]).max() > 1e-3  # it moves
     np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-8 * np.abs(wanted).max())
 
 
-@pytest.mark.slow("four_bar/cycloid-c")
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), exhaustive([*QUICK, *SLOW], *QUICK))
 def test_an_exported_file_alone_moves_as_the_engine_in_the_suite(name: str, kind: str, tmp_path: Path) -> None:
     needs(kind)
-    mechanism = load(*name.rsplit("/", 1)) if "/" in name and not name.endswith(".toml") else load(name)
-    compared(mechanism, kind, tmp_path)
+    compared(load(name) if name.endswith(".toml") else load(*name.split("/")), kind, tmp_path)
 
 
-@pytest.mark.parametrize("kind", ["exudyn", "pinocchio"])
+@pytest.mark.parametrize("kind", [pytest.param("exudyn", marks=pytest.mark.long), "pinocchio"])
 def test_a_motion_given_by_a_table_goes_out(kind: str, tmp_path: Path) -> None:
     needs(kind)
     document = tomllib.loads(built_in()["four_bar"].read_text(encoding="utf-8"))
@@ -134,7 +133,7 @@ HOSTILE += ("'''\"\"\"", "coding: utf-7", "??/", "%s{0}")
 
 
 def hostile(mechanism: Mechanism, points: bool) -> Mechanism:
-    """A mechanism whose every name and title is an attack, and the names of points too."""
+    """Return the mechanism with attacks as title and names, and with `points` as names of points too."""
     links = tuple(replace(link, name=HOSTILE[k % len(HOSTILE)] + "#" * k) for k, link in enumerate(mechanism.links))
 
     def renamed(joint: Any, k: int) -> Any:
@@ -149,17 +148,13 @@ def hostile(mechanism: Mechanism, points: bool) -> Mechanism:
 
 @pytest.mark.slow("c")
 @pytest.mark.parametrize("kind", KINDS)
-def test_names_and_titles_of_any_kind_stay_names_and_titles(kind: str, tmp_path: Path) -> None:
+def test_a_file_with_names_and_titles_of_any_kind_moves_alone_as_the_engine_in_the_suite(kind: str, tmp_path: Path) -> None:
     needs(kind)
-    mechanism = load("four_bar")
-    text = export_linkage(hostile(mechanism, points=kind != "c"), kind, STEP).text
-    heading, rows = run_alone(text, kind, tmp_path, 0.02)
-    plain, wanted = run_alone(export_linkage(mechanism, kind, STEP).text, kind, tmp_path, 0.02)
-    np.testing.assert_array_equal(rows, wanted)
-    if kind != "mujoco":
-        assert heading[0] == plain[0]
+    mechanism = load("crank_slider")
+    compared(mechanism, kind, tmp_path, hostile(mechanism, points=kind != "c"))
 
 
+@pytest.mark.slow("c")
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_file_says_whose_it_is_and_what_it_lacks(kind: str) -> None:
     needs(kind)
@@ -167,7 +162,6 @@ def test_a_file_says_whose_it_is_and_what_it_lacks(kind: str) -> None:
     assert OWNED in found.text
     assert found.left_out == ("scenarios driven, settles, conservative",)
     assert "Not in this file: scenarios driven, settles, conservative" in found.text
-    assert export_linkage(load("crank_slider"), kind, STEP).text == found.text  # the same again
 
 
 def test_a_body_may_be_called_world() -> None:
@@ -179,36 +173,39 @@ def test_a_body_may_be_called_world() -> None:
 
 
 REFUSED = [
-    ("sleigh", "mujoco", "knife edge"),
     ("sleigh", "exudyn", "knife edge"),
     ("four_bar/cycloid", "mujoco", "crank"),
     ("excavator", "pinocchio", "ground.P-boom.A"),
     ("parallelogram", "casadi", "redundant"),
     (str(DATA / "friction.toml"), "c", "friction"),
-    (str(DATA / "friction.toml"), "mujoco", "friction"),
 ]
 
 
 @pytest.mark.parametrize(("name", "kind", "word"), REFUSED)
-def test_what_a_format_cannot_hold_is_refused_by_name(
-    name: str, kind: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_a_format_cannot_hold_is_refused_by_name(name: str, kind: str, word: str) -> None:
     needs(kind)
-    linkage, scenario = (name, "") if name.endswith(".toml") else name.partition("/")[::2]
-    file = tmp_path / "x"
-    assert main(["export", linkage, *(["--scenario", scenario] if scenario else []), "--engine", kind, "--out", str(file)]) == 2
+    mechanism = load(name) if name.endswith(".toml") else load(name.partition("/")[0], name.partition("/")[2] or None)
+    with pytest.raises(ExchangeError) as caught:
+        export_linkage(mechanism, kind, STEP)
+    assert str(caught.value).startswith(f"{mechanism.source}: {mechanism.name}, scenario {mechanism.scenario}: cannot become")
+    assert word in str(caught.value)
+
+
+def test_the_verb_says_what_it_refuses_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = DATA / "friction.toml"
+    assert main(["export", str(file), "--engine", "c", "--out", str(tmp_path / "x")]) == 2
     said = capsys.readouterr().err.splitlines()[-1]
     assert said.startswith("error: ")
-    assert linkage in said
-    assert word in said
+    assert str(file) in said
+    assert "friction" in said
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow
 def test_the_loops_of_a_tuned_document_hold_in_plain_mujoco(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
-    file = tmp_path / "eight_bar.xml"
-    found = gauss_bench.export("eight_bar", "mujoco", file, tuned=True)
+    file = tmp_path / "four_bar.xml"
+    found = gauss_bench.export("four_bar", "mujoco", file, tuned=True, scenario="torque")
     assert found.tuning
     assert found.tuning.met
     script = tmp_path / "plain.py"

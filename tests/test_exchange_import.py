@@ -1,4 +1,4 @@
-"""Models that come in: masses, forces and motions are MuJoCo's own, and what is no planar linkage is refused by name."""
+"""Imported models have MuJoCo's masses, forces and accelerations, and a model that is no planar linkage is refused by name."""
 
 import json
 import tomllib
@@ -47,61 +47,8 @@ def own_model(text: str) -> Any:
     return mujoco.MjModel.from_xml_string(text)
 
 
-def turned(text: str, x: str, y: str, z: str) -> str:
-    """The upright model in another plane: its world becomes a fixed body with these axes, and gravity goes along."""
-    axes = np.array([[float(v) for v in axis.split()] for axis in (x, y, z)])
-    down = " ".join(repr(float(v)) for v in -9.81 * axes[2] / np.linalg.norm(axes[2]))
-    text = text.replace('gravity="0 0 -9.81"', f'gravity="{down}"')
-    head, tail = text.split("<worldbody>")
-    inside, rest = tail.split("</worldbody>")
-    return f'{head}<worldbody><body name="rig" xyaxes="{x} {y}">{inside}</body></worldbody>{rest}'
-
-
-PLANES = {
-    "xz": ("1 0 0", "0 1 0", "0 0 1"),
-    "tilted": ("0.6 0.8 0", "-0.64 0.48 0.6", "0.48 -0.36 0.8"),
-}
-
-
-def rigid_run(text: str, until: float, step: float) -> Any:
-    """MuJoCo's own motion of a document, with closures as rigid as it can have them: data at the end."""
-    model = own_model(text)
-    model.opt.timestep, model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_RK4
-    model.opt.tolerance, model.opt.iterations = 0.0, 3
-    model.eq_solref[:], model.eq_solimp[:] = [0.02, 1.0], [0.9999, 0.9999, 0.001, 0.5, 2.0]
-    model.body_invweight0[:] *= 1e-7
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, 0)
-    mujoco.mj_forward(model, data)
-    if until:
-        mujoco.mj_step(model, data, nstep=round(until / step))
-    return data
-
-
-@pytest.mark.parametrize("plane", PLANES)
-def test_it_moves_as_in_mujoco(plane: str, tmp_path: Path) -> None:
-    """Springs, dampers, a motor and a servo, armature, a start at speed: all together, by two programs."""
-    text = turned(UPRIGHT.read_text(), *PLANES[plane])
-    back = brought_in(text, tmp_path)
-    crank, coupler, rocker = -back.v0[2::3]  # hinges turn about y, to the right where x and z are seen from the front
-    text = text.replace('qvel="1.5 0 0"', f'qvel="{float(crank)!r} {float(coupler - crank)!r} {float(rocker)!r}"')
-    back = brought_in(text, tmp_path)
-    run = get("gauss").build(back, Choice("default", "rk4", "none", 1e-3))
-    run.prepare(np.array([0.0, 0.5]))
-    run.run()
-    found = run.read()
-    data, first = rigid_run(text, 0.5, 2e-4), rigid_run(text, 0.0, 2e-4)
-    joints = [float(data.joint(name).qpos[0]) for name in ("A", "B", "D")]
-    wanted = -np.array([joints[0], joints[0] + joints[1], joints[2]])
-    assert found.q[-1, 2::3] - found.q[0, 2::3] == pytest.approx(wanted, abs=1e-6)
-    assert np.abs(wanted).max() > 0.3
-    for k, name in ((0, "crank"), (2, "rocker")):  # the coupler is two bodies
-        moved = np.linalg.norm(data.body(name).xipos - first.body(name).xipos)
-        assert np.linalg.norm(found.q[-1, 3 * k : 3 * k + 2] - found.q[0, 3 * k : 3 * k + 2]) == pytest.approx(moved, abs=1e-6)
-
-
 def flat_motion(text: str, back: Mechanism, file: Path, rigid: bool) -> tuple[Array, Array, Array]:
-    """q (x and y only), v and a (links, 3) of the bodies of a document at its start, by MuJoCo, in the plane of the linkage."""
+    """Return places (links, 2), velocities and accelerations (links, 3) of MuJoCo's bodies at the start, in the plane."""
     plane, model = plane_of(from_mjcf(read_xml(file), file)), own_model(text)
     if rigid:
         model.opt.tolerance, model.opt.iterations = 0.0, 5
@@ -144,7 +91,7 @@ def test_what_is_left_out_is_listed(tmp_path: Path) -> None:
 
 
 def model(joint: str = 'axis="0 0 1"', more: str = "", after: str = "", world: str = "") -> str:
-    """A small document: a body on a joint, more in that body, in the world, and behind the world."""
+    """Return a small document: a body on a joint, with more elements in that body, in the world, and after the world."""
     body = f'<body name="b" pos="0.3 0 0"><joint name="j" {joint}/><geom size="0.1" mass="1"/>{more}</body>'
     return f"<mujoco><worldbody>{body}{world}</worldbody>{after}</mujoco>"
 
@@ -200,7 +147,7 @@ def test_the_verb_writes_a_linkage_that_every_other_verb_reads(tmp_path: Path, c
 
 
 def test_welded_bodies_are_one_link(tmp_path: Path) -> None:
-    """A weld of two bodies that hang apart, one of them by a hinge that it holds, and a body fixed to the world."""
+    """The two welded bodies hang on different joints, and the weld locks the hinge of the first body."""
     text = """<mujoco><worldbody>
       <body name="post" pos="0 0 1"><geom size="0.1"/>
         <body name="a"><joint name="A" axis="0 1 0"/><geom size="0.05" pos="0.2 0 0" mass="1"/></body>
@@ -299,7 +246,7 @@ def test_what_mujoco_cannot_name_is_a_refusal(fault: Exception, monkeypatch: pyt
 def test_a_hostile_file_ends_in_bounded_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What would take MuJoCo's compiler long or much ends with the worker."""
+    """The worker is stopped if MuJoCo's compiler takes too long."""
     monkeypatch.setattr(exchange, "READING", 4.0)
     file = tmp_path / "model.xml"
     file.write_text(model(world='<replicate count="40000"><geom size="1"/></replicate>'))

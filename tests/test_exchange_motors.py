@@ -1,8 +1,5 @@
-"""Motors: constant forces go out as MJCF motors whose ctrl is their value, drive the model there, and come back as they were."""
+"""Constant forces are exported as MJCF motors with their values as ctrl, drive the exported model, and are imported unchanged."""
 
-import json
-import subprocess
-import sys
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -34,7 +31,7 @@ CARTS = DATA / "motors" / "carts.toml"
 
 
 def exported(mechanism: Mechanism, folder: Path) -> tuple[Any, Any]:
-    """Plain MuJoCo's model of the exported document, and its data at the keyframe; closures are made rigid."""
+    """Return plain MuJoCo's model of the exported document, with rigid closures, and its data at the keyframe."""
     text = export_linkage(mechanism, "mujoco", 1e-3).text
     (folder / "model.xml").write_text(text, encoding="utf-8")
     model = mujoco.MjModel.from_xml_string(text)
@@ -45,7 +42,7 @@ def exported(mechanism: Mechanism, folder: Path) -> tuple[Any, Any]:
 
 
 def same_work(back: Mechanism, mechanism: Mechanism, names: list[str]) -> tuple[Array, Array]:
-    """The sum of the forces with these names in both linkages at the start, as generalised forces on one tree of joints."""
+    """Return for both linkages the sum of some forces at the start, as generalised forces on one tree of joints."""
     order = [[x.name for x in back.links].index(link.name) for link in mechanism.links]
     found: list[Array] = []
     for x, links in ((back, order), (mechanism, [*range(len(order))])):
@@ -69,12 +66,14 @@ def test_a_motor_that_goes_out_comes_back_as_the_same_motor(file: str, tmp_path:
             continue
         (tmp_path / "model.xml").write_text(text, encoding="utf-8")
         back = load_document(tomllib.loads(import_file(tmp_path / "model.xml", "back").text))
+        masses = {x.name: (x.mass, x.inertia) for x in back.links}
+        assert masses == {x.name: pytest.approx((x.mass, x.inertia), rel=1e-12) for x in mechanism.links}
         compared += check_motors(back, mechanism)
     assert compared or Path(file).stem in NOT_MJCF
 
 
 def check_motors(back: Mechanism, mechanism: Mechanism) -> int:
-    """Compare torques by their links and values, forces at points by what they do; return how many there are."""
+    """Compare torques by their links and values, and forces at points by their generalised forces; return the number of motors."""
     motors = [f for f in mechanism.forces if isinstance(f, (Torque, PointForce))]
     by_name = {f.name: f for f in back.forces}
     for f in motors:
@@ -163,10 +162,6 @@ def test_forces_that_no_ctrl_changes_are_named_at_the_head(tmp_path: Path) -> No
     assert "Motors: haul = -4 N, lift = 5 N." in text
 
 
-def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "gauss_bench", *arguments], capture_output=True, text=True, check=False)
-
-
 def test_a_files_own_model_has_the_motor_of_the_linkage_that_was_exported(tmp_path: Path) -> None:
     four_bar, file = load("four_bar", "torque"), tmp_path / "four_bar.xml"
     file.write_text(export_linkage(four_bar, "mujoco", 1e-3).text, encoding="utf-8")
@@ -175,13 +170,3 @@ def test_a_files_own_model_has_the_motor_of_the_linkage_that_was_exported(tmp_pa
     found = model.absolute(model.y0, model.dy0)[2]
     wanted = get("gauss").build(four_bar, Choice("default", "rk4")).acceleration(0.0, four_bar.q0, four_bar.v0)
     assert np.abs(found - wanted).max() < 1e-3 * np.abs(wanted).max()  # closures are soft
-
-
-@pytest.mark.long
-def test_diagnose_judges_an_exported_file_with_its_motor(tmp_path: Path) -> None:
-    """The file moves as its linkage, motor included: two programs, of which one alone reads ctrl from the keyframe."""
-    file = tmp_path / "four_bar.xml"
-    assert run("export", "four_bar", "--scenario", "torque", "--engine", "mujoco", "--out", str(file)).returncode == 0
-    done = run("diagnose", str(file), "--until", "0.2", "--json")
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["numbers"]["error"] < 1e-5

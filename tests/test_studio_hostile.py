@@ -1,17 +1,15 @@
-"""The studio under those who mean it ill, or merely two of whom draw at once."""
+"""Hostile messages and connections, and several pages that draw at once."""
 
-import base64
 import contextlib
 import json
 import os
 import random
-import signal
 import socket as sockets
 import stat
 import subprocess
 import sys
 import time
-import zlib
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +21,7 @@ from websockets.sync.client import ClientConnection
 from gauss_bench.studio.autosave import start_of
 from gauss_bench.studio.requests import VERBS, answer
 from gauss_bench.studio.server import as_json
-from tests.studio import Pen, Watched, four_bar
-from tests.test_studio_server import Running, ask, started
+from tests.studio import Pen, Running, Watched, ask, four_bar
 
 HUGE = 10**400
 STRANGE: list[Any] = [None, True, -1, 1e400, HUGE, "", "\0", "</script>", "..", "\ud800", [], {}, [[1]]]
@@ -41,7 +38,7 @@ KEYS += ("name", "fragment", "index", "job", "samples", "driver", "scenario", "a
 
 @pytest.mark.slow
 def test_whatever_a_message_holds_its_answer_is_a_sentence(tmp_path: Path) -> None:
-    """Strange values for the keys of all verbs: never a fault of the studio, never a change by what is refused."""
+    """Strange values for the keys of all verbs cause no fault of the studio, and a refused message changes nothing."""
     session, chance = four_bar(tmp_path).session, random.Random(0)
     for verb in sorted(VERBS.keys() - {"hello", "import", "drawing", "recommend", "release"}):
         for _ in range(20):
@@ -62,7 +59,7 @@ def test_half_a_character_is_refused_before_it_is_in_the_drawing(tmp_path: Path)
 
 
 def test_a_process_that_has_ended_is_no_more_though_nobody_asked_how() -> None:
-    """What it left is offered: where its parent never waits for it, as in a container, it stays among the processes for good."""
+    """A process whose parent does not wait for it stays in the list of processes, as in some containers."""
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
         assert start_of(process.pid)
         process.kill()
@@ -72,13 +69,6 @@ def test_a_process_that_has_ended_is_no_more_though_nobody_asked_how() -> None:
             time.sleep(0.01)
         assert start_of(process.pid) == ""
         assert Path(f"/proc/{process.pid}").exists() or sys.platform != "linux"
-
-
-def test_a_link_that_unpacks_to_more_than_a_file_is_refused_at_once(tmp_path: Path) -> None:
-    packing = zlib.compressobj(9)
-    packed = b"".join(packing.compress(bytes(1 << 20)) for _ in range(64)) + packing.flush()
-    said = Pen(tmp_path).refused("open", fragment=base64.urlsafe_b64encode(packed).decode())
-    assert "more than a linkage file" in said
 
 
 def test_a_file_that_may_only_be_read_or_was_changed_by_others_is_not_overwritten(tmp_path: Path) -> None:
@@ -96,20 +86,23 @@ def test_a_file_that_may_only_be_read_or_was_changed_by_others_is_not_overwritte
     assert pen.scene("save", replace=True)["unsaved"] is False
 
 
-LINE = [((0.0, 0.0), (0.1, 0.0)), ((0.1, 0.0), (0.3, 0.0)), ((0.3, 0.0), (0.4, 0.0))]
-STRUT = [((0.0, 0.0), (0.1, 0.0)), ((0.1, 0.0), (0.2, 0.0))]
+PLACES = [(0.0, 0.0), (0.1, 0.0), (0.2, 0.0), (0.4, 0.0)]
 CRANKS = [((x, 0.0), (x + 0.05, 0.1)) for x in (0.0, 0.2, 0.4)]
 
 
 @pytest.mark.parametrize(
     ("grounds", "bars", "plate", "dof", "redundant"),
-    [((0.0, 0.4), LINE, (), 1, 0), ((0.0, 0.2), STRUT, (), 0, 0), ((0.0, 0.2, 0.4), CRANKS, [x for _, x in CRANKS], 1, 1)],
+    [
+        ((0.0, 0.4), [*pairwise(PLACES)], [], 1, [0]),
+        ((0.0, 0.2), [*pairwise(PLACES[:3])], [], 0, [0, 1]),
+        ((0.0, 0.2, 0.4), CRANKS, [x for _, x in CRANKS], 1, [1]),
+    ],
     ids=["line", "strut", "double parallelogram"],
 )
 def test_bars_in_one_line_are_no_freer_than_they_are_elsewhere(
-    tmp_path: Path, grounds: tuple[float, ...], bars: Any, plate: Any, dof: int, redundant: int
+    tmp_path: Path, grounds: Any, bars: Any, plate: Any, dof: int, redundant: list[int]
 ) -> None:
-    """The rows of joints lose rank where all bars lie in one line; a double parallelogram has a row too many everywhere."""
+    """The rows of the joints lose rank if all bars lie in one line. A double parallelogram has a redundant row everywhere."""
     pen = Pen(tmp_path)
     for x in grounds:
         pen.pin(x, 0.0, ground=True)
@@ -118,7 +111,8 @@ def test_bars_in_one_line_are_no_freer_than_they_are_elsewhere(
     if plate:
         pen.plate(*plate)
     status = pen.now["status"]
-    assert (status["dof"], status["redundant"]) == (dof, redundant if dof else status["redundant"])
+    assert status["dof"] == dof
+    assert status["redundant"] in redundant
 
 
 @pytest.mark.long
@@ -146,15 +140,6 @@ def test_jobs_stopped_at_once_leave_room_for_others(tmp_path: Path) -> None:
     assert [x["error"] for x in told if x["event"] == "release_done"] == ["it was stopped"] * 6
 
 
-@pytest.fixture
-def running(tmp_path: Path) -> Any:
-    found = started(tmp_path)
-    yield found
-    found.process.send_signal(signal.SIGINT)
-    _, said = found.process.communicate(timeout=30)
-    assert "Traceback" not in said, said
-
-
 def heard(socket: ClientConnection, event: str) -> dict[str, Any]:
     while True:
         found: dict[str, Any] = json.loads(socket.recv(20))
@@ -163,8 +148,8 @@ def heard(socket: ClientConnection, event: str) -> dict[str, Any]:
 
 
 @pytest.mark.long
-def test_a_second_page_sees_what_the_first_one_draws(running: Running) -> None:
-    with running.socket() as first, running.socket() as second:
+def test_a_second_page_sees_what_the_first_one_draws(studio_server: Running) -> None:
+    with studio_server.socket() as first, studio_server.socket() as second:
         ask(first, "hello"), ask(second, "hello")
         drawn = ask(first, "template", name="four_bar")["scene"]
         assert heard(second, "scene")["scene"] == drawn
@@ -173,10 +158,9 @@ def test_a_second_page_sees_what_the_first_one_draws(running: Running) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.slow
-def test_no_page_waits_for_the_long_requests_of_another_or_its_own(running: Running) -> None:
-    """An import is read in a process of its own, for seconds; meanwhile everybody draws on."""
-    with running.socket() as first, running.socket() as second:
+def test_no_page_waits_for_the_long_requests_of_another_or_its_own(studio_server: Running) -> None:
+    """An import takes seconds in a process of its own, and other requests are answered meanwhile."""
+    with studio_server.socket() as first, studio_server.socket() as second:
         ask(first, "hello"), ask(second, "hello")
         first.send(json.dumps({"id": 7, "do": "import", "text": "<mujoco><worldbody/></mujoco>"}))
         ids = []
@@ -189,10 +173,10 @@ def test_no_page_waits_for_the_long_requests_of_another_or_its_own(running: Runn
 
 
 @pytest.mark.slow
-def test_who_reads_nothing_holds_up_nobody(running: Running) -> None:
-    """Pages that ask and never read, half-open connections, and more pages than there is room for."""
-    idle = [sockets.create_connection(("127.0.0.1", running.port)) for _ in range(10)]
-    with running.socket() as deaf, running.socket() as good:
+def test_who_reads_nothing_holds_up_nobody(studio_server: Running) -> None:
+    """A page that never reads its replies and half-open connections do not stop another page."""
+    idle = [sockets.create_connection(("127.0.0.1", studio_server.port)) for _ in range(10)]
+    with studio_server.socket() as deaf, studio_server.socket() as good:
         ask(good, "template", name="four_bar")
         deaf.socket.setsockopt(sockets.SOL_SOCKET, sockets.SO_RCVBUF, 4096)
         deaf.recv_bufsize = 1
@@ -202,27 +186,29 @@ def test_who_reads_nothing_holds_up_nobody(running: Running) -> None:
             assert ask(good, "set", path="title", value=f"t{k}")["ok"]
     for connection in idle:
         connection.close()
-    with running.socket() as again:
+    with studio_server.socket() as again:
         assert ask(again, "hello")["ok"]
 
 
+@pytest.mark.slow
+@pytest.mark.long("fresh")
 @pytest.mark.parametrize("before", ["", "GET /page/none HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n"], ids=["fresh", "answered"])
-def test_requests_that_never_end_leave_room_for_the_user(running: Running, before: str) -> None:
-    """The oldest of them are closed, the newest may still end, and a page that is open stays so."""
-    rest = f"GET /?token={running.token} HTTP/1.1\r\nHost: 127.0.0.1:{running.port}\r\n"
+def test_requests_that_never_end_leave_room_for_the_user(studio_server: Running, before: str) -> None:
+    """The server closes the oldest unfinished requests, answers the newest, and keeps the socket of an open page."""
+    rest = f"GET /?token={studio_server.token} HTTP/1.1\r\nHost: 127.0.0.1:{studio_server.port}\r\n"
     with contextlib.ExitStack() as stack:
-        page = stack.enter_context(running.socket())
+        page = stack.enter_context(studio_server.socket())
         half = []
         for _ in range(400):
-            half.append(stack.enter_context(sockets.create_connection(("127.0.0.1", running.port), timeout=20)))
+            half.append(stack.enter_context(sockets.create_connection(("127.0.0.1", studio_server.port), timeout=20)))
             if before:
-                half[-1].sendall(before.format(port=running.port).encode())
+                half[-1].sendall(before.format(port=studio_server.port).encode())
                 said = b""
                 while not said.endswith(b"no such file"):
                     said += half[-1].recv(1 << 16)
                     assert said.startswith(b"HTTP/1.1 404")
             half[-1].sendall(rest.encode())
-        assert running.get(f"/?token={running.token}")[0] == 200
+        assert studio_server.get(f"/?token={studio_server.token}")[0] == 200
         assert ask(page, "hello")["ok"]
         half[-1].sendall(b"\r\n")
         assert half[-1].recv(1 << 16).startswith(b"HTTP/1.1 200")
@@ -232,7 +218,6 @@ def test_requests_that_never_end_leave_room_for_the_user(running: Running, befor
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_a_taken_port_and_a_folder_that_is_gone_are_told(tmp_path: Path) -> None:
     with sockets.socket() as taken:
         taken.bind(("127.0.0.1", 0))

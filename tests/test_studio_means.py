@@ -10,18 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.studio import Pen, four_bar
-from tests.test_studio_page import XY, Page, studio
+from tests.studio import XY, Pen, four_bar
+from tests.test_studio_page import Page, studio
 
 STEPS = 50  # of the history, at least
 NAME = "means"
+IDS = {"link": "name", "slide": "id", "force": "id"}  # kind of part -> key of its id in a scene
 TOOLS = {"Select": "v", "Reshape": "m", "Ground pivot": "g", "Bar": "b", "Link": "l", "Slider": "s", "Spring": "k", "Damper": "d"}
 TOOLS |= {"Torque": "t", "Force": "f", "Cylinder": "c", "Observe": "o"}
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """The file of a four-bar with a rod that slides on the ground, a spring and a pin that is joined to nothing."""
+    """Save a four-bar with a rod that slides on the ground, and return its folder."""
     pen = four_bar(tmp_path)
     pen.bar((0.3, 0.28), (0.6, 0.0))
     pen.ask("add_slide", pin=pen.at(0.6, 0.0), guide="ground", angle_deg=0.0)
@@ -30,7 +31,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 class Hand:
-    """The mouse: points at metres, presses buttons, writes into fields."""
+    """Edits by mouse; places are in metres."""
 
     look: dict[str, Any] = {}  # noqa: RUF012
 
@@ -46,11 +47,15 @@ class Hand:
         self.page.mouse.click(*self.sheet.pixel(at))
 
     def end(self) -> None:
-        """Closes a link by its first corner."""
+        """Close a link at its first corner."""
         self.tap((0.1, -0.05))
 
+    def way(self, start: XY, by: XY) -> list[XY]:
+        """Return six pixels on the way from a place by a displacement."""
+        return [self.sheet.pixel((start[0] + s * by[0], start[1] + s * by[1])) for s in np.linspace(0.0, 1.0, 6)]
+
     def drag(self, start: XY, by: XY) -> None:
-        way = [self.sheet.pixel((start[0] + s * by[0], start[1] + s * by[1])) for s in np.linspace(0.0, 1.0, 6)]
+        way = self.way(start, by)
         self.page.mouse.move(*way[0])
         self.page.mouse.down()
         for at in way[1:]:
@@ -61,21 +66,19 @@ class Hand:
         what.click()
 
     def write(self, field: str, text: str) -> None:
-        self._field(field).click(click_count=3)
-        self.page.keyboard.type(text)
-        self.page.locator(".properties h2").click()  # the field is left
-
-    def law(self, field: str, text: str) -> None:
-        """Writes into a field of the driver."""
-        self._field(field).click(click_count=3)
+        self.focus(self.page.get_by_label(field, exact=True).first)
+        self.page.keyboard.press("Control+a")
         self.page.keyboard.type(text)
         self.page.keyboard.press("Enter")
+
+    def focus(self, field: Any) -> None:
+        field.click()
 
     def choose(self, label: str, option: str) -> None:
         self.page.get_by_label(label, exact=True).select_option(option)
 
     def pick(self, part: str) -> None:
-        """Chooses a part in the list of all."""
+        """Select a part in the list of parts."""
         self.rest()
         self.show_parts()
         self.press(self.sheet.button(part))
@@ -90,7 +93,7 @@ class Hand:
         self.press(self.sheet.button("Save"))
 
     def rest(self) -> None:
-        """Select, with nothing chosen."""
+        """Take the tool Select, and select nothing."""
         self.use("Select")
         nothing = self.page.locator('[aria-label="Select nothing"]')
         if nothing.count():
@@ -102,12 +105,9 @@ class Hand:
 
     def show_drawing(self) -> None: ...
 
-    def _field(self, label: str) -> Any:
-        return self.page.get_by_label(label, exact=True).first
-
 
 class Keys(Hand):
-    """The keyboard alone: the cross, letters, Enter."""
+    """Edits by the keyboard alone, with the cross of the canvas."""
 
     def use(self, tool: str) -> None:
         self.sheet.canvas.focus()
@@ -121,7 +121,7 @@ class Keys(Hand):
         self.page.keyboard.press("Enter")
 
     def drag(self, start: XY, by: XY) -> None:
-        """Chooses the pin with the cross, and takes it five steps of the grid along with one arrow."""
+        """Select a pin with the cross, and move it by five steps of the grid with one arrow key."""
         assert max(map(abs, by)) == pytest.approx(5 * self._step())
         self.tap(start)
         self.page.keyboard.press(f"Shift+Arrow{'Right' if by[0] > 0 else 'Left' if by[0] < 0 else 'Up' if by[1] > 0 else 'Down'}")
@@ -130,13 +130,8 @@ class Keys(Hand):
         what.focus()
         self.page.keyboard.press("Space" if what.get_attribute("type") == "checkbox" else "Enter")
 
-    def write(self, field: str, text: str) -> None:
-        self._field(field).focus()
-        self.page.keyboard.press("Control+a")
-        self.page.keyboard.type(text)
-        self.page.keyboard.press("Enter")
-
-    law = write
+    def focus(self, field: Any) -> None:
+        field.focus()
 
     def choose(self, label: str, option: str) -> None:
         field = self.page.get_by_label(label, exact=True)
@@ -160,13 +155,13 @@ class Keys(Hand):
         self.page.keyboard.press("Escape")
 
     def _step(self) -> float:
-        """The fine step of the grid [m]."""
+        """Return the fine step of the grid [m]."""
         wanted = 9 / self.sheet.scale()
         power = 10 ** np.floor(np.log10(wanted))
         return float(next(f for f in (1, 2, 5, 10) if f * power >= wanted) * power)
 
     def _go(self, at: XY) -> None:
-        """Leads the cross to a place, as near as the grid lets it."""
+        """Move the cross to the point of the grid that is nearest to a place."""
         cross = self.page.locator(".rubber .cross")
         press, step = self.page.keyboard.press, self._step()
         if not cross.count():
@@ -187,7 +182,7 @@ class Keys(Hand):
 
 
 class Touch(Hand):
-    """A finger on a phone, with the keyboard that comes up for a field."""
+    """Edits by a finger on a phone, and by a keyboard in fields."""
 
     look = {"viewport": {"width": 390, "height": 844}, "has_touch": True}  # noqa: RUF012
 
@@ -199,8 +194,7 @@ class Touch(Hand):
 
     def drag(self, start: XY, by: XY) -> None:
         hand = self.page.context.new_cdp_session(self.page)
-        way = [self.sheet.pixel((start[0] + s * by[0], start[1] + s * by[1])) for s in np.linspace(0.0, 1.0, 6)]
-        for k, (x, y) in enumerate(way):
+        for k, (x, y) in enumerate(self.way(start, by)):
             points = [{"x": x, "y": y, "id": 0}]
             hand.send("Input.dispatchTouchEvent", {"type": "touchMove" if k else "touchStart", "touchPoints": points})
         hand.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
@@ -209,17 +203,8 @@ class Touch(Hand):
     def press(self, what: Any) -> None:
         what.tap()
 
-    def write(self, field: str, text: str) -> None:
-        self._field(field).tap()
-        self.page.keyboard.press("Control+a")
-        self.page.keyboard.type(text)
-        self.page.locator(".properties h2").tap()
-
-    def law(self, field: str, text: str) -> None:
-        self._field(field).tap()
-        self.page.keyboard.press("Control+a")
-        self.page.keyboard.type(text)
-        self.page.keyboard.press("Enter")
+    def focus(self, field: Any) -> None:
+        field.tap()
 
     def show_parts(self) -> None:
         if self.sheet.button("Properties").get_attribute("aria-expanded") != "true":
@@ -231,7 +216,7 @@ class Touch(Hand):
 
 
 class Saved:
-    """What a file says, read by a session of its own."""
+    """The content of the saved file, and its scene."""
 
     def __init__(self, folder: Path):
         self.text = (folder / f"{NAME}.toml").read_text(encoding="utf-8")
@@ -239,7 +224,7 @@ class Saved:
         self.scene = Pen(folder).scene("open", text=self.text)
 
     def get(self, *keys: Any) -> Any:
-        """An entry of the file; None where there is none."""
+        """Return an entry of the file, or None."""
         at: Any = self.document
         for key in keys:
             try:
@@ -249,7 +234,7 @@ class Saved:
         return at
 
     def turn(self, link: str) -> float:
-        """The angle of a link [rad]."""
+        """Return the angle of a link [rad]."""
         return float(next(x["pose"][2] for x in self.scene["links"] if x["name"] == link))
 
     def pin(self, id: str) -> dict[str, Any]:
@@ -258,7 +243,7 @@ class Saved:
 
 @dataclass(frozen=True)
 class Edit:
-    """One step of the history: how a hand makes it, and what the file says afterwards but not before.
+    """One step of the history.
 
     Attributes:
         name: what is done.
@@ -285,7 +270,7 @@ def draw(tool: str, *places: XY, end: bool = False) -> Callable[[Hand], None]:
 
 
 def write(part: str, field: str, text: str) -> Callable[[Hand], None]:
-    """Writes into a field of a part, or of the whole linkage."""
+    """Return an edit that writes into a field of a part, or of the whole linkage if `part` is empty."""
 
     def make(hand: Hand) -> None:
         hand.pick(part) if part else (hand.rest(), hand.show_parts())
@@ -303,7 +288,7 @@ def press(part: str, kind: str, name: str) -> Callable[[Hand], None]:
 
 
 def law(field: str, text: str) -> Callable[[Hand], None]:
-    """Writes into a field of the driver, or chooses its law."""
+    """Return an edit that writes into a field of the driver, or chooses its law."""
 
     def make(hand: Hand) -> None:
         hand.rest()
@@ -311,7 +296,7 @@ def law(field: str, text: str) -> Callable[[Hand], None]:
         if field == "Law of motion":
             hand.choose(field, text)
         else:
-            hand.law(field, text)
+            hand.write(field, text)
         hand.page.keyboard.press("Escape")
         hand.page.locator(".drive .pop").wait_for(state="hidden")
 
@@ -327,7 +312,7 @@ def drag(tool: str, pin: XY | str, by: XY) -> Callable[[Hand], None]:
 
 
 def join(pin: str, to: str) -> Callable[[Hand], None]:
-    """Joins a pin with another by name."""
+    """Return an edit that joins a pin with another by name."""
 
     def make(hand: Hand) -> None:
         hand.pick(pin)
@@ -360,12 +345,12 @@ def near(value: Any, wanted: float) -> bool:
 
 
 def value(wanted: float, *keys: Any) -> Callable[[Saved], bool]:
-    """Whether an entry of the file has a value in SI."""
+    """Return a test whether an entry of the file has a value in SI."""
     return lambda x: near(x.get(*keys), wanted)
 
 
 def driven(key: str, wanted: Any) -> Callable[[Saved], bool]:
-    """Whether the driver has a value: the only one, or with more free coordinates the first one."""
+    """Return a test whether a key of the only driver, or of the first one, has a value."""
     own = ("scenarios", "driven", "driver"), ("scenarios", "driven", "drivers", 0)
     return lambda x: any(x.get(*at, key) == (wanted if isinstance(wanted, str) else pytest.approx(wanted, rel=1e-9)) for at in own)
 
@@ -458,44 +443,28 @@ EDITS = [
 ]
 
 
-State = tuple[Saved, dict[str, Any]]  # of the file and of the page
+def shown(hand: Hand) -> dict[str, list[str]]:
+    """Return kind -> ids of the parts on the page."""
+    find = "(c, kind) => [...c.querySelectorAll(`[data-${kind}]`)].map(x => x.dataset[kind])"
+    return {kind: sorted(hand.sheet.canvas.evaluate(find, kind)) for kind in IDS}
 
 
-def seen(hand: Hand) -> dict[str, Any]:
-    """What the page shows: where the pins are, the ids of all other parts, and how many are locked."""
-    window, pins = None, {}
-    while window != (hand.sheet.scale(), hand.sheet.origin()):  # a note below the drawing may move it meanwhile
-        window, pins = (hand.sheet.scale(), hand.sheet.origin()), hand.sheet.stands_at()
-    found: dict[str, Any] = {"pins": pins, "locked": hand.page.locator("#canvas .padlock").count()}
-    for kind in ("link", "slide", "force"):
-        found[kind] = sorted(str(x.get_attribute(f"data-{kind}")) for x in hand.page.locator(f"#canvas [data-{kind}]").all())
-    return found
-
-
-def is_alike(one: dict[str, Any], other: dict[str, Any], pixel: float) -> bool:
-    """Whether two pages show the same, pins to a pixel."""
-    return {k: x for k, x in one.items() if k != "pins"} == {k: x for k, x in other.items() if k != "pins"} and (
-        one["pins"].keys() == other["pins"].keys()
-        and all(np.hypot(*np.subtract(x, other["pins"][k])) < pixel for k, x in one["pins"].items())
-    )
-
-
-def check(hand: Hand, folder: Path) -> State:
-    """Saves, and returns what file and page say, which is the same."""
+def check(hand: Hand, folder: Path) -> Saved:
+    """Save, check that the page shows the parts of the file, and return the file."""
     before = hand.sheet.revision()
     hand.save()
     hand.sheet.changed(before)
-    saved, drawn = Saved(folder), seen(hand)
+    saved, window, pins = Saved(folder), None, {}
+    while window != (hand.sheet.scale(), hand.sheet.origin()):  # a note below the drawing may move it meanwhile
+        window, pins = (hand.sheet.scale(), hand.sheet.origin()), hand.sheet.stands_at()
     scene = saved.scene
-    assert drawn["link"] == sorted(x["name"] for x in scene["links"])
-    assert drawn["slide"] == sorted(x["id"] for x in scene["slides"])
-    assert drawn["force"] == sorted(x["id"] for x in scene["forces"])
+    assert shown(hand) == {kind: sorted(x[key] for x in scene[f"{kind}s"]) for kind, key in IDS.items()}
     for pin in scene["pins"]:
-        if pin["id"] in drawn["pins"]:  # the point of a guide is not drawn as a pin
-            assert np.hypot(*np.subtract(drawn["pins"][pin["id"]], pin["at"])) < 1.5 / hand.sheet.scale(), pin["id"]
+        if pin["id"] in pins:  # the point of a guide is not drawn as a pin
+            assert np.hypot(*np.subtract(pins[pin["id"]], pin["at"])) < 1.5 / hand.sheet.scale(), pin["id"]
         else:
             assert pin["ground"], pin["id"]
-    return saved, drawn
+    return saved
 
 
 def is_locked(hand: Hand, part: str, button: str) -> bool:
@@ -503,8 +472,8 @@ def is_locked(hand: Hand, part: str, button: str) -> bool:
     return bool(hand.page.get_by_role("button", name=button, exact=True).first.get_attribute("aria-pressed") == "true")
 
 
-def make_all(hand: Hand, folder: Path, edits: list[Edit]) -> list[State]:
-    """Makes all edits, each checked on the page and in the file, and returns the states before, between and after them."""
+def make_all(hand: Hand, folder: Path) -> list[Saved]:
+    """Make all edits, check each on the page and in the file, and return the files before, between and after them."""
     sheet = hand.sheet
     sheet.button("Open").click()
     sheet.button(f"{NAME}.toml").click()
@@ -515,40 +484,34 @@ def make_all(hand: Hand, folder: Path, edits: list[Edit]) -> list[State]:
     if curves.get_attribute("aria-expanded") == "true":
         curves.click()  # they would take their room in the middle of it
     sheet.fitted()
-    states = [check(hand, folder)]
-
-    for edit in edits:
+    files = [check(hand, folder)]
+    for edit in EDITS:
         before = sheet.revision()
         edit.make(hand)
-        assert hand.page.locator(".prompt.refused, .field .refusal").count() == 0, (
-            edit.name,
-            sheet.page.get_by_test_id("said").inner_text(),
-        )
+        refused = hand.page.locator(".prompt.refused, .field .refusal").count()
+        assert refused == 0, (edit.name, sheet.page.get_by_test_id("said").inner_text())
         sheet.changed(before)
-        states.append(check(hand, folder))
+        files.append(check(hand, folder))
         if edit.holds:
-            assert edit.holds(states[-1][0]), f"{edit.name}:\n{states[-1][0].text}"
-            assert not edit.holds(states[-2][0]), f"{edit.name}: was so before"
+            assert edit.holds(files[-1]), f"{edit.name}:\n{files[-1].text}"
+            assert not edit.holds(files[-2]), f"{edit.name}: was so before"
         if edit.lock:
             assert is_locked(hand, *edit.lock), edit.name
-    return states
+    return files
 
 
-def walk_history(hand: Hand, folder: Path, edits: list[Edit], states: list[State]) -> None:
-    """Takes all edits back and makes them again; page and file are as they were at every step."""
-    sheet = hand.sheet
-    steps = [*reversed([(k, "undo") for k in range(len(edits))]), *((k + 1, "redo") for k in range(len(edits)))]
-    for k, way in steps:
-        before = sheet.revision()
+def walk_history(hand: Hand, folder: Path, files: list[Saved]) -> None:
+    """Undo all edits and redo them; check page and file after every step."""
+    count = len(EDITS)
+    steps = [*((k, "undo", EDITS[k]) for k in reversed(range(count))), *((k + 1, "redo", EDITS[k]) for k in range(count))]
+    for k, way, edit in steps:
+        before = hand.sheet.revision()
         hand.history(way)
-        sheet.changed(before)
-        saved, drawn = check(hand, folder)
-        edit = edits[k if way == "undo" else k - 1]
-        assert saved.text == states[k][0].text, (way, edit.name)
-        assert is_alike(drawn, states[k][1], 1.5 / sheet.scale()), (way, edit.name)
+        hand.sheet.changed(before)
+        assert check(hand, folder).text == files[k].text, (way, edit.name)
         if edit.lock:
             assert is_locked(hand, *edit.lock) == (way == "redo"), (way, edit.name)
-    assert not sheet.wrong, sheet.wrong[:3]
+    assert not hand.sheet.wrong, hand.sheet.wrong[:3]
 
 
 HANDS = {"mouse": Hand, "keys": Keys, "touch": Touch}
@@ -556,8 +519,8 @@ HANDS = {"mouse": Hand, "keys": Keys, "touch": Touch}
 
 @pytest.fixture(params=HANDS)
 def hand(request: pytest.FixtureRequest, browser: Any, folder: Path) -> Iterator[Hand]:
-    with studio(folder) as (url, _):
-        opened = HANDS[request.param](browser, url)
+    with studio(folder) as running:
+        opened = HANDS[request.param](browser, running.address)
         yield opened
         opened.page.close()
 
@@ -565,4 +528,4 @@ def hand(request: pytest.FixtureRequest, browser: Any, folder: Path) -> Iterator
 @pytest.mark.long
 def test_every_edit_by_every_means_is_on_the_page_in_the_file_and_taken_back_over_fifty_steps(hand: Hand, folder: Path) -> None:
     assert len(EDITS) >= STEPS
-    walk_history(hand, folder, EDITS, make_all(hand, folder, EDITS))
+    walk_history(hand, folder, make_all(hand, folder))

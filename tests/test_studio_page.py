@@ -1,12 +1,12 @@
-"""The studio's page in a real browser: linkages drawn from nothing, driven, dragged, saved, and what the suite makes of them."""
+"""The studio's page in a browser: draw, drive, drag and save linkages, and compare them with the suite's own verbs."""
 
 import contextlib
 import io
 import json
-import os
 import re
 import shutil
 import subprocess
+import tomllib
 from collections.abc import Callable, Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -17,39 +17,32 @@ import pytest
 from PIL import Image
 
 from gauss_bench.cli import main
+from tests.studio import XY, Running, ended, started
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "gauss_bench" / "studio" / "page_source"
 BUILT = ROOT / "gauss_bench" / "studio" / "page"
+WHERE = "c => [...c.querySelectorAll('g.linkage [data-pin]')].map(x => [x.dataset.pin, x.getAttribute('transform')])"
 SCRIPTS = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "tests" / "data" / "page").glob("*.js")}
-XY = tuple[float, float]
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("drawn")
+@pytest.fixture
+def folder(studio_server: Running) -> Path:
+    """The working folder of the studio that tests share."""
+    return studio_server.folder
 
 
 @contextlib.contextmanager
-def studio(folder: Path) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
-    """Address and process of a studio of its own, with its own cache."""
-    pytest.importorskip("starlette")
-    from tests.test_studio_server import ended, started
-
+def studio(folder: Path) -> Iterator[Running]:
+    """Start a studio with a cache of its own, and end it after the test."""
     running = started(folder)
-    yield f"http://127.0.0.1:{running.port}/?token={running.token}", running.process
+    yield running
     if running.process.poll() is None:
         ended(running)
 
 
-@pytest.fixture(scope="module")
-def address(folder: Path) -> Iterator[str]:
-    with studio(folder) as (found, _):
-        yield found
-
-
 class Page:
-    """A page and a hand that points at metres."""
+    """A page of the studio; places are in metres unless they are called pixels."""
 
     def __init__(self, browser: Any, url: str, asked: list[str] | None = None, sockets: Any = None, **look: Any):
         self.page = browser.new_page(**({"viewport": {"width": 1440, "height": 900}} | look))
@@ -72,35 +65,34 @@ class Page:
         self.page.wait_for_selector("#canvas[data-revision]", timeout=60_000)
 
     def begin(self) -> None:
-        """An empty drawing."""
+        """Open an empty drawing."""
         self.button("Open").click()
         self.button("Empty drawing").click()
         self.page.wait_for_selector("dialog", state="detached")
 
     def template(self, name: str) -> None:
-        """A linkage of the gallery, by the beginning of its name."""
+        """Open a linkage of the gallery by the beginning of its name."""
         self.button("Open").click()
         self.page.get_by_role("button", name=re.compile(f"^{name}", re.I)).click()
         self.page.wait_for_selector("dialog", state="detached")
         self.settled()
 
     def download(self, kind: str) -> tuple[str, bytes]:
-        """Name and content of an export."""
+        """Return name and content of an export."""
         with self.page.expect_download(timeout=60_000) as waiting:
             self.page.locator("ul.kinds button", has_text=kind).first.click()
         return waiting.value.suggested_filename, Path(waiting.value.path()).read_bytes()
 
     def places(self) -> dict[str, str]:
-        """Where the joints are drawn."""
-        pins = self.page.locator("g.linkage [data-pin]").all()
-        return {str(x.get_attribute("data-pin")): str(x.get_attribute("transform")) for x in pins}
+        """Return pin -> transform in the drawing."""
+        return dict(self.canvas.evaluate(WHERE))
 
     def drawn_at(self) -> dict[str, XY]:
-        """Where the joints are drawn, in pixels."""
+        """Return pin -> place in the drawing, in pixels."""
         return {k: tuple(map(float, re.findall(r"-?[\d.]+(?:e-?\d+)?", x)))[:2] for k, x in self.places().items()}  # type: ignore[misc]
 
     def stands_at(self) -> dict[str, XY]:
-        """Where the joints are in the world, wherever the window has been moved meanwhile."""
+        """Return pin -> place in the world [m]."""
         scale, (x, y) = self.scale(), self.origin()
         return {k: ((at[0] - x) / scale, (y - at[1]) / scale) for k, at in self.drawn_at().items()}
 
@@ -111,7 +103,7 @@ class Page:
         return int(self.canvas.get_attribute("data-revision"))
 
     def until(self, happens: Callable[[], bool], seconds: int = 20) -> None:
-        """Waits until something is so; the page lets nobody evaluate text, so that it is asked again and again."""
+        """Wait until a condition is true. The page forbids the evaluation of text, so the condition is asked repeatedly."""
         for _ in range(20 * seconds):
             if happens():
                 return
@@ -119,21 +111,21 @@ class Page:
         raise AssertionError(f"it does not come to that: {self.page.get_by_test_id('said').inner_text()}")
 
     def changed(self, before: int) -> None:
-        """Waits until the drawing is another."""
+        """Wait until the drawing has a later revision than `before`."""
         self.until(lambda: self.revision() > before)
         self.settled()
 
     def settled(self) -> None:
-        """Waits until every request has its reply."""
+        """Wait until every request has its reply."""
         self.until(lambda: bool(self.canvas.get_attribute("data-pending") == "0"), 60)
 
     def fitted(self) -> None:
-        """Waits until the window is fitted to the motion, and once more to the room that its curves leave: until it stays."""
+        """Wait until the window has been fitted to the motion and to the room beside its curves, and no longer changes."""
         self.page.locator("path.path").first.wait_for(state="attached", timeout=60_000)
         seen: list[list[str]] = []
 
         def stays() -> bool:
-            seen.append([self.canvas.get_attribute(f"data-{x}") for x in ("scale", "origin", "pending")])
+            seen.append(self.canvas.evaluate("c => [c.dataset.scale, c.dataset.origin, c.dataset.pending]"))
             return len(seen) > 12 and all(x == [*seen[-1][:2], "0"] for x in seen[-12:])
 
         self.until(stays, 60)
@@ -150,7 +142,7 @@ class Page:
         return box["x"] + x + scale * at[0], box["y"] + y - scale * at[1]
 
     def use(self, tool: str, *places: XY, end: bool = False) -> None:
-        """Take a tool and click; waits until the drawing has changed."""
+        """Take a tool, click at places, and wait until the drawing has changed."""
         before = self.revision()
         self.button(tool).click()
         for place in places:
@@ -174,7 +166,7 @@ class Page:
         return list(self.page.locator(".problems li").all_inner_texts())
 
     def path(self, point: str) -> Any:
-        """The path on show, in metres (k, 2), and the width of a pixel."""
+        """Return the drawn path (k, 2) [m] and the width of a pixel [m]."""
         drawn = self.page.locator(f'[data-path="{point}"] path.path')
         drawn.wait_for(state="attached", timeout=60_000)
         self.page.wait_for_timeout(500)  # the motion follows an edit a moment later, and its curves take room
@@ -191,16 +183,16 @@ class Page:
 
 
 @pytest.fixture(scope="module")
-def one(browser: Any, address: str) -> Iterator[Page]:
+def one(browser: Any, studio_server: Running) -> Iterator[Page]:
     """The page that tests share."""
-    opened = Page(browser, address)
+    opened = Page(browser, studio_server.address)
     yield opened
     opened.page.close()
 
 
 @pytest.fixture
 def page(one: Page) -> Iterator[Page]:
-    """An empty drawing, and nothing gone wrong at the end."""
+    """The shared page with an empty drawing; at the end, check that nothing went wrong."""
     one.page.keyboard.press("Escape")
     one.begin()
     yield one
@@ -209,7 +201,7 @@ def page(one: Page) -> Iterator[Page]:
 
 
 def told(verb: str, file: Path, *arguments: str, fine: tuple[int, ...] = (0,)) -> dict[str, Any]:
-    """What a verb of the suite says of a drawn file with --json; 1 says that a run is not to be trusted."""
+    """Return the answer of a verb with --json on a file; `fine` are the exit codes that are allowed."""
     said, wrong = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(wrong):
         code = main([verb, str(file), *arguments, "--json"])
@@ -231,7 +223,7 @@ def four_bar(page: Page) -> None:
 
 @pytest.mark.slow
 def test_a_linkage_drawn_from_nothing_moves_as_the_suite_has_it(page: Page, folder: Path) -> None:
-    """The path on show is that of `gauss-bench kinematics` on the saved file to a pixel; Gauss and MuJoCo take the file."""
+    """The drawn path is that of `gauss-bench kinematics` on the saved file, to a pixel; two engines follow it."""
     for _ in range(2):
         page.button("Zoom out").click()
     four_bar(page)
@@ -256,45 +248,17 @@ def test_a_linkage_drawn_from_nothing_moves_as_the_suite_has_it(page: Page, fold
         assert np.abs(followed - moved).max() < near + 1e-3  # chords of the path between 181 places
 
 
-ARROWS = {"L": "Left", "R": "Right", "U": "Up", "D": "Down"}
-
-
-def used(browser: Any) -> dict[str, float]:
-    """Processor time [s] so far: of the studios that this process has started, and of the browser's pages."""
-    ticks = 0
-    for status in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError):
-            fields = status.read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
-            ticks += sum(map(int, fields[11:13])) if int(fields[1]) == os.getpid() and serves(status.parent) else 0
-    asking = browser.new_browser_cdp_session()
-    pages = sum(x["cpuTime"] for x in asking.send("SystemInfo.getProcessInfo")["processInfo"] if x["type"] == "renderer")
-    asking.detach()
-    return {"server": ticks / os.sysconf("SC_CLK_TCK"), "pages": pages}
-
-
-def serves(process: Path) -> bool:
-    return b"\0studio\0" in (process / "cmdline").read_bytes()
-
-
 @pytest.mark.slow
-def test_thirty_solved_frames_a_second_of_a_drag_that_jumps_to_no_branch(page: Page, browser: Any) -> None:
-    """A joint of the eight-bar goes around with the pointer; the page moves it itself, for whoever asks from outside costs more.
-
-    Every move waits for its frame: all are answered, and they cost the server and the page together at most a thirtieth of a second
-    of processor time, whatever else the machine does. The pointer ends where it began, and so does the linkage: on another branch
-    it would not.
-    """
+def test_a_drag_all_around_answers_every_move_and_jumps_to_no_branch(page: Page) -> None:
+    """A script in the page drags a joint of the eight-bar around, and waits for the frame of every move."""
     page.template("eight bar")
     page.button("Select").click()
     page.fitted()
-    begun, before, moves = page.stands_at(), used(browser), 180
+    begun, moves = page.stands_at(), 180
     found = page.page.evaluate(SCRIPTS["drag"], [page.pixel((0.08, 0.0)), page.pixel((0.0, 0.0)), moves])
     page.settled()
-    spent = {k: x - before[k] for k, x in used(browser).items()}
     assert found["frames"] == moves + 1
     assert found["jump"] < 0.6, f"a link turned by {found['jump']} rad from one frame to the next"
-    assert 0 < found["solving"] < spent["server"] + 0.02
-    assert found["frames"] / sum(spent.values()) > 30, spent
     assert page.status() == ("1", "3")
     assert not page.problems()
     ended = page.stands_at()
@@ -304,73 +268,53 @@ def test_thirty_solved_frames_a_second_of_a_drag_that_jumps_to_no_branch(page: P
 
 @pytest.mark.slow
 def test_what_is_half_drawn_is_explained_and_stays_on_show(page: Page) -> None:
-    steps: list[tuple[str, tuple[XY, ...]]] = [
-        ("Ground pivot", (A,)),
-        ("Bar", ((0.2, 0.1), (0.3, 0.2))),  # hangs on nothing
-        ("Bar", (A, B)),
-        ("Bar", (B, (0.2, 0.1))),
-        ("Spring", (B, (0.3, 0.2))),
-        ("Torque", ((0.0, 0.06),)),
-    ]
-    for tool, places in steps:
-        page.use(tool, *places)
-        assert page.page.locator("g.linkage [data-pin]").count() >= 1, "the drawing has gone"
-    assert page.page.locator("[data-force]").count() == 2
+    page.use("Ground pivot", A)
+    page.use("Bar", (0.2, 0.1), (0.3, 0.2))  # hangs on nothing
+    page.use("Bar", A, B)
+    page.use("Spring", B, (0.3, 0.2))
+    for way, forces in ((None, 1), ("Undo", 0), ("Redo", 1)):
+        if way:
+            page.button(way).click()
+            page.settled()
+        assert page.page.locator("g.linkage [data-pin]").count() >= 4, "the drawing has gone"
+        assert page.page.locator("[data-force]").count() == forces
     page.button("Play").click()
     page.page.locator(".timeline .note, .prompt.refused").first.wait_for()
-    page.button("Undo").click()
-    page.settled()
-    assert page.page.locator("[data-force]").count() == 1
-    page.button("Redo").click()
-    page.settled()
-    assert page.page.locator("[data-force]").count() == 2
 
 
 @pytest.mark.slow
-def test_a_four_bar_is_drawn_moved_driven_and_saved_by_keys_alone(page: Page, folder: Path) -> None:
-    """The cross goes by fives of the grid's steps with Shift; held arrows pull the chosen pin in one step of the history."""
+def test_keys_alone_draw_pull_drive_and_save(page: Page, folder: Path) -> None:
+    """With Shift, the cross moves by five steps of the grid. A held arrow moves the selected pin in one step of the history.
+
+    test_studio_means makes every edit by keys alone.
+    """
     press = page.page.keyboard.press
 
-    def go(keys: str, *ways: str) -> None:
-        for key in keys:
+    def go(*keys: str) -> None:
+        """Press keys, then Enter at the place of the cross."""
+        for key in (*keys, "Enter"):
             press(key)
-        for way in ways:
-            for _ in range(int(way[1:])):
-                press(f"Shift+Arrow{ARROWS[way[0]]}")
-        press("Enter")
         page.settled()
 
     page.canvas.focus()
-    go("g", "L3")
-    go("", "R6")
+    go("g", *["Shift+ArrowLeft"] * 3)
     go("b")
-    go("", "U3")
-    go("")
-    go("", "L5", "U2")
-    go("")
-    go("", "L1", "D5")
-    assert page.status() == ("1", "1")
-    go("v", "R6", "U3")  # the joint of the first bar and the coupler
+    go(*["Shift+ArrowUp"] * 3)
+    go("v")  # the free end of the bar
     assert page.page.locator(".properties h2").inner_text() == "Pin"
-    before, revision = page.stands_at(), page.revision()
-    for _ in range(5):
-        page.page.keyboard.down("ArrowLeft")
-    page.page.keyboard.up("ArrowLeft")
-    page.changed(revision)
-    moved = page.stands_at()
-    assert sum(np.hypot(*np.subtract(moved[x], before[x])) > 1e-4 for x in before) == 2
-    assert page.revision() == revision + 1
-    for _ in range(3):  # however fast one is after the other
-        press("ArrowRight")
-    page.changed(revision + 3)
-    press("m")
-    moved = page.places()
-    press("ArrowUp")
-    page.changed(revision + 4)
-    assert sum(page.places()[x] != moved[x] for x in moved) == 1
+    for key, step in (("v", 1), ("m", 2)):  # first the linkage is moved, then the length is changed
+        press(key)
+        before, revision = page.stands_at(), page.revision()
+        for _ in range(5):
+            page.page.keyboard.down("ArrowLeft")
+        page.page.keyboard.up("ArrowLeft")
+        page.changed(revision)
+        moved = page.stands_at()
+        assert sum(np.hypot(*np.subtract(moved[x], before[x])) > 1e-4 for x in before) == 1
+        assert page.revision() == revision + 1, step
     press("Control+z")
-    page.changed(revision + 5)
-    assert page.places() == moved
+    page.changed(revision + 1)
+    assert page.stands_at() == before
     press("v")
 
     for _ in range(60):
@@ -386,42 +330,31 @@ def test_a_four_bar_is_drawn_moved_driven_and_saved_by_keys_alone(page: Page, fo
     page.page.keyboard.type("by_keys")
     press("Enter")
     page.page.wait_for_selector("dialog", state="detached")
-    assert told("show", folder / "by_keys.toml")["name"] == "by_keys"
-    assert "driven" in (folder / "by_keys.toml").read_text(encoding="utf-8")
+    assert "driven" in tomllib.loads((folder / "by_keys.toml").read_text(encoding="utf-8"))["scenarios"]
 
 
 @pytest.mark.slow
-def test_names_of_a_file_are_text(page: Page, folder: Path) -> None:
-    hostile = "<img src=x onerror=alert(1)>"
+@pytest.mark.long("__proto__")
+@pytest.mark.parametrize("name", ["constructor", "__proto__"])
+def test_names_of_a_file_are_text_though_every_object_of_a_script_has_them(page: Page, folder: Path, name: str) -> None:
+    title = "<img src=x onerror=alert(1)>"
     text = (ROOT / "mechanisms" / "four_bar.toml").read_text(encoding="utf-8")
-    (folder / "hostile.toml").write_text(text.replace("Crank-rocker four-bar with a coupler point", hostile), encoding="utf-8")
+    text = re.sub(r"\bcrank\b", name, text.replace("Crank-rocker four-bar with a coupler point", title))
+    (folder / "hostile.toml").write_text(re.sub(f"^{name}( *=)", r"crank\1", text, flags=re.M), encoding="utf-8")
     page.button("Open").click()
     page.page.locator('dialog input[type="file"]').set_input_files(folder / "hostile.toml")
     page.page.wait_for_selector("dialog", state="detached")
-    page.settled()
-    assert page.page.get_by_label("Title").input_value() == hostile
-    assert page.page.locator("img").count() == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["constructor", pytest.param("__proto__", marks=pytest.mark.long)])
-def test_a_link_may_be_called_as_what_every_object_of_a_script_has(page: Page, name: str) -> None:
-    page.template("four bar")
     page.fitted()
-    revision = page.revision()
-    page.button("link crank").click()
-    page.page.get_by_label("Name", exact=True).fill(name)
-    page.page.keyboard.press("Enter")
-    page.changed(revision)
-    assert page.page.get_by_label("Name", exact=True).input_value() == name
+    assert page.page.get_by_label("Title").input_value() == title
+    assert page.page.locator("img").count() == 0
+    assert page.button(f"link {name}").count() == 1
 
     def is_whole() -> bool:
-        """Whether pivots and crank are as the file has them, to a tenth of a pixel."""
+        """Tell whether pivots and crank are as in the file, to a tenth of a pixel."""
         at = {k: complex(*x) for k, x in page.stands_at().items()}
         return abs(at["A"]) < 2e-4 and abs(at["D"] - 0.4) < 2e-4 and abs(abs(at["B"] - at["A"]) - 0.12) < 2e-4
 
     page.until(is_whole)
-    page.fitted()
     still = page.stands_at()["B"]
     page.page.get_by_label("Time", exact=True).focus()
     page.page.keyboard.press("PageUp")
@@ -431,34 +364,34 @@ def test_a_link_may_be_called_as_what_every_object_of_a_script_has(page: Page, n
 @pytest.mark.slow
 @pytest.mark.long("dark")
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_nothing_serious_and_nothing_is_wider_than_the_screen(browser: Any, address: str, scheme: str) -> None:
+def test_axe_finds_nothing_serious_and_nothing_is_wider_than_the_screen(browser: Any, studio_server: Running, scheme: str) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
-    here = Page(browser, address, color_scheme=scheme, bypass_csp=True)
+    here = Page(browser, studio_server.address, color_scheme=scheme, bypass_csp=True)
     here.template("four bar")
-    for width, height in ((375, 812), (768, 1024), (1440, 900)):
-        here.page.set_viewport_size({"width": width, "height": height})
-        shows: list[Any] = [lambda: None]
-        if width == 375:
-            shows.append(here.button("Properties").click)
-        if width == 1440:
-            shows += [here.button(name).click for name in ("Open", "Share", "Help", "Release")]
-        for show in shows:
-            show()
+    shown: dict[int, tuple[str, ...]] = {375: ("", "Properties"), 768: (), 1440: ("", "Open", "Share", "Help", "Release")}
+    for width, buttons in shown.items():
+        here.page.set_viewport_size({"width": width, "height": 900})
+        assert here.page.evaluate("document.documentElement.scrollWidth") <= width
+        for button in buttons:
+            if button:
+                here.button(button).click()
             here.page.wait_for_timeout(300)
             assert here.page.evaluate("document.documentElement.scrollWidth") <= width
-            faults = [x for x in axe.run(here.page).response["violations"] if x["impact"] in ("serious", "critical")]
+            found = axe.run(here.page).response["violations"]
+            faults = [x for x in found if x["impact"] in ("serious", "critical")]
             said = [(x["id"], x["nodes"][0]["html"][:160], x["nodes"][0]["failureSummary"][:200]) for x in faults]
-            assert not faults, f"{width} {scheme}: {said}"
+            assert not faults, f"{width} {scheme} {button}: {said}"
             here.page.keyboard.press("Escape")
         if here.button("Close properties").is_visible():
             here.button("Close properties").click()
+            here.button("Close properties").wait_for(state="hidden")
     assert not here.wrong, here.wrong[:3]
     here.page.close()
 
 
 @pytest.mark.slow
 def test_the_page_is_what_its_sources_give(tmp_path: Path) -> None:
-    """The same bytes from the sources, where node and the packages of the lock file are here."""
+    """A build of the sources gives the same bytes, if node and the packages of the lock file are installed."""
     node, esbuild = shutil.which("node"), SOURCE / "node_modules" / "esbuild"
     if node is None or not esbuild.is_dir():
         pytest.skip("no node here with the packages of page_source/package-lock.json: the page is not rebuilt")
@@ -488,14 +421,14 @@ def test_the_sources_of_the_page_import_each_other_in_no_circle() -> None:
 
 
 def picture(path: Path) -> Path:
-    """A small PNG, all of one grey."""
+    """Write a small grey PNG, and return its path."""
     Image.new("L", (40, 20), 128).save(path)
     return path
 
 
 @pytest.mark.slow
 def test_exports_are_what_they_are_called(page: Page) -> None:
-    """Each kind that takes no engine, as the browser writes it to disk; the film is made by the browser alone."""
+    """The browser downloads each kind of export that needs no engine; it makes the film itself."""
     page.template("four bar")
     page.page.locator("path.path").first.wait_for(state="attached", timeout=60_000)
     page.button("Share").click()
@@ -515,8 +448,8 @@ def test_exports_are_what_they_are_called(page: Page) -> None:
 
 
 @pytest.mark.slow
-def test_a_link_opens_the_same_linkage_and_is_sent_nowhere(page: Page, browser: Any, address: str) -> None:
-    """What is behind the # sign is never part of a request; that no other place is asked is seen to for every page."""
+def test_a_link_opens_the_same_linkage_and_is_sent_nowhere(page: Page, browser: Any, studio_server: Running) -> None:
+    """The text after the # sign is in no request. `Page` checks that no page asks another server."""
     page.template("four bar")
     drawn = page.places()
     page.button("Share").click()
@@ -527,7 +460,7 @@ def test_a_link_opens_the_same_linkage_and_is_sent_nowhere(page: Page, browser: 
     page.page.keyboard.press("Escape")
     page.begin()
     asked: list[str] = []
-    other = Page(browser, f"{address}#{fragment}", asked=asked)
+    other = Page(browser, f"{studio_server.address}#{fragment}", asked=asked)
     other.until(lambda: bool(other.page.locator("g.linkage [data-link]").count() == 3))
     other.settled()
     assert other.places().keys() == drawn.keys()
@@ -572,10 +505,10 @@ def test_branches_are_shown_and_taken(page: Page) -> None:
 
 
 @pytest.mark.slow
-def test_a_recommendation_comes_answer_by_answer_and_brings_its_program(browser: Any, address: str) -> None:
-    """The first answers stand there while others are still looked for; the best one is a program that can be copied.
+def test_a_recommendation_comes_answer_by_answer_and_brings_its_program(browser: Any, studio_server: Running) -> None:
+    """The first answer is shown while the search goes on; the best answer has a program that can be copied.
 
-    Events come from here, when it suits the test: that a recommendation makes them is held in test_studio_motion.
+    This test sends the events itself; test_studio_motion tests that a recommendation sends them.
     """
     asked: list[dict[str, Any]] = []
     sockets: list[Any] = []
@@ -599,7 +532,7 @@ def test_a_recommendation_comes_answer_by_answer_and_brings_its_program(browser:
     early |= {"status": "ok", "message": "", "snippet": ""}
     last = [early | {"ratio": 1.0, "snippet": "import gauss_bench"}]
     last += [early | {"engine": "mujoco", "status": "fail", "message": "too far"}]
-    here = Page(browser, address, sockets=between)
+    here = Page(browser, studio_server.address, sockets=between)
     here.template("four bar")
     here.button("Release").click()
     here.button("Which engine should I take?").click()
@@ -647,7 +580,7 @@ def test_let_go_a_second_engine_is_laid_over_and_said_where_it_parts(page: Page)
 
 @pytest.mark.slow
 def test_a_pin_put_elsewhere_shows_its_links_meanwhile(page: Page) -> None:
-    """Lengths change while the pointer moves, in no step of the history before it is let go."""
+    """Lengths change on the page while the pointer moves, without a step of the history."""
     four_bar(page)
     page.button("Reshape").click()
     before, revision = page.places(), page.revision()
@@ -668,7 +601,7 @@ def test_a_pin_put_elsewhere_shows_its_links_meanwhile(page: Page) -> None:
 
 @pytest.mark.slow
 def test_a_picture_lies_behind_and_outlives_the_page(page: Page, folder: Path) -> None:
-    """It is sent once, scaled by two points, there again after loading anew, and in no scene."""
+    """The picture is scaled by two points, is there after a reload, and is sent once but in no scene."""
     page.button("Picture").click()
     sent: list[str] = []
     page.page.once("websocket", lambda s: s.on("framereceived", lambda frame: sent.append(str(frame))))
@@ -699,9 +632,9 @@ TOUCH = {"viewport": {"width": 375, "height": 812}, "has_touch": True}
 
 
 @pytest.mark.slow
-def test_a_finger_drags_a_joint_and_a_second_one_ends_that(browser: Any, address: str) -> None:
-    """The crank's end follows the finger; where a second one comes down the window is meant, and the linkage is as it was."""
-    here = Page(browser, address, **TOUCH)
+def test_a_finger_drags_a_joint_and_a_second_one_ends_that(browser: Any, studio_server: Running) -> None:
+    """The crank's end follows a finger. A second finger ends the drag without a change, and two fingers zoom."""
+    here = Page(browser, studio_server.address, **TOUCH)
     here.template("four bar")
     here.fitted()
     hand = here.page.context.new_cdp_session(here.page)
@@ -748,7 +681,7 @@ def test_a_finger_drags_a_joint_and_a_second_one_ends_that(browser: Any, address
 
 @pytest.mark.slow
 def test_instant_centres_go_with_the_frame_on_show(page: Page) -> None:
-    """Frame by frame of a motion that plays: the pin's centre lies on the pin, the coupler's pole where crank and rocker meet."""
+    """In every frame, the centre of a pin lies on the pin, and the coupler's pole at the intersection of crank and rocker."""
     page.template("four bar")
     page.fitted()
     page.button("Instant centres").click()
@@ -762,6 +695,8 @@ def test_instant_centres_go_with_the_frame_on_show(page: Page) -> None:
     assert len({tuple(x["pins"]["B"]) for x in frames}) > 5, "nothing moves"
     seen = 0
     for frame in frames:
+        if frame["BC"] is None:
+            continue  # drawn before the centres of the motion have come
         A, B, C, D = (np.array(frame["pins"][k]) for k in "ABCD")
         assert np.hypot(*(B - frame["BC"])) < 1.0
         crank, rocker = B - A, C - D
@@ -771,33 +706,7 @@ def test_instant_centres_go_with_the_frame_on_show(page: Page) -> None:
         pole = A + crank * np.linalg.det([D - A, rocker]) / meet
         assert np.hypot(*(pole - frame["pole"])) < 4.0
         seen += 1
-    assert seen
-
-
-@pytest.mark.slow
-def test_what_plays_is_seen_whole_when_the_curves_open(page: Page) -> None:
-    """Drawn at the lower edge, where the curves of a motion that nobody drove before take the room."""
-    page.page.wait_for_timeout(300)  # the curves of what was there before leave their room
-    low = page.origin()[1] - page.canvas.bounding_box()["height"]
-    foot = low / page.scale() + 0.04
-    page.use("Ground pivot", (0.0, foot))
-    page.use("Bar", (0.0, foot), (0.1, foot))
-    tall = page.canvas.bounding_box()["height"]
-
-    def shown() -> bool:
-        box = page.canvas.bounding_box()
-        return all(0 < x < box["width"] and 0 < y < box["height"] for x, y in page.drawn_at().values())
-
-    page.button("Play").click()
-    page.until(lambda: bool(page.canvas.bounding_box()["height"] < tall - 50))
-    page.page.wait_for_timeout(100)
-    page.button("Pause").click()
-    page.page.get_by_role("slider", name="Time").focus()
-    for key in ("Home", *["PageUp"] * 10):  # all around
-        page.page.keyboard.press(key)
-        page.page.wait_for_timeout(20)
-        assert shown(), page.drawn_at()
-    page.button("Back to the sketch").click()
+    assert seen > 5
 
 
 @pytest.mark.slow
@@ -824,10 +733,10 @@ def test_an_import_says_what_it_left_out_until_that_is_read(page: Page, folder: 
 
 @pytest.mark.slow
 def test_when_the_server_has_gone_nothing_is_lost(browser: Any, tmp_path: Path) -> None:
-    """The page says so and gives its copy; a studio at another port offers what was drawn, as that of its file."""
+    """The page offers its copy for download, and a studio at another port offers the unsaved drawing of the file."""
     (tmp_path / "own.toml").write_text((ROOT / "mechanisms" / "crank_slider.toml").read_text(encoding="utf-8"), encoding="utf-8")
-    with studio(tmp_path) as (url, server):
-        here = Page(browser, url)
+    with studio(tmp_path) as first:
+        here = Page(browser, first.address)
         here.button("Open").click()
         here.button("own.toml").click()
         here.page.wait_for_selector("dialog", state="detached")
@@ -835,7 +744,7 @@ def test_when_the_server_has_gone_nothing_is_lost(browser: Any, tmp_path: Path) 
         here.use("Ground pivot", (0.2, 0.3))
         here.page.wait_for_timeout(600)  # the copy follows a moment later
         here.settled()
-        server.kill()
+        first.process.kill()
         here.page.get_by_role("alert").filter(has_text="The server has gone").wait_for()
         with here.page.expect_download() as waiting:
             here.button("Download a copy").click()
@@ -845,48 +754,12 @@ def test_when_the_server_has_gone_nothing_is_lost(browser: Any, tmp_path: Path) 
         here.page.locator(".prompt.refused").wait_for()
         assert "not there" in here.page.get_by_test_id("said").inner_text()
         here.page.close()
-    with studio(tmp_path) as (other, _):
-        assert other != url
-        here = Page(browser, other)
+    with studio(tmp_path) as second:
+        assert second.port != first.port
+        here = Page(browser, second.address)
         here.button("Open own.toml").click()
         here.button("Recover it").click()
         here.page.locator("g.linkage [data-pin]").nth(before).wait_for(state="attached")
         assert here.page.get_by_role("region", name="Kept").count() == 0
         assert not here.wrong
         here.page.close()
-
-
-@pytest.mark.slow
-@pytest.mark.long("force")
-@pytest.mark.parametrize("kind", ["slide", "force"])
-def test_what_has_another_name_can_be_changed_and_deleted(kind: str, page: Page) -> None:
-    """A slide gets an offset besides: its block lies to the left of the line through the guide's point."""
-    tip = (0.3, 0.1)
-    page.use("Ground pivot", A)
-    page.use("Bar", A, (0.0, 0.1))
-    page.use("Bar", (0.0, 0.1), tip)
-    page.use("Slider", tip, (0.5, 0.1))
-    page.use("Spring", (0.0, 0.1), (-0.2, 0.12))
-    listed = page.page.get_by_role("button", name=re.compile(rf"^{kind} "))
-    listed.first.click()
-    name, revision = page.page.get_by_role("textbox", name="Name", exact=True), page.revision()
-    name.fill("another")
-    name.press("Enter")
-    page.changed(revision)
-    assert not page.problems()
-    if kind == "slide":
-        before, revision = page.drawn_at(), page.revision()
-        page.page.get_by_label("Offset").fill("0.03")
-        page.page.get_by_label("Offset").press("Enter")
-        page.changed(revision)
-        moved = page.drawn_at()
-        assert max(before[k][1] - moved[k][1] for k in before) == pytest.approx(0.03 * page.scale(), abs=1.0)
-        assert page.status() == ("1", "1")
-        assert not page.problems()
-    revision = page.revision()
-    page.page.get_by_role("button", name="Delete").first.click()
-    page.changed(revision)
-    page.button("Share").click()
-    _, text = page.download("Linkage file")
-    page.page.keyboard.press("Escape")
-    assert "another" not in text.decode()

@@ -1,125 +1,70 @@
-"""The studio's server as a browser meets it: a page with a token, one socket, and nobody else."""
+"""The studio's server answers its own page with the right token, and nobody else."""
 
 import contextlib
 import json
-import os
-import re
 import signal
-import subprocess
-import sys
 import time
-import urllib.error
-import urllib.request
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 pytest.importorskip("uvicorn")
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.sync.client import ClientConnection, connect
 
+from gauss_bench.report.site.view import view_page
 from gauss_bench.studio.security import RATE, WINDOW, Rate
+from tests.studio import Running, ask, ended, started
 
 
-@dataclass(frozen=True)
-class Running:
-    process: "subprocess.Popen[str]"
-    port: int
-    token: str
-    folder: Path
-
-    def get(self, path: str, **headers: str) -> tuple[int, str, Any]:
-        request = urllib.request.Request(f"http://127.0.0.1:{self.port}{path}", headers=headers)
-        try:
-            with urllib.request.urlopen(request, timeout=20) as answer:
-                return answer.status, answer.read().decode(), answer.headers
-        except urllib.error.HTTPError as error:
-            return error.code, error.read().decode(), error.headers
-
-    def socket(self, token: str | None = None, **headers: str) -> ClientConnection:
-        address = f"ws://127.0.0.1:{self.port}/socket?token={self.token if token is None else token}"
-        return connect(address, additional_headers=headers, max_size=None, open_timeout=20)
-
-
-def started(folder: Path, *arguments: str) -> Running:
-    environment = os.environ | {"XDG_CACHE_HOME": str(folder / "cache"), "PYTHONUNBUFFERED": "1"}
-    command = [sys.executable, "-m", "gauss_bench", "studio", "--no-browser", *arguments]
-    process = subprocess.Popen(command, cwd=folder, env=environment, stderr=subprocess.PIPE, text=True)
-    assert process.stderr is not None
-    for line in process.stderr:
-        if found := re.search(r"http://127\.0\.0\.1:(\d+)/\?token=(\S+)", line):
-            return Running(process, int(found[1]), found[2], folder)
-    raise AssertionError("the studio did not say where it is")
-
-
-def ended(running: Running, by: int = signal.SIGINT) -> int:
-    running.process.send_signal(by)
-    code = running.process.wait(30)
-    assert running.process.stderr is not None
-    running.process.stderr.close()
-    return code
-
-
-def ask(socket: ClientConnection, do: str, **more: Any) -> dict[str, Any]:
-    socket.send(json.dumps({"id": 1, "do": do} | more))
-    while True:
-        found: dict[str, Any] = json.loads(socket.recv(60))
-        if "event" not in found:
-            return found
-
-
-@pytest.fixture(scope="module")
-def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    found = started(tmp_path_factory.mktemp("studio"))
-    yield found
-    if found.process.poll() is None:
-        assert ended(found) == 0
-
-
-def test_the_page_wants_its_token_and_may_run_nothing_from_elsewhere(running: Running) -> None:
-    code, _, headers = running.get(f"/?token={running.token}")
+def test_the_page_wants_its_token_and_may_run_nothing_from_elsewhere(studio_server: Running) -> None:
+    code, _, headers = studio_server.get(f"/?token={studio_server.token}")
     assert code == 200
-    assert running.get("/")[0] == running.get("/?token=guessed")[0] == 403
+    assert studio_server.get("/")[0] == studio_server.get("/?token=guessed")[0] == 403
     policy = headers["content-security-policy"]
     assert "default-src 'self'" in policy
     assert "unsafe" not in policy
     assert headers["x-content-type-options"] == "nosniff"
-    for token in ("", "guessed", running.token[:-1]):
+    for token in ("", "guessed", studio_server.token[:-1]):
         with pytest.raises(InvalidStatus):
-            running.socket(token)
-    with running.socket(Origin=f"http://127.0.0.1:{running.port}") as socket:
+            studio_server.socket(token)
+    with studio_server.socket(Origin=f"http://127.0.0.1:{studio_server.port}") as socket:
         assert ask(socket, "hello")["ok"]
 
 
-@pytest.mark.parametrize(
-    ("header", "value"),
-    [
-        *(("Host", x) for x in ("example.org", "127.0.0.1", "127.0.0.1:1", "localhost.example.org:{port}")),
-        *(("Origin", x) for x in ("http://example.org", "null", "https://127.0.0.1:{port}", "http://127.0.0.1:1")),
-    ],
-)
-def test_another_host_or_origin_is_refused(running: Running, header: str, value: str) -> None:
-    given = {header: value.format(port=running.port)}
-    assert running.get(f"/?token={running.token}", **given)[0] == running.get("/page/index.html", **given)[0] == 403
-    if header == "Origin":
-        with pytest.raises(InvalidStatus):
-            running.socket(**given)
+OTHERS = [("Host", x) for x in ("example.org", "127.0.0.1", "127.0.0.1:1", "localhost.example.org:{port}")]
+OTHERS += [("Origin", x) for x in ("http://example.org", "null", "https://127.0.0.1:{port}", "http://127.0.0.1:1")]
 
 
-@pytest.mark.parametrize(
-    "path", ["/page/../server.py", "/page/..%2fserver.py", "/page/%2e%2e/server.py", "/page//etc/passwd", "/etc/passwd"]
-)
-def test_no_file_but_the_pages_own_is_served(running: Running, path: str) -> None:
-    code, content, _ = running.get(path)
-    assert code == 404
-    assert "import" not in content
+def test_another_host_or_origin_is_refused(studio_server: Running) -> None:
+    for header, value in OTHERS:
+        given = {header: value.format(port=studio_server.port)}
+        for path in (f"/?token={studio_server.token}", "/page/index.html"):
+            assert studio_server.get(path, **given)[0] == 403, given
+        if header == "Origin":
+            with pytest.raises(InvalidStatus):
+                studio_server.socket(**given)
 
 
-def test_what_is_no_message_gets_a_sentence_and_what_is_too_large_ends_its_socket(running: Running) -> None:
-    with running.socket() as socket:
+def test_no_file_but_the_pages_own_is_served(studio_server: Running) -> None:
+    for path in ("/page/../server.py", "/page/..%2fserver.py", "/page/%2e%2e/server.py", "/page//etc/passwd", "/etc/passwd"):
+        code, content, _ = studio_server.get(path)
+        assert code == 404, path
+        assert "import" not in content, path
+
+
+def test_the_page_of_links_needs_no_token_and_may_run_its_own_script_alone(studio_server: Running) -> None:
+    code, body, headers = studio_server.get("/view.html")
+    page, policy = view_page()
+    assert (code, body) == (200, page)
+    assert headers["content-security-policy"] == f"{policy}; frame-ancestors 'none'"
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    assert "connect-src" not in policy
+    assert headers["x-content-type-options"] == "nosniff"
+
+
+def test_what_is_no_message_gets_a_sentence_and_what_is_too_large_ends_its_socket(studio_server: Running) -> None:
+    with studio_server.socket() as socket:
         for sent in ("", "{", "[1]", '{"do": 3}', '{"do": "nothing"}', '{"do": "open", "text": NaN}', "[" * 100_000):
             socket.send(sent)
             found = json.loads(socket.recv(20))
@@ -129,7 +74,7 @@ def test_what_is_no_message_gets_a_sentence_and_what_is_too_large_ends_its_socke
         socket.send("x" * (3 << 20))
         with pytest.raises(ConnectionClosed):  # this socket alone
             socket.recv(20)
-    with running.socket() as socket:
+    with studio_server.socket() as socket:
         assert ask(socket, "hello")["ok"]
 
 
@@ -138,6 +83,16 @@ def test_messages_are_answered_no_faster_than_their_rate() -> None:
     assert all(rate.allows(0.0) for _ in range(RATE))
     assert not rate.allows(0.5)
     assert rate.allows(WINDOW + 0.01)
+
+
+@pytest.mark.long
+def test_a_server_that_searches_for_singular_positions_ends_cleanly(tmp_path: Path) -> None:
+    running = started(tmp_path)
+    with running.socket() as socket:
+        for name in ("eight_bar", "four_bar"):
+            ask(socket, "template", name=name)
+            assert ask(socket, "motion", samples=4)["ok"]
+    assert ended(running) == 0
 
 
 @pytest.mark.long
@@ -186,7 +141,7 @@ def test_what_was_drawn_outlives_a_killed_server_whatever_its_port_and_nothing_a
 
 
 def of_the_studio(folder: Path) -> list[str]:
-    """Processes that were started with this folder's cache."""
+    """Return the processes that were started with the cache in a folder."""
     sign, found = f"XDG_CACHE_HOME={folder / 'cache'}".encode(), []
     for path in Path("/proc").glob("[0-9]*/environ"):
         with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""The templates of the studio: each assembles as it says and moves through its driven scenario; and what its title claims is so."""
+"""Every template of the studio assembles as its file says, moves through its driven scenario, and is what its title claims."""
 
 import tomllib
 from collections.abc import Callable
@@ -53,7 +53,7 @@ def test_a_template_assembles_as_it_expects_and_runs_its_driven_scenario(file: P
     ],
 )
 def test_grashof_kinds_by_the_links_that_make_whole_turns(name: str, whole: set[str]) -> None:
-    """Once around the closed curve of positions a link has made a whole turn or none."""
+    """After one passage of the closed curve of positions, a link has made a whole turn or none."""
     mechanism = load(FOLDER / f"{name}.toml")
     curve, q = Curve(mechanism), mechanism.q0
     x = curve.tangent(q)
@@ -70,14 +70,14 @@ def test_grashof_kinds_by_the_links_that_make_whole_turns(name: str, whole: set[
 
 
 def on_isosceles(pin: Array, pivot: complex, side: float) -> Array:
-    """Where a coupler ends that is twice as long as its side: pin, knee and pivot are an isosceles triangle."""
+    """Return the end of a coupler twice as long as its part from pin to knee; pin, knee and pivot are an isosceles triangle."""
     reach = pivot - pin
     knee = pin + reach / 2 + 1j * reach / abs(reach) * np.sqrt(side**2 - abs(reach) ** 2 / 4)
     return np.asarray(2 * knee - pin)
 
 
 def test_hoeckens_line_is_as_straight_as_its_template_claims() -> None:
-    """Against its triangle by hand; half a turn, whose line is 4.18 cranks long and within 0.096 % of that."""
+    """Over half a turn, the point moves on a line that is 4.18 cranks long and straight to 0.096 % of its length."""
     mechanism, q = moved("hoecken", 361)
     line = path(mechanism, q, "coupler.M")[90:271]
     by_hand = on_isosceles(0.1 * np.exp(1j * np.radians(np.arange(90, 271))), 0.22, 0.28)
@@ -99,7 +99,7 @@ def test_the_lambda_linkage_stays_within_two_thousandths_of_its_line() -> None:
 
 
 def test_whitworths_ram_goes_forth_in_two_thirds_of_a_turn() -> None:
-    """It reverses where the pin is level with the lever's pivot: at crank angles of -30 and 210 degrees."""
+    """The ram reverses when the pin is level with the pivot of the lever, at crank angles of -30 and 210 degrees."""
     mechanism, q = moved("whitworth", 361)
     x, angle = path(mechanism, q, "ram.C")[:, 0], np.degrees(q[:, 2])
     ends = sorted([angle[x.argmax()], angle[x.argmin()]])
@@ -134,7 +134,7 @@ def test_a_template_moves_as_its_closed_form(name: str) -> None:
 
 
 def test_klanns_foot_walks() -> None:
-    """For half a turn the foot is near the ground, and then it is lifted by more than a third of its stride."""
+    """The foot is near the ground for half a turn, and then rises by more than a third of its stride."""
     mechanism, q = moved("klann", 121)
     foot = path(mechanism, q, "leg.G")
     height, stride = np.sort(foot[:, 1]), np.ptp(foot[:, 0])

@@ -1,4 +1,4 @@
-"""Units and curves of the studio's page: shown in the chosen unit, SI in the file, and curves that are read by every means."""
+"""Values on the studio's page are shown in the chosen unit and saved in SI, and curves are read by mouse, keys and touch."""
 
 import csv
 import io
@@ -11,21 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.test_studio_page import Page, studio, told
+from tests.studio import Running
+from tests.test_studio_page import Page, told
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("units")
-
-
-@pytest.fixture(scope="module")
-def page(browser: Any, folder: Path) -> Iterator[Page]:
-    with studio(folder) as (url, _):
-        here = Page(browser, url)
-        yield here
-        assert not here.wrong, here.wrong[:3]
-        here.page.close()
+def page(browser: Any, studio_server: Running) -> Iterator[Page]:
+    here = Page(browser, studio_server.address)
+    yield here
+    assert not here.wrong, here.wrong[:3]
+    here.page.close()
 
 
 def enter(page: Page, label: str, text: str) -> None:
@@ -34,14 +29,14 @@ def enter(page: Page, label: str, text: str) -> None:
     field.press("Enter")
 
 
-def file_of(page: Page, folder: Path) -> dict[str, Any]:
+def file_of(page: Page, studio_server: Running) -> dict[str, Any]:
     page.save("own") if page.page.locator("h1.document[title='not saved yet']").count() else page.button("Save").click()
     page.settled()
-    return tomllib.loads((folder / "own.toml").read_text(encoding="utf-8"))
+    return tomllib.loads((studio_server.folder / "own.toml").read_text(encoding="utf-8"))
 
 
 @pytest.mark.slow
-def test_lengths_and_angles_with_units_are_written_in_si_and_others_refused_on_the_field(page: Page, folder: Path) -> None:
+def test_lengths_and_angles_with_units_are_written_in_si_and_others_refused(page: Page, studio_server: Running) -> None:
     page.template("four bar")
     page.button("link crank").click()
     for unit, text, metres in (
@@ -53,7 +48,7 @@ def test_lengths_and_angles_with_units_are_written_in_si_and_others_refused_on_t
         before = page.revision()
         enter(page, f"Length, {unit}", text)
         page.changed(before)
-        assert np.hypot(*file_of(page, folder)["links"]["crank"]["points"]["B"]) == pytest.approx(metres, rel=1e-9)
+        assert np.hypot(*file_of(page, studio_server)["links"]["crank"]["points"]["B"]) == pytest.approx(metres, rel=1e-9)
         field = page.page.get_by_label(f"Length, {unit}", exact=True)
         shown = float(field.input_value())
         assert shown == pytest.approx(metres / {"m": 1, "mm": 1e-3, "in": 0.0254}[unit], rel=1e-6), "shown in the unit of the label"
@@ -132,7 +127,7 @@ def test_what_a_dialog_asks_and_is_refused_is_said_in_the_dialog(page: Page) -> 
 
 @pytest.mark.slow
 def test_a_point_that_goes_round_evenly_has_a_level_curve_on_a_scale_from_zero(page: Page) -> None:
-    """Its speed changes by rounding alone, which is no curve."""
+    """The speed changes by rounding only, which must not fill the chart."""
     page.template("four bar")
     page.button("link coupler").click()
     page.button("P").click()
@@ -155,7 +150,7 @@ def readings(page: Page, chart: str) -> list[float]:
 
 
 @pytest.mark.slow
-def test_curves_have_ticks_are_read_by_mouse_keys_and_finger_and_the_table_has_all_of_them(page: Page, folder: Path) -> None:
+def test_curves_are_read_by_mouse_keys_and_finger_and_the_table_has_all_of_them(page: Page, studio_server: Running) -> None:
     page.template("four bar")
     page.fitted()
     page.page.get_by_label("Unit of lengths").select_option("mm")
@@ -178,7 +173,7 @@ def test_curves_have_ticks_are_read_by_mouse_keys_and_finger_and_the_table_has_a
     page.page.locator('dialog input[name="path"]').fill("curves.toml")
     page.button("Save the file").click()
     page.page.wait_for_selector("dialog", state="detached")
-    computed = told("kinematics", folder / "curves.toml", "--intervals", str(len(rows) - 1))
+    computed = told("kinematics", studio_server.folder / "curves.toml", "--intervals", str(len(rows) - 1))
     point = computed["points"]["coupler.P"]
     assert table["x coupler.P [mm]"] == pytest.approx(1e3 * np.array(point["x"]), abs=1e-6)
     assert table["time [s]"] == pytest.approx(np.array(computed["t"]))
@@ -216,20 +211,18 @@ def test_curves_have_ticks_are_read_by_mouse_keys_and_finger_and_the_table_has_a
 
 
 @pytest.mark.slow
-def test_two_templates_opened_in_turn_ask_nothing_and_a_changed_one_does(browser: Any, folder: Path) -> None:
-    with studio(folder) as (url, _):
-        here = Page(browser, url)
-        asked: list[str] = []
-        here.page.on("dialog", lambda d: asked.append(d.message))
-        for name in ("four bar", "crank slider"):
-            here.template(name)
-            assert here.page.locator(".unsaved").count() == 0
-        assert asked == []
-        before = here.revision()
-        enter(here, "Title", "Mine")
-        here.changed(before)
-        assert here.page.locator(".unsaved").count() == 1
-        here.template("four bar")
-        assert len(asked) == 1
-        assert "crank_slider" in asked[0]
-        here.page.close()
+def test_two_templates_opened_in_turn_ask_nothing_and_a_changed_one_does(page: Page) -> None:
+    page.template("four bar")  # whatever was drawn before
+    asked: list[str] = []
+    page.page.on("dialog", lambda d: asked.append(d.message))
+    for name in ("four bar", "crank slider"):
+        page.template(name)
+        assert page.page.locator(".unsaved").count() == 0
+    assert asked == []
+    before = page.revision()
+    enter(page, "Title", "Mine")
+    page.changed(before)
+    assert page.page.locator(".unsaved").count() == 1
+    page.template("four bar")
+    assert len(asked) == 1
+    assert "crank_slider" in asked[0]

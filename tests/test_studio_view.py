@@ -1,4 +1,4 @@
-"""A link to look at, made in the studio and opened in the page that the studio serves."""
+"""Links to look at: made in the studio, and opened in the page that the studio serves."""
 
 import re
 from pathlib import Path
@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 pytest.importorskip("tomlkit")
-from gauss_bench.report.site.view import INTERVALS, view_page
-from tests.studio import Pen, four_bar, quick_return
-from tests.test_studio_page import Page, address, folder  # noqa: F401
-from tests.test_studio_server import Running, running  # noqa: F401
+from gauss_bench.report.site.view import INTERVALS
+from tests.studio import Pen, Running, four_bar, quick_return
+from tests.test_studio_page import Page
 from tests.test_view import content, poses
 
 
@@ -52,23 +51,13 @@ def test_a_drawing_beyond_an_address_is_refused_in_words(tmp_path: Path) -> None
     assert pen.session.text == before
 
 
-def test_the_page_of_links_needs_no_token_and_may_run_its_own_script_alone(running: Running) -> None:  # noqa: F811
-    code, body, headers = running.get("/view.html")
-    page, policy = view_page()
-    assert code == 200
-    assert (body if isinstance(body, str) else body.decode()) == page
-    assert headers["content-security-policy"] == f"{policy}; frame-ancestors 'none'"
-    assert "default-src 'none'" in policy
-    assert "unsafe" not in policy
-    assert "connect-src" not in policy
-    assert headers["x-content-type-options"] == "nosniff"
-
-
 @pytest.mark.long("390-dark")
 @pytest.mark.slow
 @pytest.mark.parametrize(("width", "scheme"), [(1440, "light"), (390, "dark")])
-def test_share_makes_a_link_that_draws(browser: Any, address: str, width: int, scheme: str) -> None:  # noqa: F811
-    page = Page(browser, address, viewport={"width": width, "height": 800}, color_scheme=scheme, reduced_motion="reduce")
+def test_share_makes_a_link_that_draws(browser: Any, studio_server: Running, width: int, scheme: str) -> None:
+    page = Page(
+        browser, studio_server.address, viewport={"width": width, "height": 800}, color_scheme=scheme, reduced_motion="reduce"
+    )
     page.template("four.bar")
     page.button("Share").click()
     page.button("Make a link to look at").click()
@@ -95,13 +84,10 @@ def test_share_makes_a_link_that_draws(browser: Any, address: str, width: int, s
 @pytest.mark.slow
 @pytest.mark.parametrize(("width", "scheme"), [(1440, "light"), (390, "dark")])
 def test_three_poses_placed_by_hand_become_a_sketch_in_one_step(
-    browser: Any,
-    address: str,  # noqa: F811
-    width: int,
-    scheme: str,
+    browser: Any, studio_server: Running, width: int, scheme: str
 ) -> None:
-    """The pins of a four-bar with pivots at (-0.1, -0.05) and (0.2, -0.05) in three poses, then the same from the pivots alone."""
-    page = Page(browser, address, viewport={"width": width, "height": 850}, color_scheme=scheme)
+    """The poses are those of a four-bar with known pivots, which the studio finds from the pins and from the pivots."""
+    page = Page(browser, studio_server.address, viewport={"width": width, "height": 850}, color_scheme=scheme)
     page.begin()
     page.button("Snap to the grid").click()
     pivots = (complex(-0.1, -0.05), complex(0.2, -0.05))
@@ -138,8 +124,8 @@ def test_three_poses_placed_by_hand_become_a_sketch_in_one_step(
 
 
 @pytest.mark.slow
-def test_a_pin_whose_three_places_lie_on_a_line_slides_from_the_first_pose_to_the_third(browser: Any, address: str) -> None:  # noqa: F811
-    page = Page(browser, address)
+def test_a_pin_with_three_places_on_a_line_slides_from_the_first_pose_to_the_third(browser: Any, studio_server: Running) -> None:
+    page = Page(browser, studio_server.address)
     page.begin()
     page.button("Snap to the grid").click()
     page.button("Poses").click()

@@ -1,15 +1,15 @@
-"""Edits of an MJCF file that change the values of named attributes and leave every other byte as it is."""
+"""Change the values of named attributes of an MJCF file, and leave every other byte as it is."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 from gauss_bench.exchange.errors import ExchangeError
 
-TAG = re.compile(rb"""<(?:"[^"]*"|'[^']*'|[^"'>])*+>""")  # within quotes a ">" ends nothing
-SETS = re.compile(rb"""\s([\w.:-]+)\s*=\s*("[^"]*"|'[^']*')""")  # an attribute and its value within a start tag
+TAG = re.compile(rb"""<(?:"[^"]*"|'[^']*'|[^"'>])*+>""")  # a ">" within quotes does not end the tag
+ATTRIBUTE = re.compile(rb"""\s([\w.:-]+)\s*=\s*("[^"]*"|'[^']*')""")  # an attribute and its value within a start tag
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ def list_tags(content: bytes, file: str) -> list[Tag]:
     def begin(name: str, _: dict[str, str]) -> None:
         open_elements.append(name)
         tag = TAG.match(content, parser.CurrentByteIndex)
-        assert tag is not None  # the parser has just read it
+        assert tag is not None  # the parser stands at the beginning of a start tag
         tags.append(Tag("/".join(open_elements), *tag.span()))
 
     parser.StartElementHandler = begin
@@ -53,71 +53,61 @@ def list_tags(content: bytes, file: str) -> list[Tag]:
 
 
 def set_attributes(content: bytes, tag: Tag, values: Mapping[str, str]) -> bytes:
-    """Return the text of a start tag with these values: of attributes that it has in their place, of others at its end."""
+    """Return the text of a start tag with attributes set to values; attributes that the tag lacks are added at its end."""
     text = content[tag.begin : tag.end]
     for name, value in values.items():
-        written = quoteattr(value).encode()
-        found = next((x for x in SETS.finditer(text) if x[1] == name.encode()), None)
+        found = next((x for x in ATTRIBUTE.finditer(text) if x[1] == name.encode()), None)
         if found:
-            text = text[: found.start(2)] + written + text[found.end(2) :]
-            continue
-        closing = b"/>" if text.endswith(b"/>") else b">"
-        body = text[: -len(closing)]
-        rest = body.rstrip()
-        text = rest + b" " + name.encode() + b"=" + written + body[len(rest) :] + closing
+            text = text[: found.start(2)] + quoteattr(value).encode() + text[found.end(2) :]
+        else:
+            end = len(text.removesuffix(b">").removesuffix(b"/").rstrip())  # before "/>" or ">" and white space
+            text = text[:end] + attributes({name: value}) + text[end:]
     return text
-
-
-def replace_tags(content: bytes, texts: Iterable[tuple[Tag, bytes]]) -> bytes:
-    """Return the document with other texts in the places of these tags."""
-    for tag, text in sorted(texts, key=lambda pair: -pair[0].begin):  # from the last, so that places before it stay true
-        content = content[: tag.begin] + text + content[tag.end :]
-    return content
 
 
 def write_settings(
     content: bytes, file: str, option: Mapping[str, str], closures: Mapping[str, str], by_default: bool = False
 ) -> bytes:
-    """Return a document with these attributes of its <option> and of every <connect> and <weld>.
-
-    Where the document has no <option>, one is inserted after the root's start tag.
+    """Return a document in which <option> and every <connect> and <weld> have some attributes set.
 
     Args:
-        by_default: whether a default is changed too, or inserted, for closures that stand in included files.
+        file: path of the document, for messages.
+        option: name -> value of attributes of <option>, which is inserted after the root's start tag if it is missing.
+        closures: name -> value of attributes of <connect> and <weld>.
+        by_default: whether a default sets `closures` too, for closures that stand in included files.
+
+    Raises:
+        ExchangeError: the document is not written in UTF-8, or is no XML.
     """
     tags = list_tags(content, file)
-    root, texts = tags[0], list[tuple[Tag, bytes]]()
+    root = tags[0]
+    texts: dict[Tag, bytes] = {}  # start tag -> its new text and what follows it newly
+    inserted = b""  # after the root's start tag
     options = [tag for tag in tags if tag.path == f"{root.path}/option"]
-    inserted = b""
     if option and options:
-        texts.append((options[-1], set_attributes(content, options[-1], option)))
+        texts[options[-1]] = set_attributes(content, options[-1], option)
     elif option:
         inserted += b"\n  <option" + attributes(option) + b"/>"
-    ends = tuple(f"{root.path}/equality/{kind}" for kind in ("connect", "weld"))
-    own = [tag for tag in tags if tag.path in ends]
-    if closures:
-        texts += [(tag, set_attributes(content, tag, closures)) for tag in own]
-        if by_default:
-            edit, more = default_closures(content, tags, closures)
-            texts += edit
-            inserted += more
+    for tag in tags:
+        if closures and tag.path in (f"{root.path}/equality/connect", f"{root.path}/equality/weld"):
+            texts[tag] = set_attributes(content, tag, closures)
+    if closures and by_default:
+        default = b"<equality" + attributes(closures) + b"/>"
+        own = next((tag for tag in tags if tag.path == f"{root.path}/default/equality"), None)
+        defaults = [x for x in tags if x.path == f"{root.path}/default" and not content[x.begin : x.end].endswith(b"/>")]
+        if own:
+            texts[own] = set_attributes(content, own, closures)
+        elif defaults:
+            texts[defaults[0]] = content[defaults[0].begin : defaults[0].end] + default
+        else:
+            inserted += b"\n  <default>" + default + b"</default>"
     if inserted:
-        texts.append((root, content[root.begin : root.end] + inserted))
-    return replace_tags(content, texts)
-
-
-def default_closures(content: bytes, tags: list[Tag], closures: Mapping[str, str]) -> tuple[list[tuple[Tag, bytes]], bytes]:
-    """Return edits of the document's defaults that give closures these attributes, and the text to insert at its beginning."""
-    root = tags[0].path
-    written = b"<equality" + attributes(closures) + b"/>"
-    for tag in tags:
-        if tag.path == f"{root}/default/equality":
-            return [(tag, set_attributes(content, tag, closures))], b""
-    for tag in tags:
-        if tag.path == f"{root}/default" and not content[tag.begin : tag.end].endswith(b"/>"):
-            return [(tag, content[tag.begin : tag.end] + written)], b""
-    return [], b"\n  <default>" + written + b"</default>"
+        texts[root] = content[root.begin : root.end] + inserted
+    for tag in sorted(texts, key=lambda x: x.begin, reverse=True):  # from the last, so that the places of earlier tags stay valid
+        content = content[: tag.begin] + texts[tag] + content[tag.end :]
+    return content
 
 
 def attributes(values: Mapping[str, str]) -> bytes:
+    """Return attributes as they stand in a start tag, each after a space."""
     return "".join(f" {name}={quoteattr(value)}" for name, value in values.items()).encode()

@@ -1,4 +1,4 @@
-"""The common part of exports: the kinds of files, the head of every file, and the list of parts that a file leaves out."""
+"""What all exports share: the kinds of files, the head of every file, and the list of parts that a file leaves out."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ from gauss_bench.trajectory import RunFailure, in_a_sentence
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of file.
+    """A kind of exported file.
 
     Attributes:
-        writer: name of the module whose `write` makes the text; empty if the engine writes it itself.
-        engine: the suite's engine whose model the file holds.
+        writer: module of this folder whose function `write` returns the text; "" if the engine writes its programs itself.
+        engine: engine of the suite whose model the file holds.
         settings, integrator, stabilization, tolerance: the setting of that engine in the file.
         what: the kind in words, such as "a Python script".
         suffix: the usual suffix of such files.
@@ -36,7 +36,7 @@ class Kind:
     tolerance: float | None = None
 
     def choose(self, step: float) -> Choice:
-        """Return the choice of the engine in a file with this step [s]."""
+        """Return the choice of engine setting that a file with this step size [s] contains."""
         return Choice(self.settings, self.integrator, self.stabilization, step, self.tolerance)
 
     @property
@@ -45,7 +45,7 @@ class Kind:
         return self.writer != "to_mjcf"
 
 
-KINDS: Mapping[str, Kind] = {  # those that this folder writes; an engine with a method `program` is one more
+KINDS: Mapping[str, Kind] = {  # the kinds that this folder writes; every engine with a method `program` is one more
     "mujoco": Kind("to_mjcf", "mujoco", "tuned", "rk4", "none", "an MJCF model", ".xml"),
     "pinocchio": Kind("to_pinocchio", "pinocchio", "default", "rk4", "none", "a Python script", ".py"),
     "exudyn": Kind("to_exudyn", "exudyn", "tuned", "generalized_alpha", "none", "a Python script", ".py"),
@@ -57,7 +57,7 @@ OWNED = "This file is yours: whoever exported it owns it and may use, change and
 
 @dataclass(frozen=True)
 class Exported:
-    """The text of a file that is not yet written, and sentences on the parts of the linkage that it leaves out."""
+    """The text of a file that is not written yet, and a sentence for each part of the linkage that the text leaves out."""
 
     text: str
     left_out: tuple[str, ...]
@@ -66,13 +66,13 @@ class Exported:
 def export_linkage(
     mechanism: Mechanism, name: str, step: float, remarks: tuple[str, ...] = (), choice: Choice | None = None, warning: str = ""
 ) -> Exported:
-    """Return a linkage as the text of a file of the kind `name`, one of KINDS.
+    """Return a linkage as the text of a file of the kind `name`, which is a key of KINDS.
 
     Args:
-        step: step size of the integration in the file [s].
+        step: step size of the integration in the file [s]; ignored if `choice` is given.
         remarks: sentences for the head of the file, such as measured errors.
-        choice: the setting of the engine; that of the kind with `step` where not given.
-        warning: the first sentence of the head.
+        choice: setting of the engine; by default the setting of the kind.
+        warning: first sentence of the head.
 
     Raises:
         ExchangeError: files of this kind cannot express the linkage; the message names the part.
@@ -80,49 +80,59 @@ def export_linkage(
     """
     kind = KINDS[name]
     choice = choice or kind.choose(step)
-    head, missing = write_head(mechanism, remarks, warning)
+    left_out = list_left_out(mechanism)
+    head = write_head(mechanism, remarks, warning, left_out)
     reason = unsteady(mechanism, kind.what) or get(kind.engine).skip(mechanism, choice)
-    return Exported(write_model(kind.writer, mechanism, choice, head, describe_refusal(mechanism, kind), reason), missing)
+    return Exported(write_model(kind.writer, mechanism, choice, head, describe_refusal(mechanism, kind), reason), left_out)
 
 
 def describe_refusal(mechanism: Mechanism, kind: Kind) -> str:
-    """Return the beginning of the sentence that says why a linkage cannot become a file of a kind."""
+    """Return the beginning of a sentence that says why a linkage cannot become a file of a kind."""
     return f"{mechanism.source}: {mechanism.name}, scenario {mechanism.scenario}: cannot become {kind.what}"
 
 
-def write_head(mechanism: Mechanism, remarks: tuple[str, ...], warning: str) -> tuple[list[str], tuple[str, ...]]:
-    """Return the sentences for the head of a file, and those on the parts of the linkage that no file holds."""
+def list_left_out(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return a sentence for each part of the linkage file that no exported file holds."""
     others = [x for x in mechanism.scenarios if x != mechanism.scenario]
-    missing = [f"scenario{'s' * (len(others) > 1)} {', '.join(others)}"] if others else []
-    missing += [f"force {f.name}, dry friction without a coefficient" for f in mechanism.frictions if f.mu == 0]
-    head = [
+    left_out = [f"{'scenarios' if len(others) > 1 else 'scenario'} {', '.join(others)}"] if others else []
+    left_out += [f"force {f.name}, dry friction without a coefficient" for f in mechanism.frictions if f.mu == 0]
+    return tuple(left_out)
+
+
+def write_head(mechanism: Mechanism, remarks: tuple[str, ...], warning: str, left_out: tuple[str, ...]) -> list[str]:
+    """Return the sentences for the head of an exported file."""
+    return [
         *([warning] if warning else []),
         f"Model of a closed-loop planar linkage, written by gauss-bench {__version__}.",
         OWNED,
         f"Linkage {mechanism.name}, scenario {mechanism.scenario}: {mechanism.title}",
-        "Units are SI: m, kg, s, N, rad. The plane is x-y, gravity as the linkage file says.",
+        "Units are SI: m, kg, s, N, rad. The plane is x-y, and gravity is that of the linkage file.",
         *remarks,
-        *(f"Not in this file: {x}" for x in missing),
+        *(f"Not in this file: {x}" for x in left_out),
     ]
-    return head, tuple(missing)
 
 
 def export_program(mechanism: Mechanism, program: str, remarks: tuple[str, ...], warning: str) -> Exported:
-    """Return a program in Python that an engine wrote, below the head that every exported file has."""
-    head, missing = write_head(mechanism, remarks, warning)
-    return Exported(f"{python_comment(head)}\n{program}", missing)
+    """Return a Python program that an engine wrote, below the head that every exported file has."""
+    left_out = list_left_out(mechanism)
+    return Exported(f"{python_comment(write_head(mechanism, remarks, warning, left_out))}\n{program}", left_out)
 
 
-def write_model(writer: str, mechanism: Mechanism, choice: Choice, head: list[str], refused: str, reason: str | None) -> str:
-    """Return the text that a module of this folder writes.
+def write_model(writer: str, mechanism: Mechanism, choice: Choice, head: list[str], refusal: str, reason: str | None) -> str:
+    """Return the text that the module `writer` of this folder writes.
+
+    Args:
+        head: sentences for the head of the file.
+        refusal: beginning of the message if the linkage is refused.
+        reason: why the linkage is refused before the module is asked; None if it is not.
 
     Raises:
-        ExchangeError: a `reason` is given, or the adapter refuses the model; the message begins with `refused`.
+        ExchangeError: there is a `reason`, or the adapter refuses the model.
         ImportError: the library that builds the model is not installed.
     """
     if reason:
-        raise ExchangeError(f"{refused}: {in_a_sentence(reason)}")
+        raise ExchangeError(f"{refusal}: {in_a_sentence(reason)}")
     try:
         return str(import_module(f"gauss_bench.exchange.{writer}").write(mechanism, choice, head))
     except RunFailure as failure:
-        raise ExchangeError(f"{refused}: {in_a_sentence(failure)}") from failure
+        raise ExchangeError(f"{refusal}: {in_a_sentence(failure)}") from failure

@@ -1,6 +1,6 @@
-"""Import of MJCF: from the model that MuJoCo compiles from a document to a mechanism in space.
+"""Import of MJCF: MuJoCo compiles the document, and this module makes a mechanism in space of the compiled model.
 
-Elements that a linkage cannot have are refused. Elements that do not change its motion are listed as left out.
+Elements that a linkage cannot have are refused. Elements that do not change the motion are listed as left out.
 """
 
 from dataclasses import replace
@@ -17,9 +17,10 @@ from gauss_bench.exchange.spatial import Acting, Between, Body, Joint, OnJoints,
 from gauss_bench.exchange.unused import FIELDS, list_names, list_unused
 from gauss_bench.terms import Array
 
-NEEDED = {"constraint", "equality", "spring", "damper", "actuation", "passive"}  # features that must not be disabled
-START = "start"  # name of the preferred keyframe
-TAGS = {"jnt": "joint"}  # MuJoCo's name of a kind of element -> its tag in a file, if they differ
+NEEDED = {"constraint", "equality", "spring", "damper", "actuation", "passive"}  # flags that must not be disabled
+START = "start"  # name of the keyframe at which the linkage starts; without this name, the first keyframe
+SAME_POSE = 1e-6  # largest difference [m, or of an axis] between two poses that a weld takes as equal
+GROUPS = 31  # number of groups of actuators that <option actuatorgroupdisable> can switch off
 
 
 def from_mjcf(root: Element, path: Path) -> Spatial:
@@ -31,7 +32,7 @@ def from_mjcf(root: Element, path: Path) -> Spatial:
     """
     refuse_files(root, path)
     refuse_bulk(root, path)
-    try:  # the inspected tree is written anew: MuJoCo's parser might read the file's bytes differently
+    try:  # the checked tree is written anew, because MuJoCo's parser might read the bytes of the file differently
         compiled = compile_document(tostring(root, encoding="unicode"))
     except DoesNotCompile as error:
         raise ExchangeError(f"{path}: MuJoCo does not compile it: {' '.join(str(error).split())}") from error
@@ -43,11 +44,13 @@ class Reader:
     """A reader of a compiled document.
 
     Attributes:
-        compiled: the document; model: MuJoCo's model of it, with MuJoCo's names of the fields; data: the poses of its parts.
-        names: kind of part -> names of all such parts.
+        file: path of the file, for messages.
+        model: MuJoCo's model of the document, with MuJoCo's names of the fields.
+        data: the poses of all parts when the joints are at their references.
+        names: MuJoCo's name of a kind of part -> names of all its parts, "" for a part without a name.
         disabled: flags that are off.
         dropped: sentences on elements that are left out.
-        key: number of the keyframe that is the start.
+        key: number of the keyframe at which the linkage starts.
     """
 
     def __init__(self, compiled: Compiled, file: str):
@@ -57,14 +60,16 @@ class Reader:
         self.key = self.names["key"].index(START) if START in self.names["key"] else 0
 
     def refuse(self, element: str, reason: str) -> ExchangeError:
+        """Return the error that refuses an element."""
         return ExchangeError(f"{self.file}: {element}: {reason}")
 
-    def describe(self, kind: str, k: int, tag: str | None = None) -> str:
-        """Return an element as a message names it: by its name, or by its number if it has no name."""
-        name, tag = self.names[kind][k], tag or TAGS.get(kind, kind)
+    def describe(self, kind: str, k: int, tag: str) -> str:
+        """Return the tag of part number k of a kind with its name, or with its number if it has no name, for messages."""
+        name = self.names[kind][k]
         return f'<{tag} name="{name}">' if name else f"<{tag}> number {k + 1}"
 
     def name(self, kind: str, k: int) -> str:
+        """Return the name of part number k of a kind, or a name made of the number if it has none."""
         return self.names[kind][k] or f"{kind}{k}"
 
     def spatial(self) -> Spatial:
@@ -77,12 +82,14 @@ class Reader:
         self._check_document()
         joints = tuple(self._joint(k) for k in range(m.njnt))
         for known in FIELDS["refused"]:
-            for k in range(len(self.names[known["kind"]])):
-                if any(np.any(getattr(m, field)[k]) for field in known["fields"]):
-                    raise self.refuse(self.describe(known["kind"], k), known["reason"])
+            for field in known["fields"]:  # (parts,) or (parts, numbers of each)
+                for k, numbers in enumerate(getattr(m, field)[: len(self.names[known["kind"]])]):
+                    if np.any(numbers):
+                        tag = "joint" if known["kind"] == "jnt" else known["kind"]
+                        raise self.refuse(self.describe(known["kind"], k, tag), known["reason"])
         for known in FIELDS["left_out"]:
-            set_ones = np.flatnonzero(getattr(m, known["fields"][0]))
-            self.dropped += [f"{known['reason']} {self.name(known['kind'], int(k))}" for k in set_ones]
+            for number in np.flatnonzero(getattr(m, known["field"])):
+                self.dropped.append(f"{known['reason']} {self.name(known['kind'], int(number))}")
         closures, welds = self._equalities()
         acting = [*self._springs(), *self._tendons(), *(self._actuator(k) for k in self._enabled_actuators())]
         gravity = np.zeros(3) if "gravity" in self.disabled else np.array(m.opt.gravity)
@@ -91,20 +98,25 @@ class Reader:
         return Spatial(self.file, bodies, joints, gravity, tuple(closures), tuple(welds), spots, tuple(acting), tuple(self.dropped))
 
     def _check_document(self) -> None:
-        """Refuse or list the properties of the document as a whole: media, flags, contacts, keyframes, sensors."""
+        """Refuse or list properties of the whole document: media, flags, contacts, keyframes and sensors.
+
+        Raises:
+            ExchangeError: the document has a property that a linkage cannot have.
+        """
         m = self.model
         if m.nflex or m.nplugin:
             raise self.refuse("<mujoco>", "a linkage has no flexible bodies and plug-ins")
         if m.opt.density or m.opt.viscosity:
             raise self.refuse("<option>", "a medium with density or viscosity")
-        if lacking := NEEDED & self.disabled:
+        lacking = NEEDED & self.disabled
+        if lacking:
             raise self.refuse("<flag>", f"{min(lacking)} is disabled, so that the model does not behave as its elements say")
         if (m.body_mocapid >= 0).any():
-            raise self.refuse(self.describe("body", int(m.body_mocapid.argmax())), "a motion capture body")
-        touching = [self.names["geom"][int(k)] for k in np.flatnonzero(m.geom_contype | m.geom_conaffinity)]
-        contacts = len(touching) + m.npair
+            raise self.refuse(self.describe("body", int(m.body_mocapid.argmax()), "body"), "a motion capture body")
+        colliding = [self.names["geom"][int(k)] for k in np.flatnonzero(m.geom_contype | m.geom_conaffinity)]
+        contacts = len(colliding) + m.npair
         if contacts and "contact" not in self.disabled:
-            geoms = f" (<geom> {list_names(touching)})" if touching else ""
+            geoms = f" (<geom> {list_names(colliding)})" if colliding else ""
             self.dropped.append(f"contacts of {contacts} geoms and pairs{geoms}: bodies pass through each other")
         if m.nkey > 1:
             others = [name for k, name in enumerate(self.names["key"]) if k != self.key]
@@ -116,14 +128,14 @@ class Reader:
             self.dropped.append(f"{m.nsensor} sensors: {names}")
 
     def _joint(self, k: int) -> Joint:
-        """Return a joint; its start is that of the keyframe, if there is one.
+        """Return joint number k, which starts as the keyframe says, or at its reference if there is no keyframe.
 
         Raises:
             ExchangeError: the joint is neither a hinge nor a slide.
         """
         m, kind = self.model, self.compiled.word("mjtJoint", self.model.jnt_type[k])
         if kind not in ("hinge", "slide"):
-            raise self.refuse(self.describe("jnt", k), f"a {kind} joint does not move in a plane")
+            raise self.refuse(self.describe("jnt", k, "joint"), f"a {kind} joint does not move in a plane")
         start, speed = (m.key_qpos[self.key][k], m.key_qvel[self.key][k]) if m.nkey else (m.qpos0[k], 0.0)
         return Joint(
             self.name("jnt", k),
@@ -138,19 +150,21 @@ class Reader:
         )
 
     def _body(self, k: int) -> Body:
-        m, parent = self.model, int(self.model.body_parentid[k])
-        mass, com, inertia = float(m.body_mass[k]), self.data.xipos[k], self.compiled.inertia[k]
+        """Return body number k."""
+        mass, com, inertia = float(self.model.body_mass[k]), self.data.xipos[k], self.compiled.inertia[k]
+        parent = int(self.model.body_parentid[k])
         return Body(self.name("body", k), parent, self.data.xpos[k], self._turn(k), mass, com, inertia)
 
     def _turn(self, k: int) -> Array:
-        """Return the rotation (3, 3) of a body."""
+        """Return the rotation (3, 3) of body number k."""
         return np.asarray(self.data.xmat[k].reshape(3, 3))
 
     def _site(self, k: int) -> Spot:
+        """Return site number k."""
         return Spot(self.name("site", k), int(self.model.site_bodyid[k]), self.data.site_xpos[k])
 
     def _equalities(self) -> tuple[list[tuple[str, Spot, Spot]], list[tuple[int, int]]]:
-        """Return the name and points of each closure, and the two bodies of each weld.
+        """Return the closures, each as its name and two points, and the welds, each as the indices of two bodies.
 
         Raises:
             ExchangeError: an equality does not close a linkage.
@@ -164,27 +178,29 @@ class Reader:
                 continue
             if kind not in ("connect", "weld"):
                 raise self.refuse(element, "only connect and weld close a linkage")
-            (a, turn_a), (b, turn_b) = self._ends(k, kind, name)
+            (a, axes_a), (b, axes_b) = self._ends(k, kind, name)
             if kind == "connect":
                 closures.append((name, a, b))
                 continue
-            if np.abs(a.place - b.place).max() > 1e-6 or np.abs(turn_a - turn_b).max() > 1e-6:
+            if np.abs(a.place - b.place).max() > SAME_POSE or np.abs(axes_a - axes_b).max() > SAME_POSE:
                 raise self.refuse(element, "its bodies are not in the pose of the weld when the joints are at their references")
             welds.append((a.body, b.body))
         return closures, welds
 
     def _ends(self, k: int, kind: str, name: str) -> list[tuple[Spot, Array]]:
-        """Return the two points that an equality joins, each with axes (3, 3), which a weld makes parallel."""
+        """Return the two points that equality number k joins, each with axes (3, 3) that a weld makes parallel."""
         m = self.model
         a, b = int(m.eq_obj1id[k]), int(m.eq_obj2id[k])
         if self.compiled.word("mjtObj", m.eq_objtype[k]) == "site":
             return [(self._site(i), self.data.site_xmat[i].reshape(3, 3)) for i in (a, b)]
         at_a, at_b, turn = m.eq_data[k][:3], m.eq_data[k][3:6], np.eye(3)
         if kind == "weld":
-            # MuJoCo gives a weld's anchor in the second body first, and its pose as that of the second body in the first
+            # for a weld, MuJoCo stores the anchor in the second body first, and the rotation of the second body in the first,
+            # as a quaternion that begins with its scalar part; SciPy expects the scalar part last
             at_a, at_b = at_b, at_a
             turn = Rotation.from_quat(np.roll(m.eq_data[k][6:10], -1)).as_matrix()
-        spot_a, spot_b = (Spot(name, i, self.data.xpos[i] + self._turn(i) @ at) for i, at in ((a, at_a), (b, at_b)))
+        spot_a = Spot(name, a, self.data.xpos[a] + self._turn(a) @ at_a)
+        spot_b = Spot(name, b, self.data.xpos[b] + self._turn(b) @ at_b)
         return [(spot_a, self._turn(a) @ turn), (spot_b, self._turn(b))]
 
     def _springs(self) -> list[Acting]:
@@ -198,20 +214,22 @@ class Reader:
         return springs
 
     def _on_tendon(self, k: int, name: str, law: Straight) -> Acting:
-        """Return a law on the length of a tendon: the distance of two sites, or a sum of joint coordinates.
+        """Return a force `name` by a law on the length of tendon number k: a distance of two sites, or a sum of joint coordinates.
 
         Raises:
             ExchangeError: the tendon has another path.
         """
         m, first = self.model, int(self.model.tendon_adr[k])
-        parts = range(first, first + int(m.tendon_num[k]))
-        kinds = [self.compiled.word("mjtWrap", m.wrap_type[i]) for i in parts]
-        objects = [int(m.wrap_objid[i]) for i in parts]
+        path = slice(first, first + int(m.tendon_num[k]))  # entries of the tendon in the fields wrap_...
+        kinds = [self.compiled.word("mjtWrap", x) for x in m.wrap_type[path]]
+        objects = [int(x) for x in m.wrap_objid[path]]
         if {*kinds} == {"joint"}:
-            return OnJoints(name, {j: float(m.wrap_prm[i]) for j, i in zip(objects, parts, strict=True)}, law)
+            weights = [float(x) for x in m.wrap_prm[path]]
+            return OnJoints(name, dict(zip(objects, weights, strict=True)), law)
         if kinds == ["site", "site"]:
             return Between(name, self._site(objects[0]), self._site(objects[1]), law)
-        raise self.refuse(self.describe("tendon", k), "only tendons between two sites, and sums of joints, act in a linkage")
+        reason = "only tendons between two sites, and sums of joints, act in a linkage"
+        raise self.refuse(self.describe("tendon", k, "tendon"), reason)
 
     def _tendons(self) -> list[Acting]:
         """Return the springs and dampers of tendons.
@@ -224,68 +242,77 @@ class Reader:
             low, high = m.tendon_lengthspring[k]
             law = Straight(float(m.tendon_stiffness[k]), float(m.tendon_damping[k]), float(low))
             if law.k and low != high:
-                raise self.refuse(self.describe("tendon", k), "a spring that is not linear")
+                raise self.refuse(self.describe("tendon", k, "tendon"), "a spring that is not linear")
             if law.k or law.c:
                 tendons.append(self._on_tendon(k, self.name("tendon", k), law))
         return tendons
 
     def _enabled_actuators(self) -> list[int]:
-        """Return the numbers of the actuators that act; those of groups that are switched off are listed as left out.
+        """Return the numbers of the actuators that act, and list the actuators whose group is switched off as left out.
 
         Raises:
             ExchangeError: an actuator has several controls.
         """
-        m = self.model
+        m, enabled = self.model, list[int]()
         if m.nactuator != m.nu:
             raise self.refuse("<actuator>", "an actuator with several controls")
-        groups = [group for group in range(31) if int(m.opt.disableactuator) >> group & 1]
-        off = [k for k in range(m.nu) if m.actuator_group[k] in groups]
-        self.dropped += [f"actuator {self.name('actuator', k)}, whose group is switched off" for k in off]
-        return [k for k in range(m.nu) if k not in off]
+        for k in range(m.nu):
+            group = int(m.actuator_group[k])
+            if 0 <= group < GROUPS and int(m.opt.disableactuator) >> group & 1:  # bit number `group` switches the group off
+                self.dropped.append(f"actuator {self.name('actuator', k)}, whose group is switched off")
+            else:
+                enabled.append(k)
+        return enabled
 
     def _actuator(self, k: int) -> Acting:
-        """Return an actuator as a force: F = gain u + b0 + b1 L + b2 L' along the length L = g x of its transmission.
+        """Return actuator number k as a force.
 
-        The control u is that of the keyframe, or 0 without a keyframe. Along x the force is g F. Ranges act on u, and on F where it
-        is constant.
+        MuJoCo's force is F = gain u + b0 + b1 L + b2 dL/dt along the length L = g x of the transmission, where g is the gear and x
+        the coordinate of a joint, tendon or site. So the force along x is g F. The control u is that of the keyframe, or 0 without
+        a keyframe. MuJoCo limits u to a range. It limits F too, which a linkage can express only if F is constant.
 
         Raises:
             ExchangeError: the force is not linear, or acts on something else than a joint, a tendon or a point.
         """
-        m, element, name = self.model, self.describe("actuator", k), self.name("actuator", k)
-        words: dict[str, str] = {}
-        for sort in ("gain", "bias", "dyn", "trn"):
-            words[sort] = self.compiled.word(f"mjt{sort.capitalize()}", getattr(m, f"actuator_{sort}type")[k])
-        if words["gain"] != "fixed" or words["bias"] not in ("none", "affine") or words["dyn"] != "none":
+        m, element, name = self.model, self.describe("actuator", k, "actuator"), self.name("actuator", k)
+        gain = self.compiled.word("mjtGain", m.actuator_gaintype[k])
+        bias = self.compiled.word("mjtBias", m.actuator_biastype[k])
+        dynamics = self.compiled.word("mjtDyn", m.actuator_dyntype[k])
+        transmission = self.compiled.word("mjtTrn", m.actuator_trntype[k])
+        if gain != "fixed" or bias not in ("none", "affine") or dynamics != "none":
             raise self.refuse(element, "only motors and linear servos act in a linkage")
-        control = float(m.key_ctrl[self.key][k]) if m.nkey else 0.0
+        u = float(m.key_ctrl[self.key][k]) if m.nkey else 0.0
         if m.actuator_ctrllimited[k] and "clampctrl" not in self.disabled:
-            control = float(np.clip(control, *m.actuator_ctrlrange[k]))
-        bias = m.actuator_biasprm[k][:3] if words["bias"] == "affine" else np.zeros(3)
-        b0, b1, b2 = (float(b) for b in bias)
-        constant = float(m.actuator_gainprm[k][0]) * control + b0
+            u = float(np.clip(u, *m.actuator_ctrlrange[k]))
+        b0, b1, b2 = map(float, m.actuator_biasprm[k][:3]) if bias == "affine" else (0.0, 0.0, 0.0)
+        constant = float(m.actuator_gainprm[k][0]) * u + b0
         if m.actuator_forcelimited[k] and not (b1 or b2):
             constant = float(np.clip(constant, *m.actuator_forcerange[k]))
-        gear, (first, second) = m.actuator_gear[k], m.actuator_trnid[k]
-        g = float(np.linalg.norm(gear[:3])) if words["trn"] == "site" else float(gear[0])
-        if b1:  # a servo is a spring towards the position that the control commands
+        gear, (first, second) = m.actuator_gear[k], map(int, m.actuator_trnid[k])
+        g = float(np.linalg.norm(gear[:3])) if transmission == "site" else float(gear[0])
+        if b1:  # a servo is a spring whose rest makes the force along x zero: constant + b1 g x = 0
             law = Straight(k=-g * g * b1, c=-g * g * b2, rest=constant / -(g * b1))
         else:
             law = Straight(c=-g * g * b2, bias=g * constant)
-        match words["trn"]:
+        match transmission:
             case "joint" | "jointinparent":
-                backwards = g < 0 and not b1 and self.compiled.word("mjtJoint", m.jnt_type[first]) == "hinge"
-                if backwards:  # a motor on the hinge the other way round, so that its value is that of the control
-                    return OnJoints(name, {int(first): -1.0}, replace(law, bias=-law.bias))
-                return OnJoints(name, {int(first): 1.0}, law)
+                is_hinge = self.compiled.word("mjtJoint", m.jnt_type[first]) == "hinge"
+                if g < 0 and not b1 and is_hinge:  # reverse the coordinate, so that the torque has the sign of the control
+                    return OnJoints(name, {first: -1.0}, replace(law, bias=-law.bias))
+                return OnJoints(name, {first: 1.0}, law)
             case "tendon":
-                return self._on_tendon(int(first), name, law)
+                return self._on_tendon(first, name, law)
             case "site":
-                return self._push(element, name, int(first), int(second), gear, law)
-        raise self.refuse(element, f"a {words['trn']} transmission")
+                return self._push(element, name, first, second, gear, law)
+        raise self.refuse(element, f"a {transmission} transmission")
 
     def _push(self, element: str, name: str, site: int, frame: int, gear: Array, law: Straight) -> Push:
-        """Return a force at a site, along the direction `gear` of the reference site `frame`, or of the site itself if it is -1.
+        """Return a force at a site.
+
+        Args:
+            element: the actuator, for messages.
+            frame: number of the reference site; -1 if there is none, which makes the site itself the reference.
+            gear: (6,) the direction in axes of the reference site, and the torque, which must be zero.
 
         Raises:
             ExchangeError: the actuator is a torque, or a servo without a reference site.

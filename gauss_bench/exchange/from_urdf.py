@@ -1,6 +1,6 @@
-"""Import of URDF: from a tree of links to a mechanism in space. Elements that a linkage cannot have are refused.
+"""Import of URDF: make a mechanism in space of a tree of links. Elements that a linkage cannot have are refused.
 
-Links without inertia are frames of the link to which they are fixed. URDF cannot close loops, so a user gives the closures as
+A link without inertia is a frame of the link to which it is fixed. URDF cannot close loops, so a user gives the closures as
 LINK.FRAME=LINK.FRAME, where FRAME is a link fixed to LINK, a joint at LINK, or LINK itself.
 """
 
@@ -17,8 +17,8 @@ from gauss_bench.exchange.spatial import WORLD, Acting, Body, Joint, OnJoints, S
 from gauss_bench.exchange.unused import list_ignored, list_names
 from gauss_bench.terms import Array
 
-GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2]: a URDF has none of its own, and z points up
-MOVING = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "fixed": ""}
+GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2] a URDF gives no gravity; by convention z points up
+KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "fixed": ""}  # type in a URDF -> kind of joint
 READ = {  # tag -> tags in it that are read
     "robot": ("link", "joint"),
     "link": ("inertial",),
@@ -40,9 +40,10 @@ class Robot:
     """A reader of a document with the root `robot`.
 
     Attributes:
-        ends: joint -> names of its parent and child links.
-        joint_to: link -> the joint of which it is the child; the root has none.
-        index: link -> index of its body, parents first.
+        links, joints: name -> element.
+        ends: joint -> names of its parent link and its child link.
+        joint_to: link -> joint whose child it is; the root link has no entry.
+        index: link -> index of its body; parents precede their children.
     """
 
     def __init__(self, root: Element, file: str):
@@ -61,20 +62,21 @@ class Robot:
         order = [name for name in self.links if name not in self.joint_to]
         if len(order) != 1:
             raise self.refuse("<robot>", f"has {len(order)} links without a parent, not one")
-        for name in order:  # the list grows: children follow their parents
+        for name in order:  # the loop visits the children that it appends, so that all descendants of the root follow
             order += [child for parent, child in self.ends.values() if parent == name]
         if len(order) < len(self.links):
             raise self.refuse("<robot>", f"link {min({*self.links} - {*order})!r} hangs on itself")
         self.index = {name: k for k, name in enumerate(order)}
 
     def refuse(self, element: str, reason: str) -> ExchangeError:
+        """Return the error that refuses an element."""
         return ExchangeError(f"{self.file}: {element}: {reason}")
 
     def _table(self, tag: str) -> dict[str, Element]:
         """Return name -> element of all elements with a tag.
 
         Raises:
-            ExchangeError: an element has no name, or that of another one.
+            ExchangeError: an element has no name, or two elements have the same name.
         """
         elements: dict[str, Element] = {}
         for node in self.root.findall(tag):
@@ -85,7 +87,11 @@ class Robot:
         return elements
 
     def _end(self, joint: Element, which: str) -> str:
-        """Return the link that a joint names as its "parent" or its "child"."""
+        """Return the name of a joint's link; `which` is "parent" or "child".
+
+        Raises:
+            ExchangeError: the joint names no link of the document.
+        """
         node = joint.find(which)
         link = "" if node is None else node.get("link", "")
         if link not in self.links:
@@ -93,10 +99,10 @@ class Robot:
         return link
 
     def numbers(self, node: Element | None, key: str, usual: Sequence[float]) -> Array:
-        """Return the numbers of an attribute, or `usual` if it is missing; there must be as many numbers as in `usual`.
+        """Return the numbers of an attribute, or `usual` if the element or the attribute is missing.
 
         Raises:
-            ExchangeError: the attribute holds another number of values, or values that are not finite.
+            ExchangeError: the attribute does not hold as many finite numbers as `usual`.
         """
         text = None if node is None else node.get(key)
         if node is None or text is None:
@@ -106,16 +112,19 @@ class Robot:
         except ValueError as error:
             raise self.refuse(describe(node), f"{key}={text!r}: no numbers") from error
         if len(parsed) != len(usual) or not np.isfinite(parsed).all():
-            raise self.refuse(describe(node), f"{key}={text!r}: {len(usual)} finite number{'s' * (len(usual) > 1)} wanted")
+            wanted = "a finite number is" if len(usual) == 1 else f"{len(usual)} finite numbers are"
+            raise self.refuse(describe(node), f"{key}={text!r}: {wanted} wanted")
         return parsed
 
     def number(self, node: Element | None, key: str) -> float:
+        """Return the number of an attribute, or 0 if the element or the attribute is missing."""
         return float(self.numbers(node, key, (0,))[0])
 
     def origin(self, node: Element | None) -> tuple[Array, Array]:
-        """Return the shift (3,) and rotation (3, 3) of an element's <origin>: Rz(yaw) Ry(pitch) Rx(roll)."""
+        """Return the shift (3,) [m] and rotation (3, 3) of the <origin> in an element; zero and no rotation if it is missing."""
         origin, turn = None if node is None else node.find("origin"), np.eye(3)
-        # roll about x, pitch about y, yaw about z: each is a rotation of the two other axes
+        # roll about x, pitch about y and yaw about z, in this order; each turns the other two axes i and j. Not by quaternions,
+        # which would round the axis of rotation and so the moments about the plane's normal.
         for angle, (i, j) in zip(self.numbers(origin, "rpy", (0, 0, 0)), ((1, 2), (2, 0), (0, 1)), strict=True):
             rotation = np.eye(3)
             rotation[i, i] = rotation[j, j] = np.cos(angle)
@@ -124,9 +133,13 @@ class Robot:
         return self.numbers(origin, "xyz", (0, 0, 0)), turn
 
     def spatial(self, close: Sequence[str]) -> Spatial:
-        """Return the mechanism of the whole document, with the closures `close` of its loops."""
+        """Return the mechanism of the whole document.
+
+        Args:
+            close: closures of its loops, each LINK.FRAME=LINK.FRAME.
+        """
         bodies, joints, acting, dropped = list[Body](), list[Joint](), list[Acting](), self._list_ignored()
-        for name, k in self.index.items():
+        for name, k in self.index.items():  # parents precede their children
             if name not in self.joint_to:
                 bodies.append(self._body(name, WORLD, np.zeros(3), np.eye(3)))
                 continue
@@ -155,7 +168,7 @@ class Robot:
         )
 
     def _list_ignored(self) -> list[str]:
-        """List the elements that are left out: visuals and the like, and limits of joints with their numbers."""
+        """Return a sentence for each kind of element that is not read, and for each joint with limits."""
         limits: list[str] = []
         for name, joint in self.joints.items():
             limit = joint.find("limit")
@@ -165,43 +178,53 @@ class Robot:
         return [*list_ignored(self.root, READ), *limits]
 
     def _describe_closing(self, bodies: Sequence[Body]) -> str:
-        """Return how --close closes a loop, by the two ends of this tree that are nearest to each other, if it has two."""
+        """Return the part of a sentence that explains --close, with the two nearest ends of this tree as an example if it can."""
         parents = {parent for parent, _ in self.ends.values()}
+        # the ends of the tree, each as (moving link, frame): the frame is fixed to the link, or is the link itself
         tips = [(self._chain(name)[-1], name) for name in self.index if name not in parents and name in self.joint_to]
         pairs = [(a, b) for a, b in combinations(tips, 2) if a[0] != b[0]]
         if not pairs:
             return "--close LINK.FRAME=LINK.FRAME closes a loop, where FRAME is a link fixed to LINK, a joint at it, or LINK itself"
 
         def rank(pair: tuple[tuple[str, str], tuple[str, str]]) -> tuple[int, float]:
-            links = sum(link == frame for link, frame in pair)  # rather frames, which are made to be joined
+            """Return the number of ends that are no frames, then the distance [m]: authors add frames where links are joined."""
             a, b = (bodies[self.index[frame]].origin for _, frame in pair)
-            return links, float(np.linalg.norm(a - b))
+            return sum(link == frame for link, frame in pair), float(np.linalg.norm(a - b))
 
         a, b = (f"{link}.{frame}" for link, frame in min(pairs, key=rank))
         return f"--close LINK.FRAME=LINK.FRAME closes a loop, for example --close {a}={b}"
 
     def _chain(self, frame: str) -> list[str]:
-        """Return a link and those to which it is fixed, one by one; the last of them carries it."""
-        chain = [frame]
-        while (joint := self.joint_to.get(chain[-1])) and self.joints[joint].get("type") == "fixed":
+        """Return a link, the link to which it is fixed, and so on up to a link that moves or is the root."""
+        chain, joint = [frame], self.joint_to.get(frame)
+        while joint is not None and self.joints[joint].get("type") == "fixed":
             chain.append(self.ends[joint][0])
+            joint = self.joint_to.get(chain[-1])
         return chain
 
     def _body(self, name: str, parent: int, place: Array, turn: Array) -> Body:
-        """Return the body of a link whose frame has this place and rotation."""
+        """Return the body of a link; `place` (3,) [m] and `turn` (3, 3) are those of the link's frame.
+
+        Raises:
+            ExchangeError: the mass is negative.
+        """
         node = self.links[name].find("inertial")
         shift, rotation = self.origin(node)
-        mass_of, inertia_of = (None if node is None else node.find(tag) for tag in ("mass", "inertia"))
-        mass = self.number(mass_of, "value")
+        mass = self.number(None if node is None else node.find("mass"), "value")
         if mass < 0:
             raise self.refuse(describe(self.links[name]), "a negative mass")
-        # the file has ixx, ixy, ixz, iyy, iyz, izz of a symmetric matrix
-        inertia = np.array([[self.number(inertia_of, f"i{min(a, b)}{max(a, b)}") for b in "xyz"] for a in "xyz"])
+        inertia_node = None if node is None else node.find("inertia")
+        xx, xy, xz, yy, yz, zz = (self.number(inertia_node, key) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])  # in the axes of <inertial>
         axes = turn @ rotation
         return Body(name, parent, place, turn, mass, place + turn @ shift, axes @ inertia @ axes.T)
 
     def _joint(self, node: Element, k: int, place: Array, turn: Array) -> Joint | None:
-        """Return the joint of body k, at its place and rotation; None if it is fixed.
+        """Return the joint that an element describes, or None if it is fixed.
+
+        Args:
+            k: index of the body that the joint moves.
+            place, turn: place (3,) [m] and rotation (3, 3) of that body's frame.
 
         Raises:
             ExchangeError: a linkage cannot have the joint.
@@ -209,19 +232,23 @@ class Robot:
         name, kind = node.get("name", ""), node.get("type", "")
         if node.find("mimic") is not None:
             raise self.refuse(describe(node), "<mimic> is a gear; a linkage has no gears")
-        if kind not in MOVING:
-            raise self.refuse(describe(node), f"type {kind!r}: only {', '.join(MOVING)} joints move in a plane")
-        if not MOVING[kind]:
+        if kind not in KINDS:
+            raise self.refuse(describe(node), f"type {kind!r}: only {', '.join(KINDS)} joints move in a plane")
+        if not KINDS[kind]:
             return None
         axis = turn @ self.numbers(node.find("axis"), "xyz", (1, 0, 0))
         if not np.linalg.norm(axis) > 0:
             raise self.refuse(describe(node), "an axis without direction")
         if self.number(node.find("dynamics"), "friction"):
             raise self.refuse(describe(node), "friction that does not depend on the joint's load, as friction of a linkage does")
-        return Joint(name, MOVING[kind], k, place, axis / np.linalg.norm(axis))
+        return Joint(name, KINDS[kind], k, place, axis / np.linalg.norm(axis))
 
     def _closure(self, text: str, bodies: list[Body]) -> tuple[str, Spot, Spot]:
-        """Return name and points of a closure that a user gives as LINK.FRAME=LINK.FRAME."""
+        """Return the name and the two points of a closure that a user gives as LINK.FRAME=LINK.FRAME.
+
+        Raises:
+            ExchangeError: the text does not have this form, or names no link or frame.
+        """
         ends = text.split("=")
         if len(ends) != 2:
             raise self.refuse(f"--close {text}", "LINK.FRAME=LINK.FRAME is wanted")
@@ -229,9 +256,13 @@ class Robot:
         return f"{a.name}_{b.name}", a, b
 
     def _find_frame(self, end: str, text: str, bodies: list[Body]) -> Spot:
-        """Return the point that LINK.FRAME names; names may contain dots, so the text is split at every dot in turn."""
+        """Return the point that `end`, a LINK.FRAME of the closure `text`, names.
+
+        Raises:
+            ExchangeError: there is no such link or frame.
+        """
         parts = end.split(".")
-        for k in range(1, len(parts)):
+        for k in range(1, len(parts)):  # names may contain dots, so try every dot as the one between link and frame
             link, frame = ".".join(parts[:k]), ".".join(parts[k:])
             if link in self.index and link in self._chain(frame):
                 return Spot(frame, self.index[link], bodies[self.index[frame]].origin)

@@ -1,4 +1,4 @@
-"""The common part of imports: recognise the kind of a file, read it, and return the text of a linkage file that assembles."""
+"""Recognise the kind of a model file, read it, and return the text of a linkage file that assembles."""
 
 import re
 import tomllib
@@ -22,13 +22,14 @@ FORMS = {"mujoco": "MJCF", "robot": "URDF"}  # root element -> kind of file
 
 @dataclass(frozen=True)
 class Imported:
-    """The content of a linkage file that is not yet written.
+    """A linkage file that is not written yet.
 
     Attributes:
-        kind: kind of the file that was read.
-        left_out: sentences on parts of that file that the linkage leaves out or changes.
+        text: content of the linkage file.
+        kind: kind of the model file that was read, "MJCF" or "URDF".
+        left_out: sentences on parts of the model file that the linkage leaves out or changes.
         links, dof: numbers of links and of degrees of freedom.
-        note: sentence that says that no loop is closed, and how one is; empty if there is a closure.
+        note: sentence that says that no loop is closed and how a loop can be closed; empty if the model closes a loop.
     """
 
     text: str
@@ -40,14 +41,14 @@ class Imported:
 
 
 def import_file(path: Path, name: str, close: Sequence[str] = ()) -> Imported:
-    """Read an MJCF or URDF file and return it as a linkage file called `name`.
+    """Read an MJCF or URDF file and return the linkage file `name`.toml that describes the same mechanism.
 
     Args:
-        close: closures LINK.FRAME=LINK.FRAME of a URDF's loops.
+        close: closures LINK.FRAME=LINK.FRAME of the loops of a URDF.
 
     Raises:
         ExchangeError: the file cannot be imported; the message names the file, the element and the reason.
-        ImportError: the file is MJCF and MuJoCo, which reads it, is not installed.
+        ImportError: the file is MJCF, and MuJoCo is not installed.
     """
     if not re.fullmatch("[A-Za-z0-9_]+", name):
         raise ExchangeError(f"{name}.toml: the name of a linkage file has letters, digits and underscores only")
@@ -58,13 +59,13 @@ def import_file(path: Path, name: str, close: Sequence[str] = ()) -> Imported:
     if close and kind == "MJCF":
         raise ExchangeError(f"{path}: --close is for URDF; MJCF closes its loops by connect and weld")
     spatial = from_urdf(root, path, close) if kind == "URDF" else from_mjcf(root, path)
-    title = root.get("model" if kind == "MJCF" else "name") or path.stem
+    title = root.get({"MJCF": "model", "URDF": "name"}[kind]) or path.stem
     try:
         document, left_out = Flattened(spatial).document(name, f"{title}, from {kind}")
         note = describe_open_tree(spatial, document["expect"]["dof"])
         head = [
             f"From the {kind} file {path.name}, by gauss-bench {__version__}. This file is yours, without conditions.",
-            "SI units. Links' frames are those of their first bodies; signs of angles are those of the plane's own axes.",
+            "SI units. The frame of a link is that of its first body. Angles are positive from the x axis to the y axis.",
             *(f"Left out or changed: {x}" for x in left_out),
             *([note] if note else []),
         ]
@@ -76,8 +77,9 @@ def import_file(path: Path, name: str, close: Sequence[str] = ()) -> Imported:
 
 
 def describe_open_tree(spatial: Spatial, dof: int) -> str:
-    """Return the sentence on a file that closes no loop; empty if it closes one."""
+    """Return the sentence on a model that closes no loop; empty if it closes one."""
     if spatial.closures or spatial.welds:
         return ""
-    freedoms = f"the linkage is an open tree with {dof} degree{'s' * (dof != 1)} of freedom"
-    return f"Nothing is closed: {freedoms}. {spatial.closable or '<connect> in <equality> closes a loop'}."
+    freedoms = f"{dof} degree of freedom" if dof == 1 else f"{dof} degrees of freedom"
+    way = spatial.closable or "<connect> in <equality> closes a loop"
+    return f"Nothing is closed: the linkage is an open tree with {freedoms}. {way}."

@@ -1,4 +1,4 @@
-"""A user's MJCF file as an engine: the linkage that it describes, and MuJoCo's model of the very file to step it."""
+"""A user's MJCF file as an engine, which steps MuJoCo's model of the unchanged file, and the linkage that the file describes."""
 
 import json
 from collections.abc import Mapping
@@ -19,11 +19,11 @@ from gauss_bench.exchange.planar import Flattened
 from gauss_bench.exchange.safe_xml import read_xml, refuse_bulk
 from gauss_bench.mechanism.model import Mechanism
 
-ENGINE = "gauss_bench.exchange.own_model:OwnModel"  # as `engines.get` takes it
+ENGINE = "gauss_bench.exchange.own_model:OwnModel"  # name by which `engines.get` finds the engine
 
 
 def read_own_model(path: Path) -> tuple[Element, Compiled]:
-    """Return the document of a file, with what it includes in place, and the compiled model.
+    """Return the root element of a file, with included files in place, and the compiled model.
 
     Raises:
         ExchangeError: the file cannot be read, is too large, or MuJoCo does not compile it.
@@ -38,7 +38,12 @@ def read_own_model(path: Path) -> tuple[Element, Compiled]:
 
 
 def splice_includes(root: Element, path: Path, folder: Path, seen: set[Path]) -> Element:
-    """Put the elements of included files in the place of each <include>; their names are relative to the model's folder.
+    """Replace each <include> in a document by the elements of the included file, and return the document.
+
+    Args:
+        path: file of the document, for messages.
+        folder: folder of the model, to which the names of included files are relative.
+        seen: files that have been read so far; each included file is added.
 
     Raises:
         ExchangeError: a file is included twice, or cannot be read.
@@ -58,26 +63,32 @@ def splice_includes(root: Element, path: Path, folder: Path, seen: set[Path]) ->
     return root
 
 
-def see(flattened: Flattened, mechanism: Mechanism) -> Seen:
-    """Return how the links of the linkage that `flattened` became are seen in the model."""
+def locate_links(flattened: Flattened, mechanism: Mechanism) -> Seen:
+    """Return where the links of a linkage are in MuJoCo's model, from which `flattened` and the linkage `mechanism` were made."""
     spatial, plane = flattened.spatial, flattened.plane
-    turns = np.zeros((len(flattened.links), len(spatial.joints)))
-    places = []
-    for link, g in enumerate(flattened.links):
-        body, com = spatial.bodies[g], flattened.to_plane(g, complex(*mechanism.links[link].com))
-        away = com - plane.flat(body.origin)
+    turns = np.zeros((len(flattened.links), len(spatial.joints)))  # angles of the links = angles at zero + turns @ joints
+    places = []  # centres of mass of the links, each (3,) in the frame of the link's first body [m]
+    for row, (link, built) in enumerate(zip(flattened.links, mechanism.links, strict=True)):
+        body = spatial.bodies[link]
+        away = flattened.to_plane(link, complex(*built.com)) - plane.flat(body.origin)
         places.append(body.turn.T @ (away.real * plane.x + away.imag * plane.y))
-        for k, turn in flattened.hinges_under(g):
-            turns[link, k] += turn
+        for k, turn in flattened.hinges_under(link):
+            turns[row, k] += turn
     refs = np.array([joint.ref for joint in spatial.joints])
-    angles = np.array([flattened.frames[g][1] for g in flattened.links]) - turns @ refs
+    at_refs = np.array([flattened.frames[link][1] for link in flattened.links])
     axes = np.array([plane.x, plane.y, plane.normal])
-    return Seen(tuple(flattened.links), np.array(places), axes, angles, turns)
+    return Seen(tuple(flattened.links), np.array(places), axes, at_refs - turns @ refs, turns)
 
 
 @dataclass(frozen=True, eq=False)
 class OwnLinkage:
-    """The linkage that a file describes: its document, how it was flattened, and the number of the keyframe at which it starts."""
+    """The linkage that a file describes.
+
+    Attributes:
+        document: tables of the linkage file.
+        flattened: the mechanism of the file in its plane, from which the document was made.
+        key: number of the keyframe at which the linkage starts.
+    """
 
     document: dict[str, Any]
     flattened: Flattened
@@ -85,10 +96,11 @@ class OwnLinkage:
 
 
 def own_linkage(path: Path, name: str) -> OwnLinkage:
-    """Read the linkage of an MJCF file.
+    """Read an MJCF file as the linkage `name`.
 
     Raises:
-        ExchangeError, ImportError: as `read_own_model`; or an element cannot be part of a planar linkage.
+        ExchangeError: the file cannot be read or compiled, or an element cannot be part of a planar linkage.
+        ImportError: MuJoCo is not installed.
     """
     root, compiled = read_own_model(path)
     reader = Reader(compiled, str(path))
@@ -98,12 +110,12 @@ def own_linkage(path: Path, name: str) -> OwnLinkage:
 
 
 def setting_text(path: Path, changes: Mapping[str, Any]) -> str:
-    """Return the settings of a choice that asks for the model of a file with some options changed."""
+    """Return the text for `Choice.settings` that names a file and the options to change in MuJoCo's model of it."""
     return json.dumps({"model": str(path), "changes": changes})
 
 
 class OwnModel:
-    """The engine that steps the model of a user's file; a choice names the file by `setting_text`."""
+    """The engine that steps the model of a user's file; `setting_text` writes the name of the file into a choice."""
 
     name = "mujoco"
     integrators = ("", *INTEGRATORS)  # empty: the file's own
@@ -122,8 +134,8 @@ class OwnModel:
         return ""
 
     def build(self, mechanism: Mechanism, choice: Choice) -> OwnModelRun:
-        asked = json.loads(choice.settings)
-        path = Path(asked["model"])
+        settings = json.loads(choice.settings)  # as `setting_text` writes them
+        path = Path(settings["model"])
         linkage = own_linkage(path, "model")
-        changes = asked["changes"] | {"timestep": choice.step}
-        return OwnModelRun(path, see(linkage.flattened, mechanism), linkage.key, changes, choice)
+        changes = settings["changes"] | {"timestep": choice.step}
+        return OwnModelRun(path, locate_links(linkage.flattened, mechanism), linkage.key, changes, choice)

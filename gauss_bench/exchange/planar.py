@@ -1,8 +1,9 @@
-"""From a mechanism in space to the document of a planar linkage: the plane, the links, their joints and forces, and a start.
+"""Make the document of a planar linkage of a mechanism in space: find the plane, the links, their joints and forces, and a start.
 
-All hinges are normal to the plane. The axes of the plane are as near to the world's as possible: for a mechanism in the world's x-z
-plane they are x and z, so that "upright" does not change. Bodies that are welded to each other are one link; bodies that are welded
-to the world are ground. A link's frame is that of its first body. Points and vectors of the plane are complex numbers x + i y.
+All hinges are normal to the plane. The axes of the plane are as near as possible to axes of the world: a mechanism in the x-z plane
+of the world gets x and z as axes, so that it stays upright. Bodies that are welded to each other are one link, and bodies that are
+welded to the world are ground. The frame of a link is that of its first body. Points and vectors in the plane are complex numbers
+x + i y.
 """
 
 import re
@@ -26,24 +27,24 @@ from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.terms import Array
 
-FLAT = 1e-9  # largest sine of an angle out of the plane, or offset relative to the mechanism's size, that rounding explains
+FLAT = 1e-9  # largest sine of an angle out of the plane, or offset relative to the mechanism's size, that is taken as rounding
 SAME = 1e-12  # [m] distance below which two points of a link are the same
-OPEN = 1e-6  # gap relative to the mechanism's size from which a loop is reported as open
-DURATION = 5.0  # [s] of the scenario, because the files have no duration
+OPEN = 1e-6  # gap relative to the mechanism's size above which a loop is reported as open
+DURATION = 5.0  # [s] duration of the scenario, because the files give none
 SCENARIO = "as_imported"
 Table = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """A plane in space: two orthogonal axes (3,) and the normal (3,), all of length 1."""
+    """A plane in space, given by three orthogonal unit vectors (3,): its axes x and y, and its normal."""
 
     x: Array
     y: Array
     normal: Array
 
     def flat(self, place: Array) -> complex:
-        """Project a vector (3,) into the plane, as x + i y."""
+        """Return the projection of a vector (3,) into the plane, as x + i y."""
         return complex(place @ self.x, place @ self.y)
 
 
@@ -62,24 +63,26 @@ class Move:
     speed: complex = 0j
 
     def place(self, x: complex) -> complex:
-        """Return the place, after the displacement, of the point that was at x."""
+        """Return the place after the displacement of a point that was at x."""
         return rect(1.0, self.angle) * x + self.shift
 
     def velocity(self, x: complex) -> complex:
-        """Return the velocity, after the displacement, of the point that was at x."""
+        """Return the velocity after the displacement of a point that was at x."""
         return self.speed + 1j * self.omega * self.place(x)
 
     def follow(self, joint: Joint, axis: complex, anchor: complex, sign: float) -> "Move":
-        """Return the move of a body that a joint connects to a body with this move.
+        """Return the displacement of the body that a joint moves relative to a body with this displacement.
 
-        A hinge turns about the plane's normal, or against it if `sign` is -1.
+        Args:
+            axis, anchor: direction of a slide and pivot of a hinge in the plane, before the displacement.
+            sign: 1 if a hinge turns about the plane's normal, -1 if it turns against it.
         """
         change = joint.start - joint.ref
         if joint.kind == "slide":
             along = rect(1.0, self.angle) * axis
             return Move(self.angle, self.shift + change * along, self.omega, self.speed + joint.speed * along)
         angle, rate = self.angle + sign * change, sign * joint.speed
-        pivot = self.place(anchor)  # both bodies share this point
+        pivot = self.place(anchor)  # both bodies have the same place and velocity here, which gives shift and speed
         return Move(angle, pivot - rect(1.0, angle) * anchor, self.omega + rate, self.speed - 1j * rate * pivot)
 
 
@@ -91,17 +94,19 @@ def pair(x: complex) -> list[float]:
 class Flattened:
     """A mechanism in space, projected into its plane.
 
-    A link is named by the index of its first body.
+    Bodies and joints are given by their indices in the mechanism. A link is given by the index of its first body.
 
     Attributes:
+        extent: size of the mechanism, the largest distance of a joint from the centre of mass of its body [m].
+        joints_of: body -> joints that move it relative to its parent, in order.
         link_of: body -> its link.
         moves: body -> its displacement from the configuration of the file to the start.
         members: link -> its bodies.
         links: the links except the ground, in the order of their first bodies.
         names: link -> its name in the linkage file.
         frames: link -> origin and angle [rad] of its frame in the configuration of the file.
-        points: link -> name -> place in its frame [m].
-        joint_names: joint of the file -> its name in the linkage file.
+        points: link -> name of a point -> place in the link's frame [m].
+        joint_names: joint -> its name in the linkage file.
         locked: joints that a weld keeps from moving.
         remarks: sentences on parts that are left out or changed.
     """
@@ -131,16 +136,16 @@ class Flattened:
         """Return the link of every body: bodies that are fixed or welded to each other are one link."""
         link_of = list(range(len(self.spatial.bodies)))
         fixed = [(body.parent, k) for k, body in enumerate(self.spatial.bodies) if k != WORLD and k not in self.joints_of]
-        for a, b in (*fixed, *self.spatial.welds):
+        for a, b in (*fixed, *self.spatial.welds):  # merge the two links into the one with the smaller index
             new, old = sorted((link_of[a], link_of[b]))
             link_of = [new if link == old else link for link in link_of]
         return link_of
 
     def _move_bodies(self) -> list[Move]:
-        """Return the move of every body, computed along the tree of joints.
+        """Return the displacement of every body, computed along the tree of joints.
 
         Raises:
-            ExchangeError: a weld does not hold at the start.
+            ExchangeError: the two bodies of a weld are displaced in different ways.
         """
         moves, bodies = [Move()], self.spatial.bodies
         for k, body in enumerate(bodies[1:], 1):
@@ -155,7 +160,7 @@ class Flattened:
         return moves
 
     def _joints_at(self, body: int) -> list[Joint]:
-        """Return the joints that move a body against its parent, in order."""
+        """Return the joints that move a body relative to its parent, in order."""
         return [self.spatial.joints[k] for k in self.joints_of.get(body, [])]
 
     def sign(self, joint: Joint) -> float:
@@ -165,7 +170,7 @@ class Flattened:
     # links
 
     def _frame(self, link: int) -> tuple[complex, float]:
-        """Return origin and angle of a link's frame; the first axis of its body that lies in the plane gives the angle."""
+        """Return origin and angle [rad] of a link's frame: the angle of the first axis of its body that lies in the plane, or 0."""
         if link == WORLD:
             return 0j, 0.0
         body = self.spatial.bodies[link]
@@ -182,25 +187,25 @@ class Flattened:
         origin, angle = self.frames[link]
         return origin + rect(1.0, angle) * local
 
-    def point(self, spot: Spot, name: str | None = None, anew: bool = False) -> str:
-        """Return the name LINK.POINT of a point of a link.
+    def point(self, spot: Spot, is_new: bool = False) -> str:
+        """Add a point to a link and return its name LINK.POINT.
 
-        An existing point at the same place is used again, unless `anew` asks for a point with a name of its own.
+        If the link has a point at the same place, that point's name is returned, unless `is_new` asks for a further point.
         """
         link = self.link_of[spot.body]
         place, points, owner = self.to_link(link, spot.place), self.points[link], self.names[link]
         for key, x in points.items():
-            if not anew and abs(x - place) <= SAME * max(1.0, self.extent):
+            if not is_new and abs(x - place) <= SAME * max(1.0, self.extent):
                 return f"{owner}.{key}"
-        wanted = spot.name if name is None else name
-        for prefix in {f"{self.spatial.bodies[spot.body].name}.", f"{owner}."}:
+        wanted = spot.name
+        for prefix in {f"{self.spatial.bodies[spot.body].name}.", f"{owner}."}:  # the link's name is written before it anyway
             wanted = wanted.removeprefix(prefix)
         key = name_part(wanted, points)
         points[key] = place
         return f"{owner}.{key}"
 
     def _link(self, link: int) -> Table:
-        """Return the table of a link: its points, and mass, centre and inertia of all its bodies together.
+        """Return the table of a link: its points, and the mass, centre of mass and inertia of all its bodies together.
 
         Raises:
             ExchangeError: the link has no mass or no moment of inertia.
@@ -208,16 +213,19 @@ class Flattened:
         bodies, normal, points = self.members[link], self.plane.normal, self.points[link]
         mass = float(sum(b.mass for b in bodies))
         if not mass > 0:
-            raise self.refuse(f"body {bodies[0].name}", "has no mass; every link of a linkage has one")
+            raise self.refuse(f"body {bodies[0].name}", "has no mass, which every link of a linkage needs")
         centres = [self.to_link(link, b.com) for b in bodies]
-        com = centres[0] if len(centres) == 1 else sum(b.mass * x for b, x in zip(bodies, centres, strict=True)) / mass
-        # parallel axis theorem: each body's inertia about the normal, moved to the common centre of mass
-        inertia = sum(float(normal @ b.inertia @ normal) + b.mass * abs(x - com) ** 2 for b, x in zip(bodies, centres, strict=True))
+        com = centres[0]  # exactly, without the rounding of a mean, if there is one body
+        if len(bodies) > 1:
+            com = sum(b.mass * x for b, x in zip(bodies, centres, strict=True)) / mass
+        inertia = 0.0
+        for body, centre in zip(bodies, centres, strict=True):  # parallel axis theorem
+            inertia += float(normal @ body.inertia @ normal) + body.mass * abs(centre - com) ** 2
         inertia += sum(self._armature(j) for j in self.spatial.joints if self.link_of[j.body] == link)
         if not inertia > 0:
             raise self.refuse(f"body {bodies[0].name}", "has no moment of inertia about the plane's normal")
         table: Table = {"points": {key: pair(x) for key, x in points.items()}}
-        # bars join the points in order; a point in the same place as the one before is left out
+        # bars join the points in order, without a point that lies at the place of the one before
         names = list(points)
         ends = names[:1] + [b for a, b in pairwise(names) if abs(points[b] - points[a]) > SAME]
         if len(ends) > 1:
@@ -225,7 +233,7 @@ class Flattened:
         return table | {"mass": mass, "com": pair(com), "inertia": inertia}
 
     def _armature(self, joint: Joint) -> float:
-        """Return a joint's armature, which adds to the inertia of its link.
+        """Return a joint's armature [kg m^2], which adds to the inertia of its link.
 
         Raises:
             ExchangeError: the joint is no hinge on the ground, so that the armature is not the inertia of one link.
@@ -238,7 +246,7 @@ class Flattened:
     # joints
 
     def _joints(self) -> dict[str, Table]:
-        """Return the tables of joints and closures, and fill `joint_names` and `locked`."""
+        """Return name -> table of joints and closures, and fill `joint_names` and `locked`."""
         tables: dict[str, Table] = {}
         for k in range(len(self.spatial.bodies)):
             self._joint(k, tables)
@@ -251,7 +259,7 @@ class Flattened:
         return tables
 
     def _joint(self, k: int, tables: dict[str, Table]) -> None:
-        """Add the table of the joint that connects a body to its parent.
+        """Add the table of the joint that connects body k to its parent to `tables`.
 
         Raises:
             ExchangeError: there are several joints, and they do not make the body free in the plane.
@@ -270,17 +278,20 @@ class Flattened:
         for joint in joints:
             name = name_part(joint.name, tables)
             self.joint_names[self.joints_of[k][0]] = name
-            ends = [self.point(Spot(name, b, joint.anchor), name) for b in (body.parent, k)]
-            tables[name] = {"type": "revolute", "at": ends} if joint.kind == "hinge" else self._slide(joint, ends)
-
-    def _slide(self, joint: Joint, ends: list[str]) -> Table:
-        """Return the table of a slide: its axis at an angle in the frame of the guide, and at another in that of the block."""
-        theta, parent = phase(self.plane.flat(joint.axis)), self.spatial.bodies[joint.body].parent
-        guide, block = (theta - self.frames[self.link_of[k]][1] for k in (parent, joint.body))
-        return {"type": "prismatic", "guide": ends[0], "block": ends[1], "angle": guide, "block_angle": block}
+            ends = [self.point(Spot(name, end, joint.anchor)) for end in (body.parent, k)]
+            if joint.kind == "hinge":
+                tables[name] = {"type": "revolute", "at": ends}
+            else:  # the angle of the axis in the frames of guide and block
+                theta = phase(self.plane.flat(joint.axis))
+                guide, block = (theta - self.frames[self.link_of[end]][1] for end in (body.parent, k))
+                tables[name] = {"type": "prismatic", "guide": ends[0], "block": ends[1], "angle": guide, "block_angle": block}
 
     def _check_closure(self, name: str, a: Spot, b: Spot) -> None:
-        """Refuse a closure that can never close; report one that is open, or opening, at the start."""
+        """Add remarks if a closure is open, or is opening, at the start.
+
+        Raises:
+            ExchangeError: the closure can never close.
+        """
         if abs((a.place - b.place) @ self.plane.normal) > FLAT * self.extent:
             raise self.refuse(f"closure {name}", "its points lie in different planes and can never meet")
         move_a, move_b = self.moves[a.body], self.moves[b.body]
@@ -290,14 +301,13 @@ class Flattened:
             self.remarks.append(f"closure {name} was open by {gap:.3g} m at the start; the linkage is assembled with it closed")
         speed = abs(move_a.velocity(at_a) - move_b.velocity(at_b))
         if speed > OPEN * self.extent:
-            self.remarks.append(
-                f"closure {name} was opening at {speed:.3g} m/s at the start; the linkage has the speeds that keep it closed"
-            )
+            remark = f"closure {name} was opening at {speed:.3g} m/s at the start; the linkage has speeds that keep it closed"
+            self.remarks.append(remark)
 
     # forces
 
     def _forces(self) -> dict[str, Table]:
-        """Return name -> table of all forces; a force of the file may become several."""
+        """Return name -> table of all forces; one force of the file may become several."""
         tables: dict[str, Table] = {}
         for acting in self.spatial.acting:
             for table in self._force(acting):
@@ -313,58 +323,66 @@ class Flattened:
         match acting:
             case OnJoints(name, joints, law):
                 slides = [k for k in joints if self.spatial.joints[k].kind == "slide" and k not in self.locked]
-                if slides and [*joints.values()] == [1.0]:
-                    single = self.joint_names.get(slides[0])
-                    if law.c > 0 and not (law.k or law.bias) and single is not None:
-                        return [{"type": "joint_damping", "joint": single, "c": law.c}]
-                    return self._on_slide(slides[0], law)
-                if slides:
+                if not slides:
+                    return self._on_angle(name, joints, law)
+                if [*joints.values()] != [1.0]:
                     raise self.refuse(name, "a sum of joints that contains a slide")
-                return self._on_angle(name, joints, law)
+                joint = self.joint_names.get(slides[0])  # None for a slide of a body that is free in the plane
+                if law.c > 0 and not (law.k or law.bias) and joint is not None:
+                    return [{"type": "joint_damping", "joint": joint, "c": law.c}]
+                return self._on_slide(slides[0], law)
             case Between(name, a, b, law):
                 if law.bias and not law.k:
                     raise self.refuse(name, "a constant tension; a linkage has no such force")
                 if abs((a.place - b.place) @ self.plane.normal) > FLAT * self.extent:
                     raise self.refuse(name, "its ends lie in different planes")
-                rest = law.rest + (law.bias / law.k if law.k else 0.0)
+                rest = law.rest + (law.bias / law.k if law.k else 0.0)  # bias - k (x - rest) = -k (x - rest - bias / k)
                 ends = {"type": "spring_damper", "between": [self.point(a), self.point(b)]}
                 return [ends | {"k": law.k, "c": law.c, "rest": rest}]
             case Push():
                 return self._push(acting)
 
     def _on_angle(self, name: str, joints: dict[int, float], law: Straight) -> list[Table]:
-        """Return the tables of a law on a sum of hinges, which must be plus or minus the angle between two links.
+        """Return the tables of a law on a weighted sum of hinges: none if welds lock all hinges.
 
-        There are none if welds hold all of these hinges.
+        Raises:
+            ExchangeError: the sum is not the angle between two links.
         """
         if self.locked.issuperset(joints):
             return []
-        a, b, sign = self._find_angle(name, {k: c for k, c in joints.items() if c and k not in self.locked})
+        a, b, sign = self._find_angle(name, {k: weight for k, weight in joints.items() if weight and k not in self.locked})
         tables: list[Table] = []
-        single = self.joint_names.get(next(iter(joints))) if len(joints) == 1 else None
-        if law.c > 0 and not law.k and single is not None:
-            tables.append({"type": "joint_damping", "joint": single, "c": law.c})
+        joint = self.joint_names.get(next(iter(joints))) if len(joints) == 1 else None
+        if law.c > 0 and not law.k and joint is not None:
+            tables.append({"type": "joint_damping", "joint": joint, "c": law.c})
         elif law.k or law.c:
-            refs = sum(c * self.spatial.joints[k].ref for k, c in joints.items())
-            rest = self.frames[b][1] - self.frames[a][1] + sign * (law.rest - refs)
+            refs = sum(weight * self.spatial.joints[k].ref for k, weight in joints.items())  # value of the sum in the file
             links = [self.names[a], self.names[b]]
+            # the angle of frame b relative to frame a, when the sum of hinges has the value law.rest
+            rest = self.frames[b][1] - self.frames[a][1] + sign * (law.rest - refs)
             tables.append({"type": "rotational_spring_damper", "links": links, "k": law.k, "c": law.c, "rest": rest})
         if law.bias or not tables:
-            link, reaction, value = (b, a, law.bias) if sign > 0 else (a, b, law.bias)  # the value keeps the sign of the control
+            # the torque acts on b if the sum grows with theta_b, so that its value has the sign of the motor's control
+            link, reaction = (b, a) if sign > 0 else (a, b)
+            value = law.bias
             if link == WORLD:
                 link, reaction, value = reaction, link, -value
             tables.append({"type": "torque", "link": self.names[link], "reaction": self.names[reaction], "value": value})
         return tables
 
     def _find_angle(self, name: str, wanted: dict[int, float]) -> tuple[int, int, float]:
-        """Return links a and b and a sign, so that the sum of hinges `wanted` is sign (theta_b - theta_a).
+        """Return links a and b and a sign: the weighted sum of hinges `wanted` changes by sign (theta_b - theta_a).
+
+        Args:
+            name: name of the force, for messages.
+            wanted: hinge -> weight.
 
         Raises:
             ExchangeError: there are no such links.
         """
-        opposite = {k: -c for k, c in wanted.items()}
+        opposite = {k: -weight for k, weight in wanted.items()}
         pairs = [*permutations(self.names, 2)]
-        if len(wanted) == 1:  # rather the two links of the joint than others that slide on them
+        if len(wanted) == 1:  # prefer the two links of the hinge to links that slide on them
             body = self.spatial.joints[next(iter(wanted))].body
             pairs.insert(0, (self.link_of[self.spatial.bodies[body].parent], self.link_of[body]))
         for a, b in pairs:
@@ -374,19 +392,19 @@ class Flattened:
         raise self.refuse(name, "a sum of joints that is not the angle between two links")
 
     def _turn(self, a: int, b: int) -> dict[int, float]:
-        """Return the angle of link b relative to link a as a sum of hinges: joint -> +1 or -1.
+        """Return the angle of link b relative to link a as a weighted sum of hinges: hinge -> +1 or -1.
 
-        Hinges between either link and the world are counted; those of both cancel.
+        A hinge on the way from the world to both links turns both, so that it cancels.
         """
-        total: dict[int, float] = {}
+        weights: dict[int, float] = {}
         for body, sign in ((b, 1.0), (a, -1.0)):
             for k, turn in self.hinges_under(body):
                 if k not in self.locked:
-                    total[k] = total.get(k, 0.0) + sign * turn
-        return {k: x for k, x in total.items() if x}
+                    weights[k] = weights.get(k, 0.0) + sign * turn
+        return {k: weight for k, weight in weights.items() if weight}
 
     def hinges_under(self, body: int) -> Iterator[tuple[int, float]]:
-        """Yield the hinges between a body and the world, each with its sign: 1 if it turns the body as the plane's axes do."""
+        """Yield the hinges between a body and the world, each with its sign: 1 if it turns the body from x to y of the plane."""
         while body != WORLD:
             for k in self.joints_of.get(body, []):
                 if self.spatial.joints[k].kind == "hinge":
@@ -394,15 +412,19 @@ class Flattened:
             body = self.spatial.bodies[body].parent
 
     def _on_slide(self, k: int, law: Straight) -> list[Table]:
-        """Return the tables of a law along a slide. If the body is free in the plane, the law acts at the point of its hinge."""
+        """Return the tables of a law along slide k. If its body is free in the plane, the law acts at the point of its hinge.
+
+        Raises:
+            ExchangeError: the body has another slide that is not at right angles to this one.
+        """
         joint = self.spatial.joints[k]
         parent, joints = self.spatial.bodies[joint.body].parent, self._joints_at(joint.body)
         along = self.plane.flat(joint.axis)
-        for other in joints[:-1]:
+        for other in joints[:-1]:  # the last joint of a free body is its hinge
             if other is not joint and abs((along.conjugate() * self.plane.flat(other.axis)).real) > FLAT:
                 raise self.refuse(f"joint {joint.name}", "a force along one of two slides that are not at right angles")
-        near, far = (self.point(Spot(joint.name, b, joints[-1].anchor)) for b in (parent, joint.body))
-        return self._along(far, near, self.link_of[parent], along, law, law.rest - joint.ref)
+        origin, point = (self.point(Spot(joint.name, body, joints[-1].anchor)) for body in (parent, joint.body))
+        return self._along(point, origin, self.link_of[parent], along, law, law.rest - joint.ref)
 
     def _push(self, acting: Push) -> list[Table]:
         """Return the tables of a force at a point along a direction.
@@ -416,15 +438,19 @@ class Flattened:
         point, origin = self.point(acting.point), None if acting.origin is None else self.point(acting.origin)
         turns_with = self._turn(WORLD, link).items() <= self._turn(WORLD, self.link_of[acting.point.body]).items()
         if (law.k or law.c) and (origin is None or not turns_with):
-            raise self.refuse(
-                acting.name, "a servo along an axis of a moving body: a linkage has no force with its torque on that body"
-            )
+            reason = "a servo along an axis of a moving body: a linkage has no force with its torque on that body"
+            raise self.refuse(acting.name, reason)
         return self._along(point, origin, link, self.plane.flat(acting.direction), law, law.rest)
 
     def _along(self, point: str, origin: str | None, link: int, along: complex, law: Straight, rest: float) -> list[Table]:
-        """Return the tables of a law along an axis that is fixed in a link: a spring and damper, and a constant force.
+        """Return the tables of a law along an axis: a spring and damper, and a constant force.
 
-        The opposite of the constant force acts at the origin; it is left out if the origin is on the ground.
+        Args:
+            point: LINK.POINT at which the force acts.
+            origin: LINK.POINT at which the opposite force acts; a constant force on the ground is left out.
+            link: link in which the axis is fixed.
+            along: direction of the axis in the plane, at the configuration of the file.
+            rest: rest length of the spring, measured from `origin` [m].
         """
         angle, tables = phase(along) - self.frames[link][1], list[Table]()
         if law.k or law.c:
@@ -445,23 +471,23 @@ class Flattened:
         Raises:
             ExchangeError: an element is not planar, or a linkage cannot have it; the message gives the reason.
         """
-        for spot in self.spatial.spots:
-            self.point(spot, anew=True)
-        joints, forces = self._joints(), self._forces()
-        for link in self.links:
-            self.points[link] = self.points[link] or {"O": 0j}
-        links = {self.names[link]: self._link(link) for link in self.links}
-        if not links:
+        if not self.links:
             raise self.refuse("the model", "has no body that moves")
+        for spot in self.spatial.spots:
+            self.point(spot, is_new=True)
+        joints, forces = self._joints(), self._forces()  # both add points to the links
+        for link in self.links:
+            self.points[link] = self.points[link] or {"O": 0j}  # every link needs a point
+        links = {self.names[link]: self._link(link) for link in self.links}
         gravity = self.spatial.gravity
         across = float(gravity @ self.plane.normal)
         if abs(across) > FLAT * max(1.0, float(np.linalg.norm(gravity))):
             self.remarks.append(f"gravity across the plane ({across:.4g} m/s^2), which moves nothing in it")
-        sketch: dict[str, list[float]] = {}
+        places, angles = Table(), Table()  # a point and the angle of every link at the start, from which the joints are closed
         for link in self.links:
             point, local = next(iter(self.points[link].items()))
-            sketch[f"{self.names[link]}.{point}"] = pair(self.moves[link].place(self.to_plane(link, local)))
-        angles = {self.names[link]: self.frames[link][1] + self.moves[link].angle for link in self.links}
+            places[f"{self.names[link]}.{point}"] = pair(self.moves[link].place(self.to_plane(link, local)))
+            angles[self.names[link]] = self.frames[link][1] + self.moves[link].angle
         document: Table = {
             "format": FORMAT,
             "name": name,
@@ -471,7 +497,7 @@ class Flattened:
             "links": links,
             "joints": joints,
             "forces": forces,
-            "assembly": {"angles": angles, "sketch": sketch},
+            "assembly": {"angles": angles, "sketch": places},
             "scenarios": {SCENARIO: {"duration": DURATION, "forces": list(forces)}},
         }
         start, crank, dof = self._start(document)
@@ -482,28 +508,29 @@ class Flattened:
         return {key: x for key, x in document.items() if x not in ({}, {"points": {}})}, tuple(self.remarks)
 
     def _start(self, document: Table) -> tuple[Table, str | None, int]:
-        """Return the table of the start, the crank or None, and the number of degrees of freedom.
+        """Return the table of the start, the name of the crank or None, and the number of degrees of freedom.
 
-        The start holds as many coordinates as there are degrees of freedom: those that best determine the others.
+        The start prescribes as many coordinates as there are degrees of freedom: those that best determine all others. The crank is
+        the first of them that is the angle of a link with a pin on the ground.
         """
         mechanism = build_mechanism(document, SCENARIO, self.spatial.file, "")
         rows = Constraints(mechanism)
         q = close_joints(mechanism, rows, sketch(mechanism, document))
-        free = null_space(rows(0.0, q, np.zeros_like(q)).J, mechanism.n)
+        free = null_space(rows(0.0, q, np.zeros_like(q)).J, mechanism.n)  # (n, dof): directions in which the joints stay closed
         velocity, start, crank = self._velocities(mechanism), Table(), None
-        for held in choose_held(mechanism, q, free):
-            values = [float(value(x, q)) for x in held.coordinates]
-            speeds = [float(gradient(x, q) @ velocity) for x in held.coordinates]
-            of_values, of_rates = held.tables
-            start.setdefault(of_values, {})[held.name] = values if held.kind == "point" else values[0]
+        for chosen in choose_held(mechanism, q, free):
+            values = [float(value(x, q)) for x in chosen.coordinates]  # a point has x and y, an angle or slide one coordinate
+            speeds = [float(gradient(x, q) @ velocity) for x in chosen.coordinates]
+            values_table, rates_table = chosen.tables
+            start.setdefault(values_table, {})[chosen.name] = values if chosen.kind == "point" else values[0]
             if any(speeds):
-                start.setdefault(of_rates, {})[held.name] = speeds if held.kind == "point" else speeds[0]
-            if crank is None and held.kind == "angle" and turns_on_ground(mechanism, held.name):
-                crank = held.name
+                start.setdefault(rates_table, {})[chosen.name] = speeds if chosen.kind == "point" else speeds[0]
+            if crank is None and chosen.kind == "angle" and turns_on_ground(mechanism, chosen.name):
+                crank = chosen.name
         return start, crank, free.shape[1]
 
     def _velocities(self, mechanism: Mechanism) -> Array:
-        """Return v (n,) of the links at the start, from the speeds of the file's joints."""
+        """Return v (n,) of the links at the start, by the speeds of the file's joints."""
         v: list[float] = []
         for link, built in zip(self.links, mechanism.links, strict=True):
             move = self.moves[link]
@@ -522,9 +549,10 @@ def plane_of(spatial: Spatial) -> Plane:
     if not spatial.joints:
         raise spatial.refuse("the model", "has no joints")
     first = (hinges or slides)[0]
-    # without hinges, the first slide and another slide, gravity or an axis of the world span the plane
-    others = [*(j.axis for j in slides[1:]), spatial.gravity, *np.eye(3)]
-    normals = [first.axis] if hinges else [np.cross(first.axis, x) for x in others]
+    if hinges:
+        normals = [first.axis]
+    else:  # the first slide and another slide, or gravity, or an axis of the world span the plane
+        normals = [np.cross(first.axis, x) for x in (*(j.axis for j in slides[1:]), spatial.gravity, *np.eye(3))]
     normal = next(x / np.linalg.norm(x) for x in normals if np.linalg.norm(x) > FLAT)
     for joint in hinges:
         if np.linalg.norm(np.cross(joint.axis, normal)) > FLAT:
@@ -532,9 +560,9 @@ def plane_of(spatial: Spatial) -> Plane:
     for joint in slides:
         if abs(joint.axis @ normal) > FLAT:
             raise spatial.refuse(f"joint {joint.name}", f"slides out of the plane that {first.name} moves in: not planar")
-    # the plane's axes are the projections of the two axes of the world that are farthest from the normal
+    # x and y are near to the two axes of the world that are farthest from the normal: x is the projection of the first of them
     first_axis, second_axis = np.delete(np.eye(3), np.argmax(np.abs(normal)), axis=0)
-    exact = np.where(np.abs(normal) < SAME, 0.0, normal)  # without rounding, axes of the world stay exact
+    exact = np.where(np.abs(normal) < SAME, 0.0, normal)  # so that no rounding tilts x and y against axes of the world
     normal = exact / np.linalg.norm(exact)
     x = first_axis - (first_axis @ normal) * normal
     x /= np.linalg.norm(x)
@@ -545,7 +573,7 @@ def plane_of(spatial: Spatial) -> Plane:
 
 
 def name_part(wanted: str, taken: Collection[str]) -> str:
-    """Return a name that is not taken, of letters, digits and underscores."""
+    """Return `wanted` as a name of letters, digits and underscores, with a number at its end if it is taken."""
     return unique(re.sub(r"[^A-Za-z0-9_]+", "_", wanted).strip("_") or "x", taken)
 
 

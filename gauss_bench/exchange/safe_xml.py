@@ -1,4 +1,4 @@
-"""Read XML that may be hostile: limited in size, without document types or entities, and unable to open files or run code."""
+"""Read XML that may be hostile: limit its size, and refuse document types, entities, other files and plug-ins."""
 
 from functools import partial
 from math import prod
@@ -9,9 +9,9 @@ from xml.parsers import expat
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.untrusted import read_bytes
 
-MAX_BYTES, ELEMENTS, DEEPEST = 4_194_304, 50_000, 100
-NUMBERS = 1 << 24  # that MuJoCo may allocate for short attributes: those of a picture of 4096 by 4096
-COUNTS = (  # attributes of one element whose product is a number of numbers
+MAX_BYTES, ELEMENTS, DEEPEST = 4_194_304, 50_000, 100  # largest file, most elements, deepest nesting
+NUMBERS = 1 << 24  # most numbers that MuJoCo may allocate for short attributes: a picture of 4096 by 4096 has as many
+COUNTS = (  # attributes of one element; MuJoCo allocates as many numbers as the product of their values
     "nrow ncol",
     "width height",
     "params params",
@@ -21,8 +21,10 @@ COUNTS = (  # attributes of one element whose product is a number of numbers
     "num",
     "resolution resolution",
 )
-ARENA = {"njmax": (6.5, 2), "nconmax": (80.0, 1), "nstack": (1.0, 1)}  # attribute of <size> -> factor and power: numbers allocated
-UNITS = "KMGTPE"  # suffixes of <size memory> in bytes, each 1024 times the one before
+# attribute of <size> -> (factor, power): MuJoCo allocates factor * value**power numbers
+ARENA = {"njmax": (6.5, 2), "nconmax": (80.0, 1), "nstack": (1.0, 1)}
+UNITS = "KMGTPE"  # suffixes of <size memory>: 1024, 1024^2, ... bytes
+# elements that open other files, run code, or make bodies that a linkage does not have
 OPENS = frozenset(("include", "extension", "plugin", "attach", "model", "composite", "flexcomp", "flex", "skin", "deformable"))
 
 
@@ -39,14 +41,14 @@ def read_xml(path: Path) -> Element:
     try:
         _inspect(content, path)
         return fromstring(content)
+    except ExchangeError:  # a ValueError too
+        raise
     except (expat.ExpatError, ParseError, LookupError, ValueError) as error:
-        if isinstance(error, ExchangeError):
-            raise
         raise ExchangeError(f"{path}: no XML that can be read: {error}") from error
 
 
 def _inspect(content: bytes, path: Path) -> None:
-    """Parse a file without building a tree, so that a hostile file costs no memory.
+    """Check a file without building a tree, so that a hostile file costs no memory.
 
     Raises:
         ExchangeError: the file contains something that is refused; the message names it and its line.
@@ -55,9 +57,11 @@ def _inspect(content: bytes, path: Path) -> None:
     elements = depth = 0
 
     def refuse(what: str, *_: object) -> None:
+        """Refuse the element or declaration `what` at the parser's present line; the parser's own arguments are ignored."""
         raise ExchangeError(f"{path}: line {parser.CurrentLineNumber}: {what} is not read")
 
     def begin(name: str, _: object) -> None:
+        """Count an element that begins; `name` is its tag."""
         nonlocal elements, depth
         elements += 1
         depth += 1
@@ -79,13 +83,13 @@ def _inspect(content: bytes, path: Path) -> None:
 
 
 def describe(node: Element) -> str:
-    """Return an element as a message names it: its tag, and its name if it has one."""
+    """Return the tag of an element, with its name if it has a name, for messages."""
     name = node.get("name")
     return f"<{node.tag}>" if name is None else f'<{node.tag} name="{name}">'
 
 
 def refuse_files(root: Element, path: Path) -> None:
-    """Refuse a model that needs other files or plug-ins.
+    """Check that a model needs no other files and plug-ins.
 
     Raises:
         ExchangeError: an element reads another file or loads a plug-in.
@@ -100,57 +104,62 @@ def refuse_files(root: Element, path: Path) -> None:
 
 
 def refuse_bulk(root: Element, path: Path) -> None:
-    """Refuse a short file that makes a huge model.
+    """Check that a short file does not make a huge model.
 
     Raises:
-        ExchangeError: the model has more than ELEMENTS elements, all copies of <replicate> counted, or more than NUMBERS numbers
-            that the file does not contain; the message names the element that asks for them.
+        ExchangeError: the model has more than ELEMENTS elements, all copies by <replicate> counted, or MuJoCo would allocate more
+            than NUMBERS numbers; the message names the element that asks for them.
     """
     elements = _count_elements(root, path)
     for node in root.iter("size"):
         for key in ("memory", *ARENA):
-            arena = _arena(node, key)
+            arena = _count_arena(key, node.get(key, ""))
             if arena > NUMBERS:
-                asked = f"{key}={node.get(key)!r} asks for {arena:.3g} numbers of memory"
-                raise ExchangeError(f"{path}: <size>: {asked}, more than {NUMBERS}")
+                reason = f"{key}={node.get(key)!r} asks for {arena:.3g} numbers of memory, more than {NUMBERS}"
+                raise ExchangeError(f"{path}: <size>: {reason}")
     numbers = 0.0
     for node in root.iter():
+        # <size nuser_body="3"> allocates three numbers for every body: the count of all elements bounds the count of bodies
         per_element = [[key] for key in node.attrib if node.tag == "size" and key.startswith(("nuser", "nkey"))]
         for keys in (*map(str.split, COUNTS), *per_element):
             if any(key in node.attrib for key in keys):
-                numbers += prod(_largest(node, key) for key in keys) * (elements if keys in per_element else 1.0)
+                numbers += prod(_largest(node.get(key, "")) for key in keys) * (elements if keys in per_element else 1.0)
             if numbers > NUMBERS:
-                asked = " ".join(f'{key}="{node.get(key)}"' for key in dict.fromkeys(keys))
-                raise ExchangeError(f"{path}: {describe(node)}: {asked} makes more than {NUMBERS} numbers")
+                given = " ".join(f'{key}="{node.get(key)}"' for key in dict.fromkeys(keys))
+                raise ExchangeError(f"{path}: {describe(node)}: {given} makes more than {NUMBERS} numbers")
 
 
 def _count_elements(root: Element, path: Path) -> float:
-    """Return the number of elements with all copies of <replicate>; more than ELEMENTS are refused."""
-    elements, waiting = 0.0, [(root, 1.0)]  # (element, its copies), as floats: a file may ask for any count
+    """Return the number of elements, all copies by <replicate> counted.
+
+    Raises:
+        ExchangeError: there are more than ELEMENTS elements.
+    """
+    elements = 0.0
+    waiting = [(root, 1.0)]  # elements to count, each with its number of copies, a float because a file may ask for any number
     while waiting:
         node, copies = waiting.pop()
         elements += copies
-        copies_inside = copies * (_largest(node, "count") if node.tag == "replicate" else 1.0)
-        if max(elements, copies_inside) > ELEMENTS:  # at the <replicate>, before its first child
+        copies_inside = copies * (_largest(node.get("count", "")) if node.tag == "replicate" else 1.0)
+        if max(elements, copies_inside) > ELEMENTS:  # so that the message names the <replicate> and not its first child
             raise ExchangeError(f"{path}: {describe(node)}: more than {ELEMENTS} elements, copies counted, are not read")
-        waiting += ((child, copies_inside) for child in reversed(node))  # taken from the end: in the order of the file
+        waiting += ((child, copies_inside) for child in reversed(node))  # `pop` then follows the order of the file
     return elements
 
 
-def _arena(node: Element, key: str) -> float:
-    """Return the number of numbers that MuJoCo allocates for an attribute of <size>."""
-    text = node.get(key, "").strip().upper()
+def _count_arena(key: str, value: str) -> float:
+    """Return how many numbers MuJoCo allocates for the attribute `key` of <size>."""
     if key == "memory":
-        power = UNITS.find(text[-1:]) + 1 if text else 0
-        node = Element("size", memory=text[:-1] if power else text)
-        return _largest(node, key) * 1024.0**power / 8
-    each, power = ARENA[key]
-    return float(each * _largest(node, key) ** power)
+        text = value.strip().upper()
+        power = UNITS.find(text[-1]) + 1 if text else 0  # 0 if the text ends with no unit
+        return _largest(text[:-1] if power else text) * 1024.0**power / 8  # a number has 8 bytes
+    factor, power = ARENA[key]
+    return float(factor * _largest(value) ** power)
 
 
-def _largest(node: Element, key: str) -> float:
-    """Return the largest number of an attribute, at least 1; for an attribute that is no number 1, because MuJoCo reports it."""
+def _largest(text: str) -> float:
+    """Return the largest of the numbers in a text, at least 1; 1 if the text holds no numbers, which MuJoCo reports."""
     try:
-        return max((x for x in map(float, node.get(key, "").split()) if x > 1), default=1.0)
+        return max((x for x in map(float, text.split()) if x > 1), default=1.0)
     except ValueError:
         return 1.0

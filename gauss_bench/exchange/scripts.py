@@ -1,4 +1,4 @@
-"""Exported programs: jinja templates of plain programs, filled with the numbers of a linkage."""
+"""Fill the jinja templates of exported programs with the numbers of a linkage."""
 
 from typing import Any
 
@@ -20,8 +20,14 @@ PROGRAMS = Environment(
 PROGRAMS.filters |= {"python": python, "comment": python_comment, "c_comment": c_comment, "c_string": c_string}
 
 
-def write_program(template: str, mechanism: Mechanism, choice: Choice, head: list[str], **given: Any) -> str:
-    """Fill a template of templates/ with the linkage, the choice, the sentences `head`, and the template's own variables."""
+def write_program(template: str, mechanism: Mechanism, choice: Choice, head: list[str], **own: Any) -> str:
+    """Return the text of a program.
+
+    Args:
+        template: name of a file in templates/.
+        head: sentences for the comment at the beginning of the program.
+        own: variables that this template alone uses.
+    """
     common = {"mechanism": mechanism, "choice": choice, "head": head, "samples": SAMPLES, "laws": write_laws(mechanism)}
     common |= {"names": coordinates(mechanism), "rates": rates(mechanism), "title": TITLE, "plan": PLAN, "main": MAIN}
-    return PROGRAMS.get_template(template).render(**common, **given)
+    return PROGRAMS.get_template(template).render(**common, **own)

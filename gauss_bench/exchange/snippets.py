@@ -1,4 +1,4 @@
-"""Programs for users to copy: an engine with a setting, as a program that uses the engine's library without this package."""
+"""Programs for users to copy: each runs a linkage in an engine, by the engine's library or by a call of this package."""
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.shared import unsteady
@@ -7,8 +7,8 @@ from gauss_bench.exchange.scripts import write_program
 from gauss_bench.exchange.text import python_comment
 from gauss_bench.mechanism.model import Mechanism
 
-# engines whose programs this folder writes; others may write their own (`program` in `engines/base.py`)
-WRITERS = {"mujoco": "to_mujoco", "pinocchio": "to_pinocchio", "exudyn": "to_exudyn", "casadi": "to_casadi"}
+# engines for which `to_ENGINE.py` of this folder writes programs; others may write their own (`program` in `engines/base.py`)
+WRITERS = ("mujoco", "pinocchio", "exudyn", "casadi")
 
 
 def holds(engine: str, integrator: str, stabilization: str, code: str = "") -> bool:
@@ -21,18 +21,24 @@ def holds(engine: str, integrator: str, stabilization: str, code: str = "") -> b
 
 
 def snippet(mechanism: Mechanism, linkage: str, engine: str, choice: Choice, until: float, remarks: tuple[str, ...] = ()) -> str:
-    """Return a program in Python that runs the linkage in an engine; for the suite's own engines it calls this package.
+    """Return a Python program that runs a linkage in an engine.
+
+    The program uses the engine's library alone if the engine is one of WRITERS. Otherwise it calls this package.
+
+    Args:
+        linkage: name or file of the linkage, for the call of this package.
+        until: end time of the run in that call [s].
+        remarks: sentences for the head of the program.
 
     Raises:
         ExchangeError: a program cannot express the linkage with this choice; the message gives the reason.
         ImportError: the engine is not installed.
     """
     if engine not in WRITERS:
-        given = {"linkage": linkage, "engine": engine, "until": until}
-        return write_program("gauss_bench.py.jinja", mechanism, choice, list(remarks), **given)
-    head = write_head(mechanism, remarks)
-    refused, reason = f"{mechanism.source}: no program for {engine}", unsteady(mechanism, "such a program")
-    return write_model(WRITERS[engine], mechanism, choice, head, refused, reason)
+        variables = {"linkage": linkage, "engine": engine, "until": until}
+        return write_program("gauss_bench.py.jinja", mechanism, choice, list(remarks), **variables)
+    refusal, reason = f"{mechanism.source}: no program for {engine}", unsteady(mechanism, "such a program")
+    return write_model(f"to_{engine}", mechanism, choice, write_head(mechanism, remarks), refusal, reason)
 
 
 def write_head(mechanism: Mechanism, remarks: tuple[str, ...]) -> list[str]:
@@ -41,5 +47,5 @@ def write_head(mechanism: Mechanism, remarks: tuple[str, ...]) -> list[str]:
 
 
 def with_head(mechanism: Mechanism, program: str, remarks: tuple[str, ...]) -> str:
-    """Return a program in Python that an engine wrote, below the head of such programs."""
+    """Return a Python program that an engine wrote, below the head of such programs."""
     return f"{python_comment(write_head(mechanism, remarks))}\n{program}"

@@ -1,7 +1,7 @@
-"""A mechanism in space, as a file describes it: bodies, joints, closures and forces, in world coordinates at one configuration.
+"""A mechanism in space, as a model file describes it: bodies, joints, closures and forces.
 
-At that configuration every joint's coordinate is its `ref`: MuJoCo's qpos0, or zero in a URDF. `from_mjcf.py` and `from_urdf.py`
-produce this data; `planar.py` makes a planar linkage of it.
+All data are in world coordinates, at the configuration in which the coordinate of every joint is its `ref`: MuJoCo's qpos0, or zero
+in a URDF. `from_mjcf.py` and `from_urdf.py` make a `Spatial`, and `planar.py` makes a planar linkage of it.
 """
 
 from dataclasses import dataclass
@@ -17,8 +17,8 @@ class Body:
     """A rigid body.
 
     Attributes:
-        parent: index of the body to which its joints connect it; the world is its own parent.
-        origin, turn: (3,) place [m] and (3, 3) rotation of its frame.
+        parent: index of the body to which the joints of this body connect it; the world is its own parent.
+        origin, turn: (3,) place [m] and (3, 3) rotation of the body's frame.
         mass: [kg].
         com: (3,) centre of mass [m].
         inertia: (3, 3) about the centre of mass in world axes [kg m^2].
@@ -38,8 +38,8 @@ class Joint:
     """A coordinate of a body relative to its parent: a "hinge" [rad] or a "slide" [m].
 
     Attributes:
-        body: index of the body that it moves; several joints of one body act one after the other.
-        anchor, axis: (3,) a point on the axis, and its unit vector.
+        body: index of the body that the joint moves; several joints of one body act one after the other.
+        anchor, axis: (3,) a point on the joint's axis [m], and the axis as a unit vector.
         ref: coordinate at the configuration in which all data are given.
         start, speed: coordinate and rate at the start.
         armature: inertia that the joint adds [kg m^2, or kg for a slide].
@@ -58,7 +58,7 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Spot:
-    """A point (3,) of a body."""
+    """A point of a body; `place` is (3,) [m]."""
 
     name: str
     body: int
@@ -67,7 +67,7 @@ class Spot:
 
 @dataclass(frozen=True, eq=False)
 class Straight:
-    """The force F = bias - k (x - rest) - c dx/dt along a coordinate x."""
+    """The linear force law F = bias - k (x - rest) - c dx/dt along a coordinate x."""
 
     k: float = 0.0
     c: float = 0.0
@@ -77,7 +77,7 @@ class Straight:
 
 @dataclass(frozen=True, eq=False)
 class OnJoints:
-    """A force law on a sum of joint coordinates; `joints` maps a joint to its coefficient."""
+    """A force law on a weighted sum of joint coordinates; `joints` maps the index of a joint to its weight."""
 
     name: str
     joints: dict[int, float]
@@ -96,9 +96,11 @@ class Between:
 
 @dataclass(frozen=True, eq=False)
 class Push:
-    """A force at a point along `direction` (3,), which is fixed in the body `frame` and given at the file's configuration.
+    """A force at a point along a direction that is fixed in a body.
 
     Attributes:
+        frame: index of that body.
+        direction: (3,) unit vector, at the configuration of the file.
         origin: point at which the opposite force acts, and from which the law's coordinate is measured along the direction; None
             for a constant force without a reaction.
     """
@@ -121,11 +123,12 @@ class Spatial:
     Attributes:
         file: path of the file, for messages.
         gravity: (3,) [m/s^2].
-        closures: name and pair of points that coincide.
-        welds: pairs of bodies that are rigidly connected.
+        closures: of each closure the name and the two points that coincide.
+        welds: pairs of indices of bodies that are rigidly connected.
         spots: named points of bodies.
+        acting: forces.
         dropped: sentences on parts of the file that are left out.
-        closable: how a user closes a loop of a tree without closures, as a part of a sentence; empty if the file does that itself.
+        closable: part of a sentence that says how a user can close a loop by --close; empty if loops are closed in another way.
     """
 
     file: str

@@ -1,14 +1,14 @@
-"""Escape text for other languages: strings, comments, identifiers. All text of a user in an exported file is escaped here.
+"""Write text as strings, comments and identifiers of other languages. All text of a user in an exported file is escaped here.
 
-A text for a comment is first made one printable line, so that it cannot end the line or the comment in any language.
+A text for a comment is first made one printable line, so that it cannot end the comment in any language.
 """
 
 import re
 from collections.abc import Collection, Iterable, Mapping
-from itertools import count
 
 from gauss_bench.trajectory import in_a_sentence
 
+# keywords of C, then the names that templates/program.c.jinja defines
 C_WORDS = """auto break case char const continue default do double else enum extern float for goto if inline int long register
 restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
 main accelerate rollout names start end step none rows every"""
@@ -21,9 +21,13 @@ def xml_comment(lines: Iterable[str]) -> str:
 
 
 def c_comment(lines: Iterable[str]) -> str:
-    """Return the lines as a comment of C, in which neither "/*" nor "*/" occurs."""
-    safe = (re.sub(r"/(?=\*)", "/ ", re.sub(r"\*(?=/)", "* ", in_a_sentence(line))) for line in lines)
-    return "/*\n" + "".join(f" * {line}".rstrip().rstrip("\\") + "\n" for line in safe) + " */\n"
+    """Return the lines as one comment of C, within which neither "/*" nor "*/" occurs."""
+    comment = "/*\n"
+    for line in lines:
+        without_ends = re.sub(r"\*(?=/)", "* ", in_a_sentence(line))
+        safe = re.sub(r"/(?=\*)", "/ ", without_ends)
+        comment += f" * {safe}".rstrip().rstrip("\\") + "\n"  # a backslash at the end would join two lines
+    return comment + " */\n"
 
 
 def c_string(text: str) -> str:
@@ -42,24 +46,26 @@ def python_comment(lines: Iterable[str]) -> str:
 
 
 def toml_string(text: str) -> str:
-    """Return the text as a basic string of TOML; characters that cannot be printed are escaped by their numbers."""
+    """Return the text as a basic string of TOML, in which characters that cannot be printed are escaped by their numbers."""
     plain = text.encode("utf-8", errors="replace").decode("utf-8")
     return '"' + "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in plain) + '"'
 
 
 def unique(base: str, taken: Collection[str]) -> str:
-    """Return the name, with a number after it if it is taken."""
-    candidates = (f"{base}_{k}" for k in count(2))
-    return base if base not in taken else next(name for name in candidates if name not in taken)
+    """Return `base`, followed by the smallest free number from 2 if it is taken."""
+    name, number = base, 1
+    while name in taken:
+        number += 1
+        name = f"{base}_{number}"
+    return name
 
 
 def identifiers(names: Iterable[str], reserved: str) -> Mapping[str, str]:
-    """Return name -> identifier of C and Python: all are different, and none is one of the words in the text `reserved`."""
+    """Return name -> identifier that C and Python accept; no identifier occurs twice or among the words of the text `reserved`."""
     by_name: dict[str, str] = {}
     taken = set(reserved.split())
     for name in names:
         base = re.sub(r"[^A-Za-z0-9_]", "_", name)
-        base = base if re.match("[A-Za-z]", base) else f"n{base}"
-        by_name[name] = unique(base, taken)
+        by_name[name] = unique(base if re.match("[A-Za-z]", base) else f"n{base}", taken)
         taken.add(by_name[name])
     return by_name

@@ -1,4 +1,4 @@
-"""Export as plain C: the kernel of a linkage and a small `main`, with the standard library only."""
+"""Export as plain C: the kernel of a linkage and a small `main`, which need only the standard library."""
 
 from typing import TYPE_CHECKING
 
@@ -14,8 +14,8 @@ from gauss_bench.trajectory import RunFailure, Status
 if TYPE_CHECKING:
     from gauss_bench.compiler.kernel import Kernel
 
-TRIED = 5.0  # [s] of motion, at most, during which the choice of independent coordinates must remain valid
-LOOKED_AT = 2000  # states, at least, at which the pivots of that motion are looked at
+TRIED = 5.0  # [s] longest part of the motion during which the choice of independent coordinates is tested
+LOOKED_AT = 2000  # least number of steps of that test
 CLOSING = {
     "none": "Joints are held by accelerations alone, without stabilisation.",
     "baumgarte": "Joints are kept closed by Baumgarte's terms.",
@@ -27,7 +27,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     """Return the source of the program.
 
     Raises:
-        RunFailure: no code can be generated for the linkage, or the motion needs other independent coordinates on its way.
+        RunFailure: no code can be generated for the linkage, or no choice of independent coordinates is valid for the motion.
     """
     from gauss_bench.compiler.kernel import KernelError
 
@@ -36,21 +36,26 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     except KernelError as error:
         raise RunFailure(Status.SKIP, str(error)) from error
     names = coordinates(mechanism)
-    places = identifiers([*names, *rates(mechanism)], C_WORDS).values()
-    given = {
-        "places": list(places),
-        "kernel": kernel.c_source(choice.integrator),
-        "closing": CLOSING[choice.stabilization],
-        "independent": ", ".join(names[k] for k in kernel.partitions[0]) or "none, as all motion is driven",
-    }
-    return write_program("program.c.jinja", mechanism, choice, head, **given)
+    return write_program(
+        "program.c.jinja",
+        mechanism,
+        choice,
+        head,
+        places=list(identifiers([*names, *rates(mechanism)], C_WORDS).values()),
+        kernel=kernel.c_source(choice.integrator),
+        closing=CLOSING[choice.stabilization],
+        independent=", ".join(names[k] for k in kernel.partitions[0]) or "none, as all motion is driven",
+    )
 
 
 def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
-    """Return a kernel whose choice of independent coordinates serves the whole motion: its own first choice, else another.
+    """Return a kernel whose first choice of independent coordinates is valid for the whole motion.
+
+    The kernel's own first choice is tested first, then all others.
 
     Raises:
-        RunFailure: none does; KernelError: no code can be generated for the linkage.
+        KernelError: no code can be generated for the linkage.
+        RunFailure: no choice is valid for the whole motion.
     """
     from gauss_bench.compiler.elimination.program import partitions
     from gauss_bench.compiler.kernel import KernelError, compile_kernel
@@ -68,28 +73,30 @@ def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
             continue
         if find_end(other, mechanism, choice) is None:
             return other
+    # the time is NaN if no pivot vanished: then the step may be too long
     reason = "a file has one choice of independent coordinates, and this motion needs another on its way"
     at = f", at t = {end:.3g} s for any step" if np.isfinite(end) else ", or a shorter step"
     raise RunFailure(Status.SKIP, f"{reason}{at}")
 
 
 def find_end(kernel: "Kernel", mechanism: Mechanism, choice: Choice) -> float | None:
-    """Return the time [s] up to which the first program of a kernel goes, or None if it goes as far as it is tried.
+    """Return the time [s] at which the first program of a kernel becomes invalid, or None if it is valid as far as it is tested.
 
-    A step may pass over a zero of a pivot by chance, and a user's smaller step would not. So the pivots are looked at along the
-    motion with steps that are short enough to follow it, and one that changes its sign is the end too. NaN if the program stops
-    without one, as with a step that is too long.
+    The program is invalid from the time at which one of its pivots changes its sign. A step of the file may pass over the zero of
+    a pivot by chance, and a user's shorter step would not, so the test takes short steps. The time is NaN if no pivot changes its
+    sign but the program stops, as with a step that is too long.
     """
-    tried = min(mechanism.duration, TRIED)
-    steps = int(np.ceil(tried / choice.step))
+    tested = min(mechanism.duration, TRIED)  # [s]
+    steps = int(np.ceil(tested / choice.step))
     count = max(steps, LOOKED_AT)
-    every, h = count // LOOKED_AT, tried / count
-    q, v = kernel.rollout(mechanism.q0, mechanism.v0, h, count, every=every, integrator=choice.integrator)
+    every, h = count // LOOKED_AT, tested / count
+    q, v = kernel.rollout(mechanism.q0, mechanism.v0, h, count, every=every, integrator=choice.integrator)  # (k, n) both
     t = h * np.minimum(every * np.arange(len(q) + 1), count)
-    with np.errstate(all="ignore"):  # a motion that is lost is NaN from there on, and changes no sign
-        pivots = kernel.pivots(t, np.vstack([mechanism.q0, q]), np.vstack([mechanism.v0, v]))
+    with np.errstate(all="ignore"):  # after the motion is lost all pivots are NaN, which changes no sign
+        pivots = kernel.pivots(t, np.vstack([mechanism.q0, q]), np.vstack([mechanism.v0, v]))  # (k + 1, pivots)
     changed = (np.sign(pivots) * np.sign(pivots[0]) < 0).any(axis=1)
     if changed.any():
         return float(t[changed.argmax()])
-    alone = kernel.alone(mechanism.q0, mechanism.v0, choice.step, steps, integrator=choice.integrator)
-    return None if alone else float("nan")
+    # `alone` runs the first program with the step of the file, and tells whether it reaches the end
+    reaches_end = kernel.alone(mechanism.q0, mechanism.v0, choice.step, steps, integrator=choice.integrator)
+    return None if reaches_end else float("nan")

@@ -17,7 +17,7 @@ METHODS = {
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """Return the script.
+    """Return the script; `head` are the sentences of its first comment.
 
     Raises:
         RunFailure: the script cannot have this integrator or stabilisation.
@@ -27,7 +27,8 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
     if choice.integrator not in METHODS or choice.stabilization != "none":
         raise RunFailure(Status.SKIP, f"{choice.integrator} with stabilization {choice.stabilization} is not written for CasADi")
-    options: dict[str, object] = dict(zip(("reltol", "abstol"), choice.tolerances(1e-6, 1e-8), strict=True))
+    rtol, atol = choice.tolerances(1e-6, 1e-8)  # the defaults of CVODES
+    options: dict[str, object] = {"reltol": rtol, "abstol": atol}
     if choice.integrator == "cvodes_adams":
         options |= {"linear_multistep_method": "adams", "nonlinear_solver_iteration": "functional"}
     return write_program(

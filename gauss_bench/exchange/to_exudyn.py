@@ -8,7 +8,7 @@ from gauss_bench.exchange.scripts import write_program
 from gauss_bench.mechanism.model import GROUND, AngleDriver, LengthDriver, Mechanism, SlideDriver
 from gauss_bench.mechanism.motion_laws import MotionLaw
 
-STATEMENTS = {
+STATEMENTS = {  # function of Exudyn -> variable of the script for its result (see `Script`)
     "SystemContainer": "container",
     "AddSystem": "mbs",
     "AddNode": "node_",
@@ -21,7 +21,7 @@ STATEMENTS = {
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """Return the script.
+    """Return the script; `head` are the sentences of its first comment.
 
     Raises:
         RunFailure: Exudyn rejects the model, or the model differs from the linkage.
@@ -31,7 +31,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     from gauss_bench.engines.exudyn.items import System, span
 
     class Transcribed(System):
-        """The adapter's system, with a comment in the script before each part, and with the script's names of user functions."""
+        """The adapter's system; it writes a comment into the script before each part, and calls the script's own functions."""
 
         def _add_link(self, i: int) -> None:
             script.comment(f"link {self.mechanism.links[i].name}")
@@ -42,7 +42,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
             super()._add_joint(joint)
 
         def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
-            """Record the script's own equation and Jacobian of a driven slide or length, and return their stand-ins."""
+            """Write the line that makes equation and Jacobian of a driven slide or length, and return stand-ins for both."""
             a, b = ([x.link == GROUND, *map(float, x.local)] for x in span(driver))
             angle = float(driver.joint.angle) if isinstance(driver, SlideDriver) else None
             law = laws[id(driver.law)]
@@ -50,9 +50,10 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
             return script.stand_in("equation"), script.stand_in("jacobian")
 
         def _offset(self, law: MotionLaw, rate: int, start: float) -> Any:
+            """Return a stand-in for the offset of a driven angle: derivative number `rate` of its law, less the value `start`."""
             return script.stand_in(f"lambda mbs, t, item, offset: {laws[id(law)]}(t)[{rate}] - {python(start)}")
 
-    built = ExudynModel(mechanism, choice)  # compares the real model with the linkage, so that the script need not
+    built = ExudynModel(mechanism, choice)  # raises if the real model differs from the linkage
     script, laws = Script(STATEMENTS), name_laws(mechanism)
     exu = script.stand_in("exu")
     Transcribed(exu, script.stand_in("items"), mechanism)

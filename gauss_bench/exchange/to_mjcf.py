@@ -1,4 +1,4 @@
-"""Export as MJCF: the model of MuJoCo's adapter as a document, with a comment that explains it."""
+"""Export as MJCF: the model of MuJoCo's adapter as a document, with an explaining comment."""
 
 from collections.abc import Collection
 from xml.etree.ElementTree import Comment, Element, indent, tostring
@@ -9,7 +9,7 @@ from gauss_bench.mechanism.model import Mechanism, PointForce, Torque
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """Return the document.
+    """Return the document; `head` are the sentences of its first comment.
 
     Raises:
         RunFailure: MJCF cannot hold the mechanism.
@@ -36,19 +36,25 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
 
 def describe_controls(root: Element, mechanism: Mechanism, controlled: Collection[str]) -> list[str]:
-    """Return sentences on the motors of a document, and on forces that no control can change."""
+    """Return sentences on the motors of a document, and on forces that no control can change.
+
+    Args:
+        root: root element of the document.
+        controlled: names of the forces that are motors of the document.
+    """
     actuators, key = root.findall("actuator/*"), root.find("keyframe/key")
     controls = [] if key is None else [float(x) for x in key.get("ctrl", "").split()]
     slides = {joint.get("name") for joint in root.iter("joint") if joint.get("type") == "slide"}
     motors: list[str] = []
     for x, control in zip(actuators, controls, strict=True):
         if x.tag == "motor":
-            pushes = x.get("site") or x.get("joint") in slides
-            motors.append(f"{x.get('name')} = {control:g} {'N' if pushes else 'N m'}")
+            is_force = x.get("site") or x.get("joint") in slides  # other motors are torques
+            motors.append(f"{x.get('name')} = {control:g} {'N' if is_force else 'N m'}")
     constant = [f.name for f in mechanism.forces if isinstance(f, (Torque, PointForce))]
     fixed = [name for name in constant if name not in controlled]
-    names = {x.get("name") for x in actuators if x.tag == "general"}
-    springs = [f.name for f in mechanism.forces if f.name in names and f.name not in constant]
+    # the adapter writes a spring along an axis as a <general> actuator of the spring's name
+    general = {x.get("name") for x in actuators if x.tag == "general"}
+    springs = [f.name for f in mechanism.forces if f.name in general and f.name not in constant]
     sentences: list[str] = []
     if motors:
         sentences.append(f"Motors: {', '.join(motors)}. These are the ctrl of the keyframe: change ctrl to drive them.")

@@ -1,4 +1,4 @@
-"""Export as a Python script for MuJoCo: the MJCF of `to_mjcf`, the settings that MJCF cannot express, and a run."""
+"""Export as a Python script for MuJoCo: the model as MJCF, the settings that MJCF cannot express, and a run."""
 
 from xml.etree.ElementTree import indent, tostring
 
@@ -10,7 +10,7 @@ from gauss_bench.mechanism.model import Mechanism
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """Return the script.
+    """Return the script; `head` are the sentences of its first comment.
 
     Raises:
         RunFailure: MuJoCo cannot model the mechanism.
@@ -30,8 +30,8 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         [*head, f"Settings: {choice.settings}, {choice.integrator}. Bodies are links; connect constraints close the loops."],
         mjcf=tostring(root, encoding="unicode").splitlines(keepends=True),
         bodies=[built.model.body(k).name for k in built.bodies],
-        angles=angles.constants[:-1],
-        turns=angles.rows[:-1],  # without the ground's
+        angles=angles.constants[:-1],  # the last entry is the ground
+        turns=angles.rows[:-1],
         inverse_weights=float(options["body_invweight0_factor"]),
         solref_in_steps=float(options["solref"][0]) if options["solref_unit"] == "step" else 0.0,
         drives=[[x.at, x.armature, laws[id(x.law)]] for x in built.drives if x.motor is None],

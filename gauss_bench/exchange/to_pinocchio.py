@@ -1,10 +1,10 @@
-"""Export for Pinocchio: the calls with which the adapter builds its model, its forces as tables, and an integrator.
+"""Export for Pinocchio: the calls with which the adapter builds its model, the forces, and an integrator.
 
-Pinocchio has no springs and no integrator for constrained systems. Forces that are affine in the joints' coordinates are the
-adapter's matrices; the others are tables that a function of the script reads.
+Pinocchio has no springs and no integrator for constrained systems. The script has the adapter's matrices for forces that are affine
+in the coordinates of the joints. It has tables for all other forces, which a function of the script evaluates.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +14,10 @@ from gauss_bench.exchange.scripts import write_program
 from gauss_bench.mechanism.model import GROUND, Along, Distance, Law, LengthDriver, Load, Mechanism, Point, PointForce, loads
 from gauss_bench.trajectory import RunFailure, Status
 
-STATEMENTS = {
+if TYPE_CHECKING:
+    from gauss_bench.engines.pinocchio.adapter import PinocchioModel
+
+STATEMENTS = {  # function of Pinocchio -> variable of the script for its result (see `Script`)
     "Model": "model",
     "addJoint": "joint_",
     "appendBodyToJoint": "",
@@ -31,38 +34,66 @@ METHODS = {
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """Return the script.
+    """Return the script; `head` are the sentences of its first comment.
 
     Raises:
         RunFailure: Pinocchio rejects the model, the model differs from the linkage, or a length is prescribed.
         ImportError: Pinocchio is not installed.
     """
     from gauss_bench.engines.pinocchio.adapter import PinocchioModel
+
+    if choice.stabilization == "projection":
+        raise RunFailure(Status.SKIP, "Pinocchio has no projection, and the suite's own projection is not part of a script")
+    lengths = [d.name for d in mechanism.drivers if isinstance(d, LengthDriver)]
+    if lengths:
+        reason = f"the script holds motion laws of angles and slides only, not of the length {', '.join(lengths)}"
+        raise RunFailure(Status.SKIP, reason)
+    built = PinocchioModel(mechanism, choice)  # raises if the real model differs from the linkage
+    options = built.options
+    method, closed = METHODS[choice.integrator], "without stabilisation"
+    gains = (0.0, 0.0)
+    if choice.stabilization == "baumgarte":
+        closed = "with Baumgarte's terms"
+        gains = float(options["baumgarte_Kp_per_s2"]), float(options["baumgarte_Kd_per_s"])
+    others = list(loads(built.forces.others))
+    rtol, atol = choice.tolerances(float(options["dop853_rtol"]), float(options["dop853_atol"]))
+    return write_program(
+        "pinocchio.py.jinja",
+        mechanism,
+        choice,
+        [*head, f"Settings: {choice.settings}, {method}. Loops are opened at joints and closed by constraints, {closed}."],
+        model=transcribe(mechanism, built, gains),
+        others=tabulate(others) if others else None,
+        algorithm=options["algorithm"],
+        method=method,
+        rtol=rtol,
+        atol=atol,
+    )
+
+
+def transcribe(mechanism: Mechanism, built: "PinocchioModel", gains: tuple[float, float]) -> list[str]:
+    """Return the lines of a script that build the adapter's model `built` and define the numbers that the template uses.
+
+    Args:
+        gains: Baumgarte's gains of position [1/s^2] and velocity [1/s].
+    """
     from gauss_bench.engines.pinocchio.tree import Multibody
     from gauss_bench.engines.tree import Branch
 
-    if choice.stabilization == "projection":
-        raise RunFailure(Status.SKIP, "Pinocchio has no projection: the one of this suite is its own")
-    if beyond := ", ".join(d.name for d in mechanism.drivers if isinstance(d, LengthDriver)):
-        raise RunFailure(Status.SKIP, f"the script holds motion laws of angles and slides only, not of the length {beyond}")
-
     class Transcribed(Multibody):
-        """The adapter's model, with a comment in the script before each link."""
+        """The adapter's model; it writes a comment into the script before each link."""
 
         def _add_link(self, mechanism: Mechanism, b: Branch) -> None:
             script.comment(f"link {mechanism.links[b.link].name}")
             super()._add_link(mechanism, b)
 
-    built = PinocchioModel(mechanism, choice)  # compares the real model with the linkage, so that the script need not
-    options, forces, drive = built.options, built.forces, built.stabilized.drive
-    script = Script(STATEMENTS)
+    script, forces, drive = Script(STATEMENTS), built.forces, built.stabilized.drive
     recorded = Transcribed(script.stand_in("pin"), mechanism, built.tree)
     script.comment("the pins that close the loops")
-    stabilized = choice.stabilization == "baumgarte"
-    kp, kd = (float(options[key]) if stabilized else 0.0 for key in ("baumgarte_Kp_per_s2", "baumgarte_Kd_per_s"))
-    recorded.constraints((kp, kd))
+    recorded.constraints(gains)
     y0, dy0 = built.tree.relative(mechanism.q0, mechanism.v0)
-    script.comment("links: the joint that carries each, and its centre of mass there; angles are ANGLES + TURNS y")
+    script.comment("LINKS: for each link the joint that carries it, and its centre of mass in that joint's frame")
+    script.comment("the angles of the links are ANGLES + TURNS y")
     numbers: dict[str, Any] = {
         "LINKS": [[recorded.carriers[i][0], centre] for i, (_, centre) in enumerate(forces.motion.centres)],
         "ANGLES": forces.motion.theta0,
@@ -78,30 +109,15 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         numbers |= {"LAWS": list(name_laws(mechanism).values()), "KP": drive.gains[0], "KD": drive.gains[1]}
         numbers |= {"DRIVEN": drive.rows, "DRIVEN_AT_ZERO": drive.origin, "INERTIAS": drive.inertias}
     script.lines += [f"{name} = {python(x)}" for name, x in numbers.items()]
-    accuracy = ", ".join(python(float(options[x])) for x in ("absolute_accuracy", "relative_accuracy", "mu"))
-    script.lines.append(f"PROXIMAL = pin.ProximalSettings({accuracy}, {int(options['max_iter'])})")
-    method, closed = METHODS[choice.integrator], "with Baumgarte's terms" if stabilized else "without stabilisation"
-    others = list(loads(forces.others))
-    rtol, atol = choice.tolerances(float(options["dop853_rtol"]), float(options["dop853_atol"]))
-    return write_program(
-        "pinocchio.py.jinja",
-        mechanism,
-        choice,
-        [*head, f"Settings: {choice.settings}, {method}. Loops are opened at joints and closed by constraints, {closed}."],
-        model=script.lines,
-        others=tabulate(others) if others else None,
-        algorithm=options["algorithm"],
-        method=method,
-        rtol=rtol,
-        atol=atol,
-    )
+    accuracy = ", ".join(python(float(built.options[x])) for x in ("absolute_accuracy", "relative_accuracy", "mu"))
+    return [*script.lines, f"PROXIMAL = pin.ProximalSettings({accuracy}, {int(built.options['max_iter'])})"]
 
 
 def tabulate(others: list[Load]) -> dict[str, list[Any]]:
-    """Return the loads that are not affine, as the tables that the script's function `forces` reads.
+    """Return the loads that are not affine as tables: the lists SPRINGS, SLIDES and PUSHES of the template, by their names.
 
     Raises:
-        RunFailure: the script's function has no such kind of load.
+        RunFailure: the script cannot evaluate a load of this kind.
     """
     tables: dict[str, list[Any]] = {"springs": [], "slides": [], "pushes": []}
     for load in others:

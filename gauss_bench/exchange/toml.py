@@ -1,4 +1,4 @@
-"""Write the document of a linkage, nested tables, as the TOML text of its file."""
+"""Write the document of a linkage, which consists of nested tables, as the TOML text of its file."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -7,7 +7,7 @@ from typing import Any
 
 from gauss_bench.exchange.text import python_comment, toml_string
 
-GROUPS = ("links", "welds", "cylinders", "joints", "constraints", "forces", "scenarios")  # each entry gets a [heading] of its own
+GROUPS = ("links", "welds", "cylinders", "joints", "constraints", "forces", "scenarios")  # tables whose entries get [headings]
 
 
 def toml(document: Mapping[str, Any], head: Sequence[str]) -> str:
@@ -16,15 +16,18 @@ def toml(document: Mapping[str, Any], head: Sequence[str]) -> str:
 
 
 def _lines(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
-    """Return the lines of a table: its heading and values first, then the tables in it that have headings of their own."""
-    has_headings = path == () or (len(path) == 1 and path[0] in GROUPS)
-    headed = {k: x for k, x in table.items() if has_headings and isinstance(x, dict) and k != "expect"}
-    lines = [f"{key(k)} = {write_value(x)}" for k, x in table.items() if k not in headed]
-    if path and (lines or not headed):
-        lines = ["", f"[{'.'.join(map(key, path))}]", *lines]
-    for k, x in headed.items():
-        lines += _lines(x, (*path, k))
-    return lines
+    """Return the lines of the table at a path of keys: its heading, its values, then the tables in it that have headings."""
+    gives_headings = not path or (len(path) == 1 and path[0] in GROUPS)
+    values: list[str] = []
+    headed: list[str] = []
+    for k, x in table.items():
+        if gives_headings and isinstance(x, dict) and k != "expect":
+            headed += _lines(x, (*path, k))
+        else:
+            values.append(f"{key(k)} = {write_value(x)}")
+    if path and (values or not headed):
+        values = ["", f"[{'.'.join(map(key, path))}]", *values]
+    return values + headed
 
 
 def key(name: str) -> str:
@@ -33,7 +36,11 @@ def key(name: str) -> str:
 
 
 def write_value(x: Any) -> str:
-    """Return a value in one line of TOML."""
+    """Return a value as one line of TOML.
+
+    Raises:
+        TypeError: a linkage file has no values of this type.
+    """
     match x:
         case bool():
             return str(x).lower()

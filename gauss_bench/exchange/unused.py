@@ -1,39 +1,42 @@
-"""Sentences on the elements of a model file that a linkage file has no place for."""
+"""Sentences on the elements of a model file that cannot be written into a linkage file."""
 
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-SHOWN = 20  # names in a sentence, and sentences: a linkage file, whose head repeats the sentences, is at most 1 MiB long
-LONGEST = 60  # characters of a name
+SHOWN = 20  # most names in a sentence, and most sentences, because a linkage file repeats them and is limited to 1 MiB
+LONGEST = 60  # most characters of a name
 FIELDS = tomllib.loads((Path(__file__).parent / "mjcf.toml").read_text(encoding="utf-8"))
 
 
 def list_names(names: Sequence[str]) -> str:
-    """Return names as a list in words; names that are empty are counted."""
+    """Return names as a list in words, with the number of names beyond SHOWN and the number of empty names at the end."""
     named = [name if len(name) <= LONGEST else f"{name[:LONGEST]}..." for name in names if name]
-    nameless, more = len(names) - len(named), len(named) - SHOWN
-    parts = named[:SHOWN] + ([f"{more} more"] if more > 0 else []) + ([f"{nameless} without a name"] if nameless else [])
+    parts = named[:SHOWN]
+    if len(named) > SHOWN:
+        parts.append(f"{len(named) - SHOWN} more")
+    if len(names) > len(named):
+        parts.append(f"{len(names) - len(named)} without a name")
     return ", ".join([*parts[:-2], " and ".join(parts[-2:])])
 
 
 def list_elements(tag: str, names: Sequence[str], reason: str) -> str:
-    """Return the sentence on all elements of a kind."""
-    return f"<{tag}> {list_names(names)}{reason and ': '}{reason}"
+    """Return the sentence on all elements with a tag, with the reason why they are left out if it is not empty."""
+    return f"<{tag}> {list_names(names)}" + (f": {reason}" if reason else "")
 
 
 def list_unused(root: Element) -> list[str]:
-    """List the elements of an MJCF document that have no part in the motion of a linkage, and the settings of its solver."""
+    """Return sentences on the settings of the solver in an MJCF document, and on elements that do not affect a linkage's motion."""
     return [*_list_settings(root), *_list_sections(root)]
 
 
 def _list_settings(root: Element) -> Iterator[str]:
-    """Yield a sentence on the attributes of each kind of element that holds settings of MuJoCo."""
+    """Yield a sentence for each tag that holds settings of MuJoCo, with those attributes that the import does not use."""
     for tag, known in FIELDS["unused"]["settings"].items():
-        written = {key: x for node in root.iter(tag) for key, x in node.items() if key not in known["used"]}
-        if written:
-            values = ", ".join(f"{key} {list_names([x])}" for key, x in written.items())
+        unused = {key: x for node in root.iter(tag) for key, x in node.items() if key not in known["used"]}
+        if unused:
+            values = ", ".join(f"{key} {list_names([x])}" for key, x in unused.items())
             yield f"<{tag}> {values}: {known['reason']}"
     for tag in ("visual", "statistic", "size"):
         if root.find(tag) is not None:
@@ -41,7 +44,7 @@ def _list_settings(root: Element) -> Iterator[str]:
 
 
 def _list_sections(root: Element) -> Iterator[str]:
-    """Yield a sentence on each kind of element in the sections of the document."""
+    """Yield a sentence for each unused tag in the sections of the document."""
     for section, tags in FIELDS["unused"]["sections"].items():
         for tag, reason in tags.items():
             names = [node.get("name", "") for part in root.findall(section) for node in part.iter(tag)]
@@ -50,22 +53,23 @@ def _list_sections(root: Element) -> Iterator[str]:
 
 
 def list_ignored(root: Element, used: Mapping[str, Iterable[str]]) -> list[str]:
-    """Return sentences on the elements of a URDF that are not read, one for each tag; SHOWN at most, then how many are left.
+    """Return a sentence for each tag of a URDF that is not read: at most SHOWN sentences, then the number of further tags.
 
     Args:
-        used: tag of an element that is read -> tags of the elements in it that are read too.
+        used: tag that is read -> tags inside it that are read too.
     """
-    ignored: dict[str, list[str]] = {}  # tag -> names of its elements; "of OWNER" for one without a name
+    ignored: dict[str, list[str]] = {}  # tag -> names of its elements, or "of OWNER" for an element without a name
 
-    def look(node: Element, owner: str) -> None:
+    def collect(node: Element, owner: str) -> None:
+        """Add the ignored elements inside a node; `owner` is the name of the innermost named element around them."""
         for child in node:
             tag, name = str(child.tag), child.get("name") or child.get("reference") or ""
             if tag in used.get(str(node.tag), ()):
-                look(child, name or owner)
+                collect(child, name or owner)
             else:
                 ignored.setdefault(tag, []).append(name if name or not owner else f"of {owner}")
 
-    look(root, "")
+    collect(root, "")
     sentences = [list_elements(list_names([tag]), names, "") for tag, names in ignored.items()]
     more = len(sentences) - SHOWN
     return sentences[:SHOWN] + ([f"{more} more kinds of elements"] if more > 0 else [])

@@ -1,6 +1,7 @@
-"""Keep unsaved drawings in the user's cache folder, so that neither a browser nor a server that ends can lose them.
+"""Keep unsaved drawings in the user's cache folder, so that the end of a browser or server loses nothing.
 
-A file belongs to one process and one document. If the process has ended, its file is offered when the document is opened next.
+A file in that folder belongs to one process and one document. After the process has ended, the studio offers the file when a user
+opens the document again.
 """
 
 import hashlib
@@ -19,12 +20,18 @@ from typing import Any
 from gauss_bench.atomic import write_text
 
 NAME = re.compile(r"[A-Za-z0-9_]{1,60}")
-LARGEST = 8 << 20  # [bytes] a larger file was not written by the studio
+LARGEST = 8 << 20  # [bytes] the studio writes no larger files
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture behind the grid: its data URL, lower left corner, width and height [m]."""
+    """A picture behind the grid.
+
+    Attributes:
+        url: the picture itself as a data URL.
+        at: x and y of its lower left corner [m].
+        width, height: its size [m].
+    """
 
     url: str
     at: tuple[float, float]
@@ -43,7 +50,14 @@ class Picture:
 
 @dataclass(frozen=True)
 class Unsaved:
-    """Unsaved work: the text, the ids of locks, the picture, and the file in which they are kept."""
+    """Unsaved work that was kept.
+
+    Attributes:
+        file: file in which it is kept.
+        text: text of the linkage file.
+        locks: ids of locked parts.
+        picture: picture behind the grid, or None.
+    """
 
     file: Path
     text: str
@@ -58,42 +72,39 @@ def folder() -> Path:
 
 
 class Autosave:
-    """The file in which this process keeps one document; `name` is the document's path, or any text for a new drawing."""
+    """The file in which this process keeps one document.
+
+    Attributes:
+        key: hash of the document's name, which is its path, or any text for a new drawing.
+        file: path of the file, KEY.PROCESS.json.
+    """
 
     def __init__(self, name: str):
         self.key = hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:20]
         self.file = folder() / f"{self.key}.{os.getpid()}.json"
 
     def keep(self, text: str, locks: tuple[str, ...], picture: Picture | None) -> None:
-        """Keep unsaved work; if the file cannot be written, drawing goes on without it."""
+        """Write unsaved work to the file; if the file cannot be written, the work is not kept and no error is raised."""
         content = {"text": text, "locks": locks, "picture": picture and asdict(picture)}
         with suppress(OSError):
             self.file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             write_text(self.file, json.dumps(content | {"process": os.getpid(), "since": start_of(os.getpid())}))
 
-    def forget(self) -> None:
-        """Delete what is kept of this document."""
-        forget(self.file)
-
     def find_left(self) -> Unsaved | None:
-        """Return the newest unsaved work that an ended process left of this document; damaged files are ignored."""
+        """Return the newest unsaved work on this document that an ended process left; ignore damaged files."""
         left = []
         with suppress(OSError):
             for path in folder().glob(f"{self.key}.*.json"):
+                if path == self.file or path.is_symlink() or not path.is_file() or path.stat().st_size > LARGEST:
+                    continue
                 with suppress(OSError, ValueError, KeyError, TypeError):
-                    content = json.loads(path.read_text(encoding="utf-8")) if _is_own(path) else {}
+                    content = json.loads(path.read_text(encoding="utf-8"))
                     process = int(content["process"])
                     # process numbers are reused: only number and start time together identify a process
-                    has_ended = process == os.getpid() or start_of(process) != content["since"]
-                    if has_ended and path != self.file:
+                    if process == os.getpid() or start_of(process) != content["since"]:
                         left.append(_parse(path, content))
             return max(left, key=lambda x: x.file.lstat().st_mtime, default=None)
         return None
-
-
-def _is_own(file: Path) -> bool:
-    """Tell whether the studio may have written a file."""
-    return file.is_file() and not file.is_symlink() and file.stat().st_size <= LARGEST
 
 
 def _parse(file: Path, content: dict[str, Any]) -> Unsaved:
@@ -113,12 +124,8 @@ def _parse(file: Path, content: dict[str, Any]) -> Unsaved:
 
 
 def list_kept(paths: Iterable[Path]) -> list[str]:
-    """List the names of the files of which an ended process left unsaved work."""
-    with suppress(OSError):
-        keys = {path.name.partition(".")[0] for path in folder().glob("*.json")}
-        autosaves = {path.name: Autosave(str(path)) for path in paths}
-        return [name for name, own in autosaves.items() if own.key in keys and own.find_left()]
-    return []
+    """List the names of those files on which an ended process left unsaved work."""
+    return [path.name for path in paths if Autosave(str(path)).find_left()]
 
 
 def forget(file: Path) -> None:
@@ -129,7 +136,10 @@ def forget(file: Path) -> None:
 
 @contextmanager
 def workplace(text: str, name: Any, suffix: str = ".toml") -> Iterator[Path]:
-    """Yield a temporary file with this text, called `name` + suffix if `name` is a valid name, for functions that read files.
+    """Yield the path of a temporary file with a text, for functions that read files.
+
+    Args:
+        name: stem of the file's name; any other value than a valid name is replaced by "drawing".
 
     Raises:
         OSError: no file can be written, neither in the cache folder nor in the system's temporary folder.
@@ -138,7 +148,7 @@ def workplace(text: str, name: Any, suffix: str = ".toml") -> Iterator[Path]:
         folder().mkdir(mode=0o700, parents=True, exist_ok=True)
         home = folder() if os.access(folder(), os.W_OK) else None
     except OSError:
-        home = None  # the system's temporary folder
+        home = None  # TemporaryDirectory then takes the system's temporary folder
     prefix = f"run.{os.getpid()}.{start_of(os.getpid())}."
     with tempfile.TemporaryDirectory(prefix=prefix, dir=home, ignore_cleanup_errors=True) as made:
         path = Path(made) / f"{name if isinstance(name, str) and NAME.fullmatch(name) else 'drawing'}{suffix}"
@@ -147,22 +157,23 @@ def workplace(text: str, name: Any, suffix: str = ".toml") -> Iterator[Path]:
 
 
 def remove_orphans() -> None:
-    """Delete the temporary files of processes that have ended."""
+    """Delete the folders that `workplace` made for processes that have ended."""
     with suppress(OSError):
-        for path in folder().glob("run.*"):
-            _, process, began, *_ = [*path.name.split("."), "", ""]
+        for path in folder().glob("run.*.*.*"):
+            _, process, began, *_ = path.name.split(".")
             if process.isdigit() and start_of(int(process)) != began and path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path, ignore_errors=True)
 
 
 def start_of(process: int) -> str:
-    """Return the start time of a process in the system's own units; "" if it has ended, even if it is still a zombie.
+    """Return the start time of a process in the system's own units; "" if it has ended, even if its parent has not waited for it.
 
-    Where the system has no /proc it is "alive" for every process that runs.
+    On a system without /proc, the result is "alive" for every process that runs.
     """
     with suppress(OSError, IndexError):
+        # the fields after the name, which stands in brackets and may contain spaces: state first, start time as the 20th
         fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
-        return "" if fields[0] in "ZX" else fields[19]
+        return "" if fields[0] in "ZX" else fields[19]  # Z and X: ended
     if Path("/proc/self/stat").exists():
         return ""
     try:

@@ -1,7 +1,6 @@
-"""The text of a linkage file and its tables.
+"""Parse the text of a linkage file into tables, and write changed tables back into the text.
 
-Edits change plain dictionaries. Only their differences are written into the text, so that a file keeps its comments, order and
-spelling.
+Edits change plain dictionaries. Only differences are written into the text, so that a file keeps its comments, order and spelling.
 """
 
 import re
@@ -23,7 +22,8 @@ from gauss_bench.untrusted import parse_toml
 
 Document = dict[str, Any]
 
-ORDER = ("ground", *GROUPS[:5], "assembly", "observe", "measure", *GROUPS[5:])  # of tables in a text that is written anew
+# the order of tables in a text that is written anew
+ORDER = ("ground", *GROUPS[:5], "assembly", "observe", "measure", *GROUPS[5:])
 EMPTY = f"""\
 format = "{SECOND}"
 name = "drawing"
@@ -33,7 +33,7 @@ gravity = [0.0, -9.81]
 
 
 def split_path(path: str) -> list[str | int]:
-    """Split a path such as "links.bar.points[2]" into its keys: names, and indices of lists."""
+    """Split a path into keys and indices of lists: "links.bar.points[2]" into ["links", "bar", "points", 2]."""
     return [int(x[1:-1]) if x[0] == "[" else x for x in re.findall(r"\[\d+\]|[^.\[\]]+", path)]
 
 
@@ -54,13 +54,14 @@ def parse_text(text: str) -> Document:
         document = parse_toml(text)
     except ValueError as error:
         raise Refused(f"not TOML: {str(error)[:200]}") from error
-    if beyond := limit_faults(document):
-        raise Refused(f"not a linkage file: {'; '.join(str(x) for x in beyond[:3])}")
+    faults = limit_faults(document)
+    if faults:
+        raise Refused(f"not a linkage file: {'; '.join(str(x) for x in faults[:3])}")
     return document
 
 
 def write_document(text: str, document: Document) -> str:
-    """Return the text with the content of `document`; unchanged parts keep their spelling."""
+    """Return `text` changed so that it holds the tables `document`; unchanged parts keep their spelling."""
     try:
         parsed = tomlkit.parse(text)
         _change(parsed, tomllib.loads(text), document, ())
@@ -73,12 +74,20 @@ def write_document(text: str, document: Document) -> str:
 
 
 def _change(parsed: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: tuple[str, ...]) -> None:
-    """Change a table of tomlkit, at `path`, from the content `old` to the content `new`."""
+    """Change a table of tomlkit.
+
+    Args:
+        parsed: the table.
+        old, new: its present and its new content.
+        path: keys that lead to the table from the root of the file.
+    """
     removed, added = [k for k in old if k not in new], [k for k in new if k not in old]
-    # one key removed and one added at the same position are a renamed table, which keeps its position and its comments
-    if len(removed) == len(added) == 1 and isinstance(old[removed[0]], dict) and [*old].index(removed[0]) == [*new].index(added[0]):
-        _rename(parsed, removed[0], added[0])
-        old = {added[0] if k == removed[0] else k: x for k, x in old.items()}
+    if len(removed) == len(added) == 1:
+        before, after = removed[0], added[0]
+        # a table that disappears where another one appears was renamed: rename it in place, so that it keeps its comments
+        if isinstance(old[before], dict) and [*old].index(before) == [*new].index(after):
+            _rename(parsed, before, after)
+            old = {after if k == before else k: x for k, x in old.items()}
     for key in old:
         if key not in new:
             parsed.remove(key)
@@ -95,12 +104,13 @@ def _change(parsed: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: t
 
 
 def _rank(key: str) -> int:
-    """Return the position of a table in a file that is written anew."""
+    """Return the position of a table in a file that is written anew; keys without an entry in ORDER come first."""
     return ORDER.index(key) if key in ORDER else -1
 
 
 def _rename(parsed: Any, old: str, new: str) -> None:
-    """Rename an entry of a table of tomlkit; it keeps its position, and comments stay with their entries."""
+    """Rename an entry of a table of tomlkit without a change of positions and comments."""
+    # tomlkit can only append: remove all entries and append them again in their order
     items = {key: parsed.item(key) if hasattr(parsed, "item") else parsed[key] for key in parsed}
     for key in items:
         parsed.remove(key)
@@ -109,9 +119,14 @@ def _rename(parsed: Any, old: str, new: str) -> None:
 
 
 def _item(value: Any, path: tuple[str, ...]) -> Any:
-    """Return a value as tomlkit writes it at a path: tables of the file and of its groups have [headings], others are inline."""
-    if not isinstance(value, dict) or len(path) > 2 - (path[0] not in GROUPS) or path == ("expect",):
+    """Return a value as an item of tomlkit for a path of keys.
+
+    A table at the root of the file, and a table in one of the GROUPS there, has a [heading]. All other tables are inline.
+    """
+    has_heading = path != ("expect",) and (len(path) == 1 or (len(path) == 2 and path[0] in GROUPS))
+    if not isinstance(value, dict) or not has_heading:
         return tomlkit.value(write_value(value))
+    # parse a text with the table at its path, so that tomlkit knows the heading
     nested: Any = value
     for key in reversed(path):
         nested = {key: nested}

@@ -1,4 +1,4 @@
-"""Drag a drawn linkage, and find its other assemblies, by the functions of `kinematics`."""
+"""Drag a drawn linkage and find its other assemblies, by functions of `kinematics`."""
 
 import time
 from dataclasses import replace
@@ -18,27 +18,29 @@ from gauss_bench.studio.reading import Reading
 from gauss_bench.studio.scene import drivers_possible
 from gauss_bench.terms import Array
 
-STEPS = 40  # largest number of steps towards one position of the pointer; a drag to the next position continues from there
+STEPS = 40  # largest number of steps towards one position of the pointer
 
 
 def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Drag:
-    """Begin to drag a pin or a point of a link.
+    """Return the drag of the pin or point that a message names; it keeps the parts with the ids `locks`.
 
     Raises:
         Refused: the pin is fixed to the ground or holds nothing, or the linkage does not assemble.
     """
     mechanism = closed_mechanism(reading, "dragged")
     d = Drawing(reading.document, reading)
-    wanted = str(message.get("point") or message.get("pin"))
-    pin = d.pins.get(wanted) or Pin(wanted, 0j, (wanted,))
-    where = (f"pins.{wanted}",)
+    id = str(message.get("point") or message.get("pin"))
+    pin = d.pins.get(id) or Pin(id, 0j, (id,))  # a point of a link that is no pin has its reference as id
+    where = (f"pins.{id}",)
     if pin.is_grounded:
-        raise Refused(f"pin {wanted} is fixed to the ground: moving it changes the linkage, it does not drag it", where)
+        raise Refused(f"pin {id} is fixed to the ground: moving it changes the linkage, it does not drag it", where)
     if not pin.members:
-        raise Refused(f"pin {wanted} holds nothing that could be dragged: move it", where)
-    locked: dict[str, list[str]] = {"pins": [], "links": [], "slides": [], "joints": []}  # names by group
-    for group, _, name in (x.partition(".") for x in sorted(locks) if ":" not in x):  # a drag never changes lengths
-        locked.setdefault(group, []).append(name)
+        raise Refused(f"pin {id} holds nothing that could be dragged: move it", where)
+    locked: dict[str, list[str]] = {"pins": [], "links": [], "slides": [], "joints": []}  # group -> names
+    for lock in sorted(locks):
+        group, _, name = lock.partition(".")
+        if group in locked and ":" not in lock:  # the lock of a length has a colon, and no drag changes lengths
+            locked[group].append(name)
     points = [d.pins[x].members[0] for x in locked["pins"] if x in d.pins and d.pins[x].members]
     points = [x for x in points if owner(x) != "ground"]
     joints = {x.joint for x in mechanism.pins}.intersection(locked["joints"])
@@ -50,9 +52,9 @@ def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Dra
 
 
 def drag_linkage(drag: Drag, reading: Reading, message: Message) -> dict[str, Any]:
-    """Drag the linkage towards the pointer, and return its poses; `ms` is the processor time taken.
+    """Drag the linkage towards the pointer and return the reply: its poses, and the processor time `ms` [ms].
 
-    There is a note only where the pin is at a limit: one that goes round with the pointer beside its path has nothing to say.
+    The reply has a note only if the pin is at a limit of its motion. A crank that turns with a pointer beside its path needs none.
     """
     target, began = place(message.get("at")), time.thread_time()
     moved = drag.to(np.array([target.real, target.imag]), STEPS)
@@ -62,7 +64,7 @@ def drag_linkage(drag: Drag, reading: Reading, message: Message) -> dict[str, An
 
 
 def closed_mechanism(reading: Reading, word: str) -> Mechanism:
-    """Return the mechanism of a drawing whose joints close; `word` completes the refusal "cannot be ...".
+    """Return the mechanism of a drawing; `word` completes the refusal "cannot be ...".
 
     Raises:
         Refused: nothing is drawn, or the joints do not close.
@@ -75,7 +77,11 @@ def closed_mechanism(reading: Reading, word: str) -> Mechanism:
 
 
 def inputs(reading: Reading) -> list[str]:
-    """Return the input links: those of the first driven scenario, else the crank, else the first link with a pin on the ground."""
+    """Return the names of the input links.
+
+    They are the links that the first driven scenario drives. Without such a scenario the input is the crank, and without a crank
+    the first link with a pin on the ground.
+    """
     document = reading.document
     for scenario in document.get("scenarios", {}).values():
         names = [x["link"] for x in drivers_of(scenario) if "link" in x]
@@ -87,7 +93,7 @@ def inputs(reading: Reading) -> list[str]:
 
 
 def find_branches(reading: Reading) -> list[Array]:
-    """Return the positions (n,) of all assemblies with the present angles of the input links, the drawn one first.
+    """Return the positions, each (n,), of all assemblies with the present angles of the input links, the drawn one first.
 
     Raises:
         Refused: the drawing does not assemble, or the inputs leave a motion free.

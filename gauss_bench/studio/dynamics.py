@@ -1,4 +1,4 @@
-"""Simulations of a drawing: release it from rest in one or several engines, and recommend the cheapest setting of engines."""
+"""Run a drawing: release it from rest in engines, or search for the cheapest setting that meets a required accuracy."""
 
 from importlib.util import find_spec
 from typing import Any
@@ -13,17 +13,17 @@ from gauss_bench.studio.messages import Message, number
 from gauss_bench.studio.session import Session
 
 LONGEST, LIMIT, STEP = 60.0, 120.0, 1e-3  # [s] longest motion, longest time to compute it, step size
-BUDGET, MOST_BUDGET = 30.0, 600.0  # [s] usual and longest search for a recommendation
+BUDGET, MOST_BUDGET = 30.0, 600.0  # [s] default and longest duration of a search
 
 
 def engines_here() -> list[dict[str, Any]]:
-    """List every engine of the suite, whether it can be used here, and the reason if it cannot."""
+    """Return of every engine its name, whether it can be used on this machine, and the reason if it cannot."""
     offered = offers([x for x in all_names() if x in SAFE])
     return [{"name": x.name, "here": x.usable, "reason": x.reason} for x in offered]
 
 
 def write_released(session: Session, message: Message) -> tuple[str, float]:
-    """Return the text with a scenario that releases the drawing where it is, and the end time of the run [s].
+    """Return the file's text with a scenario that releases the drawing where it is, and the end time of the run [s].
 
     Raises:
         Refused: the drawing does not assemble, or the end time is not valid.
@@ -41,7 +41,7 @@ def write_released(session: Session, message: Message) -> tuple[str, float]:
 
 
 def release(session: Session, message: Message) -> dict[str, Any]:
-    """Start a job that releases the drawing in an engine, and in others to compare with it.
+    """Start a job that releases the drawing in an engine, and in further engines for comparison; return the reply with its number.
 
     Raises:
         Refused: an engine cannot be used here; the message says how to install it.
@@ -56,10 +56,10 @@ def release(session: Session, message: Message) -> dict[str, Any]:
 
 
 def _check_usable(engines: list[Any]) -> None:
-    """Check that engines can be used here.
+    """Check that all engines can be used on this machine.
 
     Raises:
-        Refused: one cannot be used; the message says how to install it.
+        Refused: an engine cannot be used; the message says how to install it.
     """
     names = all_names()
     for engine in engines:
@@ -71,13 +71,13 @@ def _check_usable(engines: list[Any]) -> None:
 
 
 def recommend(session: Session, message: Message) -> dict[str, Any]:
-    """Start a job that searches the cheapest setting that holds the required accuracy.
+    """Start a job that searches for the cheapest setting that meets the required accuracy; return the reply with its number.
 
     Raises:
         Refused: no accuracy is required, or a number is not valid.
     """
-    wanted = {key: number(message, key) for key in ("position", "angle", "force") if message.get(key) is not None}
-    if not wanted or not all(x > 0 for x in wanted.values()):
+    required = {key: number(message, key) for key in ("position", "angle", "force") if message.get(key) is not None}
+    if not required or not all(x > 0 for x in required.values()):
         raise Refused("say what is required: a position, an angle or a force above 0", field="position")
     budget = number(message, "budget", BUDGET)
     if not 1 <= budget <= MOST_BUDGET:
@@ -85,5 +85,5 @@ def recommend(session: Session, message: Message) -> dict[str, Any]:
     engines = message.get("engines") or []
     _check_usable(engines if isinstance(engines, list) else [engines])
     text, until = write_released(session, message)
-    request = {"work": "recommend", "scenario": RELEASED, "until": until, "budget": budget, "engines": engines} | wanted
+    request = {"work": "recommend", "scenario": RELEASED, "until": until, "budget": budget, "engines": engines} | required
     return {"job": session.jobs.start(text, request, "recommend_done")}

@@ -2,10 +2,10 @@
 
 
 class Refused(ValueError):
-    """A request that is refused.
+    """The refusal of a request.
 
     Attributes:
-        where: ids of the parts of the drawing that it concerns: `links.NAME`, `pins.ID`, `slides.NAME`, `forces.NAME`.
+        where: ids of the parts of the drawing that the refusal concerns: `links.NAME`, `pins.ID`, `slides.NAME`, `forces.NAME`.
         field: key of the message that is at fault, or "".
     """
 

@@ -1,4 +1,4 @@
-"""Exports of a drawing: its text, a picture, a table or an animation of its motion, or a model for another program."""
+"""Export a drawing: its text, a picture, a table or an animation of its motion, or a model for another program."""
 
 import base64
 from typing import Any
@@ -26,10 +26,10 @@ FORMS = ("toml", "svg", "csv", "gif", *KINDS)
 
 
 def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, Any]:
-    """Return a file of the kind that a message asks for: its name, with its `text` or its bytes in `base64`.
+    """Return the reply with a file of the kind in a message: the file's `name`, and its `text` or its bytes in `base64`.
 
     Raises:
-        Refused: there is no such kind, or the drawing cannot be exported so; the message gives the reason.
+        Refused: there is no such kind, or the drawing cannot be exported as this kind; the message gives the reason.
     """
     kind, name = message.get("kind"), str(reading.document.get("name", "drawing"))
     match kind:
@@ -57,10 +57,12 @@ def curves(mechanism: Mechanism, x: Trajectory) -> History:
 
 
 def _export_model(text: str, reading: Reading, kind: str, name: str) -> dict[str, Any]:
-    """Return the drawing as a model of a kind, built in a worker process, in its first scenario without drivers if there is one.
+    """Return the reply with the drawing as a model of a kind, which a worker process builds.
+
+    The model has the first scenario without drivers, or the first scenario if all have drivers.
 
     Raises:
-        Refused: there is no scenario, or the drawing is no such model.
+        Refused: there is no scenario, or a model of this kind cannot express the drawing.
     """
     scenarios = reading.document.get("scenarios", {})
     free = next((k for k, x in scenarios.items() if not is_driven(x)), None)

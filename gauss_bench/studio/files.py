@@ -1,11 +1,10 @@
-"""Templates, the files of the working folder, imports, and links that contain a whole linkage."""
+"""Read templates and files of the working folder, save files, import models, and pack a linkage file into an address."""
 
 import base64
 import tomllib
 import zlib
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from gauss_bench.api.exchange import READING, read_there
 from gauss_bench.api.in_worker import answer_in_worker
@@ -25,47 +24,40 @@ SHOWN = 200  # largest number of files that are listed
 FOLDER = Path(__file__).parent / "templates"
 
 
-def texts() -> dict[str, Path]:
-    """Return the files of all templates by name, the built-in linkages first."""
+def templates() -> dict[str, Path]:
+    """Return name -> file of all templates, the built-in linkages first."""
     return built_in() | {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
 
 
-def path_of(name: str) -> Path:
+def template(name: str) -> Path:
     """Return the file of a template.
 
     Raises:
         Refused: there is no template of that name.
     """
-    if name not in texts():
+    if name not in templates():
         raise Refused(f"there is no template {name[:60]!r}")
-    return texts()[name]
-
-
-def text_of(name: str) -> str:
-    """Return the text of a template.
-
-    Raises:
-        Refused: there is no template of that name.
-    """
-    return path_of(name).read_text(encoding="utf-8")
+    return templates()[name]
 
 
 @cache
-def list_templates() -> tuple[dict[str, Any], ...]:
-    """List every template with its title and kind; the page requests their drawings one by one."""
-    titles = {name: tomllib.loads(text_of(name)).get("title", name) for name in texts()}
-    kinds = {name: "classic" if path.parent == FOLDER else "built-in" for name, path in texts().items()}
-    return tuple({"name": name, "title": title, "kind": kinds[name]} for name, title in titles.items())
+def list_templates() -> tuple[dict[str, str], ...]:
+    """Return name, title and kind of every template; the page requests their drawings one by one."""
+    listed = []
+    for name, path in templates().items():
+        title = tomllib.loads(path.read_text(encoding="utf-8")).get("title", name)
+        listed.append({"name": name, "title": title, "kind": "classic" if path.parent == FOLDER else "built-in"})
+    return tuple(listed)
 
 
 @cache
-def drawing(name: str) -> str:
+def draw_template(name: str) -> str:
     """Return a template as SVG; empty if it cannot be drawn.
 
     Raises:
         Refused: there is no template of that name.
     """
-    path = path_of(name)
+    path = template(name)
     try:
         return draw(*pose_links(path))
     except (LinkageError, ArithmeticError, ValueError):
@@ -73,10 +65,10 @@ def drawing(name: str) -> str:
 
 
 def inside(folder: Path, name: str) -> Path:
-    """Return the path of a file of the working folder, after following symbolic links.
+    """Return the path of a linkage file in the working folder, with symbolic links resolved.
 
     Raises:
-        Refused: the path is outside the folder, or is no name of a linkage file.
+        Refused: the path is outside the folder, or does not end in .toml.
     """
     if not name or "\0" in name or len(name) > 200:
         raise Refused("the name of the file is missing or too long", field="path")
@@ -107,23 +99,27 @@ def open_document(folder: Path, name: str) -> tuple[str, Path | None]:
         Refused: there is no such file, or it is outside the folder.
         LinkageError: the file cannot be read.
     """
-    if not Path(name).suffix and name in texts():
-        return text_of(name), None
+    if not Path(name).suffix and name in templates():
+        return template(name).read_text(encoding="utf-8"), None
     path = inside(folder, name)
-    read_file(path)
+    read_file(path)  # raises if the file is no linkage file
     return path.read_text(encoding="utf-8"), path
 
 
 def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> None:
     """Write the text to a file in one atomic step.
 
-    Without `replace`, a file other than `own` is not overwritten, nor is `own` if its content is not `known`.
+    Args:
+        replace: whether to overwrite the file in any case.
+        own: file of the open document, which is overwritten without `replace` if its content is still `known`; or None.
+        known: content of `own` when it was read or written last.
 
     Raises:
-        Refused: the name is not allowed, the file exists, or it is read-only.
+        Refused: the name is not allowed, the file exists, was changed by another program, or is read-only.
     """
     if path.stem in built_in():
-        raise Refused(f"{path.stem} is the name of a built-in linkage: commands would take that one; choose another", field="path")
+        reason = "is the name of a built-in linkage, which commands would take instead of the file: choose another"
+        raise Refused(f"{path.stem} {reason}", field="path")
     if path.is_dir() or not path.parent.is_dir():
         raise Refused(f"{path.name}: its folder does not exist, or it is a folder itself", field="path")
     if path.exists() and path != own and not replace:
@@ -139,7 +135,7 @@ def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> 
 
 
 def has_changed(path: Path, known: str) -> bool:
-    """Tell whether a file's content differs from the known one; a file that was deleted counts as unchanged."""
+    """Tell whether a file's content differs from `known`; a file that was deleted counts as unchanged."""
     try:
         return path.read_text(encoding="utf-8") != known
     except FileNotFoundError:
@@ -149,10 +145,12 @@ def has_changed(path: Path, known: str) -> bool:
 
 
 def import_file(text: str) -> tuple[str, list[str]]:
-    """Import a model in MJCF or URDF in a worker process; return a linkage file, and a sentence for each part that is left out.
+    """Import a model in MJCF or URDF in a worker process.
+
+    Return the text of a linkage file, and a sentence for each part of the model that it leaves out.
 
     Raises:
-        Refused: the text is no such model, or no planar one, or the library that reads it is not installed.
+        Refused: the text is not a planar model in MJCF or URDF, or the library that reads it is not installed.
     """
     with workplace(text, "model", ".xml") as model:
         try:
@@ -164,7 +162,7 @@ def import_file(text: str) -> tuple[str, list[str]]:
 
 
 def fragment(text: str) -> str:
-    """Compress a text into the characters that a URL may contain."""
+    """Return a text in compressed form, in characters that an address may contain."""
     packed = zlib.compress(text.encode("utf-8"), 9)
     return base64.urlsafe_b64encode(packed).decode("ascii").rstrip("=")
 
@@ -173,10 +171,11 @@ def unpack_fragment(given: str) -> str:
     """Return the text that `fragment` has compressed.
 
     Raises:
-        Refused: it is no such text, or is larger than a linkage file may be.
+        Refused: `given` is not made by `fragment`, or the text is larger than a linkage file may be.
     """
     try:
-        packed = base64.b64decode(given + "=" * (-len(given) % 4), altchars=b"-_", validate=True)
+        padded = given + "=" * (-len(given) % 4)  # base64 has groups of four characters
+        packed = base64.b64decode(padded, altchars=b"-_", validate=True)
         unpacking = zlib.decompressobj()
         text = unpacking.decompress(packed, MAX_BYTES + 1).decode("utf-8")
     except (ValueError, zlib.error) as error:

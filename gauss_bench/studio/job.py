@@ -1,7 +1,7 @@
-"""A long job in a process of its own, which sends its results to the studio as lines of JSON.
+"""The process of a long job, which sends its results to the studio as lines of JSON on standard output.
 
-The request arrives on standard input, which stays open until the studio ends. Then this process kills itself and all processes that
-it has started.
+The request arrives as a line of JSON on standard input, which the studio keeps open as long as it lives. At its end this process
+kills itself and all processes that it has started.
 """
 
 import contextlib
@@ -15,14 +15,18 @@ from typing import Any
 
 import numpy as np
 
-Send = Callable[[dict[str, Any]], None]
+Send = Callable[[dict[str, Any]], None]  # sends an event to the studio
 
-FRAMES = 60  # poses of a motion per second
-MOST = 3000  # largest number of poses of a motion
+FRAMES = 60  # poses of a motion per second that are sent
+MOST = 3000  # largest number of poses of a motion that are sent
 
 
 def release(request: Mapping[str, Any], send: Send) -> None:
-    """Run a file in one engine after the other; send each motion with its verdict, and its distance from the first motion."""
+    """Run a file in one engine after the other, and send each motion with its verdict and its distance from the first motion.
+
+    Args:
+        request: the message that `dynamics.release` makes, with the `path` of the file.
+    """
     from gauss_bench.api.simulate import simulate
     from gauss_bench.mechanism.coordinates import spread
     from gauss_bench.studio.motion import pose_motion
@@ -43,9 +47,7 @@ def release(request: Mapping[str, Any], send: Send) -> None:
         if x is None or not len(x.t):
             send(event)
             continue
-        # FRAMES samples per second, at most MOST in all, and always the last one
-        every = max(1, round(1 / FRAMES / max(float(np.median(np.diff(x.t))) if len(x.t) > 1 else 1.0, 1e-9)), len(x.t) // MOST + 1)
-        chosen = np.unique(np.append(np.arange(0, len(x.t), every), len(x.t) - 1))
+        chosen = choose_frames(x.t)
         send(event | {"times": x.t[chosen], "poses": pose_motion(result.model, x.q[chosen])})
         links = spread(result.model, x).q
         if first is None:
@@ -54,14 +56,32 @@ def release(request: Mapping[str, Any], send: Send) -> None:
             send({"event": "compared", "compare": compare(engine, *first, x.t, links)})
 
 
+def choose_frames(t: Any) -> Any:
+    """Return the indices of samples to send: FRAMES a second of motion, about MOST in all, and always the last one.
+
+    Args:
+        t: (k,) times of all samples [s].
+    """
+    interval = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+    every = max(1, round(1 / FRAMES / max(interval, 1e-9)), len(t) // MOST + 1)
+    return np.unique(np.append(np.arange(0, len(t), every), len(t) - 1))
+
+
 def compare(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -> dict[str, Any]:
-    """Return the distance between two motions over time [m], its maximum, and the link that is farthest apart."""
-    times = t[t <= other_t[-1] + 1e-12]
-    rows = np.clip(np.searchsorted(other_t, times - 1e-9), 0, len(other_t) - 1)
-    gaps = (q[: len(times)] - other[rows]).reshape(len(times), -1, 3)[..., :2]
+    """Return the distance between two motions over time [m], its maximum, and the link that is farthest apart.
+
+    Args:
+        engine: name of the engine of the second motion.
+        t, q: times (k,) and positions (k, n) of the first motion.
+        whole: the mechanism of the links whose positions are given.
+        other_t, other: times and positions of the second motion.
+    """
+    times = t[t <= other_t[-1] + 1e-12]  # while both motions last
+    rows = np.clip(np.searchsorted(other_t, times - 1e-9), 0, len(other_t) - 1)  # samples of the second motion at these times
+    gaps = (q[: len(times)] - other[rows]).reshape(len(times), -1, 3)[..., :2]  # (times, links, x and y)
     lengths = np.hypot(gaps[..., 0], gaps[..., 1])
     apart = lengths.max(axis=1)
-    k, every = int(apart.argmax()), max(1, len(times) // 500)
+    k, every = int(apart.argmax()), max(1, len(times) // 500)  # the curve has about 500 points
     return {
         "engine": engine,
         "worst_apart": float(apart[k]),
@@ -72,7 +92,11 @@ def compare(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -
 
 
 def recommend(request: Mapping[str, Any], send: Send) -> None:
-    """Find the cheapest setting of every engine that holds an accuracy; send each answer at once, and all answers at the end."""
+    """Search for the cheapest setting of every engine that meets an accuracy; send each answer as it is found, and all at the end.
+
+    Args:
+        request: the message that `dynamics.recommend` makes, with the `path` of the file.
+    """
     from dataclasses import asdict
 
     from gauss_bench.advice.answer import Answer
@@ -80,14 +104,8 @@ def recommend(request: Mapping[str, Any], send: Send) -> None:
     from gauss_bench.api.recommend import recommend as find_setting
     from gauss_bench.api.recommend import setting_of
 
-    def send_progress(sentence: str) -> None:
-        send({"event": "progress", "text": sentence})
-
-    def send_better(x: Answer) -> None:
-        send({"event": "recommend", "answer": as_shown(x)})
-
     def as_shown(x: Answer) -> dict[str, Any]:
-        """Return an answer as the page shows it."""
+        """Return an answer with the words for its setting and with its first error, which the page shows."""
         setting = setting_of(x) if x.step is not None or x.tolerance is not None else ""
         return asdict(x) | {"setting": setting, "error": next(iter(x.errors.values()), None)}
 
@@ -101,8 +119,8 @@ def recommend(request: Mapping[str, Any], send: Send) -> None:
             request.get("engines") or None,
             scenario=request["scenario"],
             budget=request["budget"],
-            told=send_progress,
-            better=send_better,
+            told=lambda sentence: send({"event": "progress", "text": sentence}),
+            better=lambda answer: send({"event": "recommend", "answer": as_shown(answer)}),
         )
     except NoTruth as error:
         send({"event": "failed", "text": f"nothing can be recommended: {error}"})
@@ -127,15 +145,15 @@ def main() -> None:
     from gauss_bench.api.telling import plain
 
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # a library that prints must not disturb the lines of JSON
+    os.dup2(2, 1)  # what libraries print goes to standard error, so that it does not disturb the lines of JSON
 
     def send(event: dict[str, Any]) -> None:
         """Write an event as a line of JSON."""
         out.write(json.dumps(plain(event), allow_nan=False) + "\n")
         out.flush()
 
-    line = open(0, "rb", buffering=0, closefd=False).readline()  # unbuffered, since a thread reads the rest with os.read
-    if not line.endswith(b"\n"):
+    line = open(0, "rb", buffering=0, closefd=False).readline()  # without a buffer, because a thread reads the rest by os.read
+    if not line.endswith(b"\n"):  # the studio has ended
         return
     threading.Thread(target=_end_with_the_studio, daemon=True).start()
     request = json.loads(line)

@@ -1,4 +1,4 @@
-"""Long jobs, each in a process of its own, whose events are sent to the page as they arrive."""
+"""Start long jobs, each in its own process, and send their events to the page as they arrive."""
 
 import contextlib
 import json
@@ -20,7 +20,14 @@ GRACE = 2.0  # [s] longest wait for the end of a stopped job
 
 
 class Jobs:
-    """The running jobs, by number."""
+    """The jobs that run.
+
+    Attributes:
+        tell: function that sends an event to all pages.
+        running: number of a job -> its process.
+        followers: number of a job -> thread that reads its events.
+        count: number of jobs started so far.
+    """
 
     def __init__(self, tell: Callable[[dict[str, Any]], object]):
         self.tell = tell
@@ -29,7 +36,12 @@ class Jobs:
         self.count, self.lock = 0, threading.Lock()
 
     def start(self, text: str, request: dict[str, Any], done: str) -> int:
-        """Start a job on a linkage file with this text, and return its number; the name of its last event is `done`.
+        """Start a job and return its number.
+
+        Args:
+            text: linkage file on which the job works.
+            request: the work, as `job.py` reads it.
+            done: name of the job's last event.
 
         Raises:
             Refused: too many jobs are running already.
@@ -49,9 +61,10 @@ class Jobs:
         return job
 
     def _follow(self, job: int, text: str, request: dict[str, Any], done: str) -> None:
-        """Send the events of a job as they arrive, and a last event with its comparisons, or with the reason why it failed."""
+        """Send the events of a job as they arrive, then the event `done` with comparisons, or with the reason why it failed."""
         process = self.running[job]
-        last: dict[str, Any] = {"event": done, "job": job, "error": "it was stopped"}  # unless the job sends its own end
+        # the error stays if no event of the job changes or removes it
+        last: dict[str, Any] = {"event": done, "job": job, "error": "it was stopped"}
         assert process.stdin is not None
         assert process.stdout is not None
         try:

@@ -1,4 +1,4 @@
-"""Checks of the values in a page's message."""
+"""Read and check the values of a message that a page sends."""
 
 import math
 import sys
@@ -16,7 +16,7 @@ def value_of(message: Message, key: str, kind: type, otherwise: Any = None) -> A
     """Return a value of a message, or `otherwise` if it is missing.
 
     Raises:
-        Refused: the value is of another type, or is missing without a default.
+        Refused: the value is not of the type `kind`, or is missing while there is no default.
     """
     value = message.get(key, otherwise)
     if value is None and otherwise is None:
@@ -42,29 +42,33 @@ def place(x: Any, field: str = "at") -> complex:
     """Return the point that a message gives as [x, y], as x + i y [m].
 
     Raises:
-        Refused: the value is not a point, or is too far away.
+        Refused: the value is no point, or is too far away.
     """
-    numbers = isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and not isinstance(y, bool) for y in x)
-    if not numbers or not all(abs(y) <= FARTHEST for y in x):
+    is_pair = isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and not isinstance(y, bool) for y in x)
+    if not is_pair or not all(abs(y) <= FARTHEST for y in x):
         raise Refused(f"a place is two numbers, each of at most {FARTHEST:g} m", field=field)
     return complex(*x)
 
 
 def check_message(message: Message) -> None:
-    """Check that all numbers of a message fit into a double, all texts can be written, and that it is not nested too deep.
+    """Check all values of a message.
 
     Raises:
-        Refused: one of these is not true.
+        Refused: a number does not fit into a double, a text cannot be written to a file, or values are nested too deep.
     """
     level: list[Any] = [message]  # all values at one level of nesting
     for _ in range(DEEPEST):
+        inner: list[Any] = []
         for x in level:
             if isinstance(x, (int, float)) and not abs(x) <= sys.float_info.max:
                 raise Refused("a number of the message is too large")
-            if isinstance(x, str) and not x.isascii() and any("\ud800" <= c <= "\udfff" for c in x):
+            if isinstance(x, str) and not x.isascii() and any("\ud800" <= c <= "\udfff" for c in x):  # half of a surrogate pair
                 raise Refused("a text of the message has half a character, which cannot be stored in a file")
-        inner = [x for x in level if isinstance(x, (dict, list))]
-        level = [y for x in inner for y in ((*x.keys(), *x.values()) if isinstance(x, dict) else x)]
-        if not level:
+            if isinstance(x, dict):
+                inner += [*x.keys(), *x.values()]
+            elif isinstance(x, list):
+                inner += x
+        if not inner:
             return
+        level = inner
     raise Refused(f"the message is nested deeper than {DEEPEST} levels")

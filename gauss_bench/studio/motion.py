@@ -1,4 +1,4 @@
-"""Kinematics of a drawing as the page shows it: its motion under laws, forces, singular positions, instant centres."""
+"""Compute the kinematics of a drawing for the page: motions under laws, forces, singular positions and instant centres."""
 
 from cmath import rect
 from typing import Any
@@ -32,15 +32,21 @@ SAMPLES, MOST = 120, 2000  # default and largest number of intervals of a motion
 
 
 def load_driven(text: str, reading: Reading, scenario: Any) -> Mechanism:
-    """Return the mechanism in the given scenario, else in its first driven one, else with the first possible driver.
+    """Return the mechanism in a scenario.
+
+    Args:
+        text: the linkage file.
+        reading: the reading of that file.
+        scenario: name of the scenario. None takes the first driven scenario; if the file has none, the first coordinate that can be
+            driven moves at its default law.
 
     Raises:
-        Refused: no coordinate can be driven, or the drivers leave one free.
+        Refused: no coordinate can be driven, or the drivers leave a coordinate free.
         LinkageError, ChoiceError: the file or the driver cannot be used.
     """
     document = reading.document
     if not isinstance(scenario, (str, type(None))):
-        raise Refused("a scenario is named", field="scenario")
+        raise Refused("a scenario is given by its name", field="scenario")
     if scenario is None and not any(is_driven(x) for _, x in items(document, "scenarios")):
         possible = drivers_possible(reading)
         if not possible:
@@ -50,13 +56,16 @@ def load_driven(text: str, reading: Reading, scenario: Any) -> Mechanism:
         text, scenario = write_document(text, d.document), DRIVEN
     with workplace(text, document.get("name")) as path:
         mechanism = load_with_drivers(str(path), scenario, None)
-    if mechanism.dof > len(mechanism.drivers) and (left := free_at_start(mechanism)):
-        raise Refused(f"the drivers leave {len(left)} free ({', '.join(left)}): drive them too, or hold them")
+    free = free_at_start(mechanism) if mechanism.dof > len(mechanism.drivers) else []
+    if free:
+        raise Refused(f"the drivers leave {len(free)} free ({', '.join(free)}): drive them too, or hold them")
     return mechanism
 
 
 def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Trajectory, str | None]:
-    """Return the mechanism, its motion over the scenario's duration, and the reason if it stops earlier.
+    """Return the mechanism, its motion over the scenario's duration, and the reason if the motion stops earlier, else None.
+
+    The message may give the scenario and the number of intervals, `samples`.
 
     Raises:
         Refused, LinkageError, ChoiceError: the drawing cannot be moved.
@@ -77,7 +86,7 @@ def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Traj
 
 
 def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, dict[str, Any]]:
-    """Return the mechanism, and its motion as the page shows it, without singular positions.
+    """Return the mechanism, and the reply with its motion; singular positions follow in an event.
 
     Raises:
         Refused, LinkageError, ChoiceError: the drawing cannot be moved.
@@ -103,13 +112,13 @@ def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, di
 
 
 def pose_motion(mechanism: Mechanism, q: Array) -> dict[str, list[list[float]]]:
-    """Return link -> [[x, y, theta], ...], the poses of its own frame at states q (k, n)."""
+    """Return link -> [[x, y, theta], ...], the poses of the link's own frame at states q (k, n)."""
     at_states = [poses(mechanism, state) for state in q]
     return {link.name: [x[link.name] for x in at_states] for link in mechanism.whole.links}
 
 
 def forces(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
-    """Return the torque or force of the first driver, and the loads on pins and slides, along a driven motion."""
+    """Return the part of the reply on forces along a driven motion: of the first driver, and in pins and slides."""
     if not len(x.t):
         return {"torque": None, "pins": []}
     evaluator = Evaluator(mechanism)
@@ -123,7 +132,10 @@ def forces(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
 
 
 def ratios(mechanism: Mechanism, q: Array) -> dict[str, Any]:
-    """Return velocity ratios and mechanical advantages at states q (k, n); none if there are several degrees of freedom."""
+    """Return the part of the reply on velocity ratios and mechanical advantages at states q (k, n).
+
+    It is empty for several degrees of freedom.
+    """
     try:
         pairs = advantages(mechanism, q)
     except ValueError:
@@ -131,9 +143,9 @@ def ratios(mechanism: Mechanism, q: Array) -> dict[str, Any]:
     return {"advantage": [{"input": x.input, "output": x.output, "values": x.mechanical, "velocity": x.velocity} for x in pairs]}
 
 
-@np.errstate(all="ignore")  # for the thread that searches beside the requests
+@np.errstate(all="ignore")  # `answer` sets this for its own thread only, and the search runs in another thread
 def singular(mechanism: Mechanism) -> tuple[list[dict[str, Any]], str]:
-    """Return limits of motion and dead centres, and the reason if they cannot be listed."""
+    """Return limits of motion and dead centres with their poses, and the reason if they cannot be listed, else ""."""
     try:
         positions = singular_positions(mechanism)
     except (ValueError, ChangePoint) as error:
@@ -143,10 +155,13 @@ def singular(mechanism: Mechanism) -> tuple[list[dict[str, Any]], str]:
 
 
 def instant_centres(reading: Reading, given: Any) -> list[dict[str, Any]]:
-    """Return the instant centre of every pair of links at poses {link: [x, y, theta]}, or at the drawing if `given` is None.
+    """Return the instant centre of every pair of links.
+
+    Args:
+        given: the poses {link: [x, y, theta]} that the page gives; None for the poses of the drawing.
 
     Raises:
-        Refused: nothing is drawn, the poses are not those of this drawing, or it has no single free motion there.
+        Refused: nothing is drawn, the poses are not those of this drawing, or the drawing has no single free motion at them.
     """
     mechanism = reading.mechanism
     if mechanism is None:
@@ -160,7 +175,10 @@ def instant_centres(reading: Reading, given: Any) -> list[dict[str, Any]]:
 
 
 def centres_along(reading: Reading, given: Any) -> list[dict[str, Any]]:
-    """Return the instant centre of every pair of links along a motion {link: [[x, y, theta], ...]}; None where there is none.
+    """Return the instant centre of every pair of links along a motion, with None at poses that have no centres.
+
+    Args:
+        given: the motion {link: [[x, y, theta], ...]} that the page gives.
 
     Raises:
         Refused: the poses are not those of this drawing, or there are no centres at any of them.
@@ -168,7 +186,7 @@ def centres_along(reading: Reading, given: Any) -> list[dict[str, Any]]:
     lists = [*given.values()] if isinstance(given, dict) else []
     if not lists or not all(isinstance(x, list) and 0 < len(x) == len(lists[0]) <= MOST for x in lists):
         raise Refused(f"a motion is a list of poses for each link, all of one length, at most {MOST}", field="along")
-    found: list[list[dict[str, Any]]] = []
+    found: list[list[dict[str, Any]]] = []  # the centres at each position
     for k in range(len(lists[0])):
         try:
             found.append(instant_centres(reading, {name: x[k] for name, x in given.items()}))
@@ -181,12 +199,12 @@ def centres_along(reading: Reading, given: Any) -> list[dict[str, Any]]:
 
 
 def state_of(reading: Reading, given: Any) -> Array:
-    """Convert the page's poses of links to q (n,).
+    """Return the positions q (n,) of poses {link: [x, y, theta]} that the page gives.
 
     Raises:
         Refused: the poses are not those of this drawing.
     """
-    mechanism, q = reading.mechanism, []
+    mechanism, q = reading.mechanism, list[float]()
     for link in mechanism.links if mechanism else ():
         pose = given.get(link.name) if isinstance(given, dict) else None
         if not isinstance(pose, list) or len(pose) != 3 or not all(isinstance(x, (int, float)) for x in pose):

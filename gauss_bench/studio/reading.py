@@ -1,6 +1,6 @@
-"""Read a linkage file that may be incomplete or faulty, so that an unfinished drawing can be shown.
+"""Read a linkage file that may be incomplete or faulty, so that the page can show an unfinished drawing.
 
-A part that the loader refuses becomes a problem, with its place in the drawing, and is left out. The loader's own functions build
+A part that the loader refuses is reported as a problem at its place in the drawing, and is left out. Functions of the loader build
 and place the rest, so that the studio reads a file in the same way as all other verbs.
 """
 
@@ -23,30 +23,32 @@ from gauss_bench.linkage.closure import close_joints
 from gauss_bench.linkage.errors import AssemblyError, BuildError, Fault, LinkageError, NotPlaced
 from gauss_bench.linkage.load import document_faults, load_document
 from gauss_bench.linkage.references import items, sequence, table
+from gauss_bench.linkage.schema import SECOND
 from gauss_bench.linkage.sketch import sketch
 from gauss_bench.mechanism.coordinates import position, spread
 from gauss_bench.mechanism.evaluate import Constraints
-from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
+from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.studio.document import Document, split_path
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory, in_a_sentence
 
 ROUNDS = 200  # largest number of rounds in which faulty parts are removed
-MASS, INERTIA = 1.0, 1e-3  # [kg], [kg m^2] assumed for a link that gives none, so that it can be shown
+MASS, INERTIA = 1.0, 1e-3  # [kg], [kg m^2] of a link whose table gives none, so that it can be shown
 STILL = {"drawn": {"duration": 1.0}}  # a scenario without drivers, forces or prescribed coordinates
 TRIED = 6  # largest number of scenarios that are assembled
+CLOSED = 1e-9  # [m] largest gap of a pin that counts as closed
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong or missing in a drawing.
+    """A fault or gap of a drawing.
 
     Attributes:
         level: "error", "warning" or "hint".
         text: the message for the user.
         where: ids of the parts of the drawing that it concerns.
         loop: links of the loop that does not close.
-        apart: gap of that loop [m].
+        apart: gap of that loop, or of a pin that does not close [m].
     """
 
     level: str
@@ -62,12 +64,12 @@ class Reading:
 
     Attributes:
         document: the document as given.
-        rest: the document without its faulty parts and with one scenario in which nothing acts.
-        mechanism: the mechanism of `rest`; None if it has no links.
-        q: (n,) where the links are drawn, with joints closed if `closed`.
-        closed: whether the joints can be closed from the drawing.
-        unplaced: links whose place the drawing does not determine.
-        problems: errors first.
+        rest: the document without its faulty parts, with a single scenario in which nothing acts.
+        mechanism: the mechanism of `rest`; None if `rest` has no links.
+        q: (n,) positions of the drawn links, with closed joints if `closed`.
+        closed: whether the joints can be closed from the drawn places.
+        unplaced: links whose places the drawing does not determine.
+        problems: errors first, then warnings and hints.
     """
 
     document: Document
@@ -93,19 +95,19 @@ class Reading:
         return 0
 
     def poses(self, q: Array) -> dict[str, list[float]]:
-        """Return link -> [x, y, theta] of its own frame at a state q (n,)."""
+        """Return link -> [x, y, theta] of the link's own frame at positions q (n,); empty without a mechanism."""
         return {} if self.mechanism is None else poses(self.mechanism, q)
 
 
 def of_links(mechanism: Mechanism, q: Array) -> Array:
-    """Convert positions (..., n) of a mechanism's bodies to those of the file's links; welded links are one body."""
+    """Return the positions of the file's links at positions q (..., n) of the mechanism's bodies; welded links are one body."""
     if not mechanism.parts:
         return q
     return spread(mechanism, Trajectory(np.zeros(1), q, 0 * q, 0 * q, 0)).q
 
 
 def poses(mechanism: Mechanism, q: Array) -> dict[str, list[float]]:
-    """Return link of the file -> [x, y, theta] of its own frame in the world, at a state q (n,)."""
+    """Return link of the file -> [x, y, theta] of the link's own frame in the world, at positions q (n,)."""
     by_link = {}
     for link, (x, y, theta) in zip(mechanism.whole.links, of_links(mechanism, q).reshape(-1, 3).tolist(), strict=True):
         origin = complex(x, y) - rect(1.0, theta) * complex(*link.com)
@@ -115,50 +117,51 @@ def poses(mechanism: Mechanism, q: Array) -> dict[str, list[float]]:
 
 @np.errstate(all="ignore")
 def read(document: Document, starts: bool = True) -> Reading:
-    """Read a document, even a faulty one.
+    """Read a document, which may be faulty.
 
-    With `starts`, also test whether its scenarios can be assembled, which takes most of the time.
+    Args:
+        starts: whether to test if the scenarios can be assembled, which takes most of the time.
     """
     problems: list[Problem] = []
 
-    def tell(level: str, text: str, *where: str) -> None:
-        """Add a problem."""
+    def report(level: str, text: str, *where: str) -> None:
+        """Add a problem at the parts with the ids `where`."""
         problems.append(Problem(level, text, where))
 
-    faults = [x for x in document_faults(document) if not _is_unfinished(document, x)]
+    faults = faults_of(document)
     rest = _without_scenarios(copy.deepcopy(document))
     mechanism, more = _build(rest)
     for fault in (*faults, *(f for f in more if f not in faults)):
-        tell("error", str(fault), *find_part(document, fault.path))
+        report("error", str(fault), *find_part(document, fault.path))
     if mechanism is None and not problems:
-        tell("hint", "nothing is drawn yet: a bar between two places is a beginning")
+        report("hint", "nothing is drawn yet: draw a bar between two places to begin")
     for name in lone_pins(document):
-        tell("hint", f"pin {name} holds nothing: draw a bar to it, or delete it", f"pins.{name}")
+        report("hint", f"pin {name} holds nothing: draw a bar to it, or delete it", f"pins.{name}")
     if mechanism is None:
         return Reading(document, rest, None, np.zeros(0), False, (), tuple(problems))
     q, unplaced = _place_links(mechanism, rest)
     for name in unplaced:
-        tell("warning", f"{name} is not placed: the drawing does not determine its position", f"links.{name}")
+        report("warning", f"{name} is not placed: the drawing does not determine its position", f"links.{name}")
     closed = False
     try:
         q, closed = close_joints(mechanism, Constraints(mechanism), q), True
     except AssemblyError:
         problems.append(_describe_gap(mechanism, q))
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        tell("error", f"its numbers cannot be computed with: {in_a_sentence(error)}")
+        report("error", f"its numbers cannot be computed with: {in_a_sentence(error)}")
     reading = Reading(document, rest, mechanism, q, closed, unplaced)
     for name in map(mechanism.link_name, loose_links(mechanism)):
-        tell("warning", f"{name} hangs on nothing: no joints lead from it to the ground", f"links.{name}")
+        report("warning", f"{name} hangs on nothing: no joints lead from it to the ground", f"links.{name}")
     if closed and reading.rank == mechanism.n:
-        tell("hint", "nothing can move: the links hold each other fast, with no degree of freedom")
+        report("hint", "nothing can move: the links hold each other fast, with no degree of freedom")
     if starts and not any(x.level == "error" for x in problems):
-        problems += _scenarios(document)
+        problems += _check_scenarios(document)
     order = ("error", "warning", "hint")
     return replace(reading, problems=tuple(sorted(problems, key=lambda x: order.index(x.level))))
 
 
 def find_part(document: Document, path: str) -> tuple[str, ...]:
-    """Return the id of the part of the drawing to which a path in the file belongs; empty if there is none."""
+    """Return the id of the part of the drawing to which a path in the file belongs, as a tuple of one; empty if there is none."""
     parts = path.split(".")
     if len(parts) < 2:
         return ()
@@ -177,7 +180,7 @@ def find_part(document: Document, path: str) -> tuple[str, ...]:
 
 
 def lone_pins(document: Document) -> dict[str, list[float]]:
-    """Return the places of pins that hold nothing: entries of the sketch that are named after no joint and no point."""
+    """Return name -> [x, y] of pins that hold nothing: entries of the sketch that have the name of no joint and no point."""
     named = {*table(document, "joints"), *table(document, "cylinders")}
     sketch = table(table(document, "assembly"), "sketch")
     return {k: x for k, x in sketch.items() if "." not in k and k not in named and is_place(x)}
@@ -188,17 +191,17 @@ def is_place(x: Any) -> bool:
     return isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and np.isfinite(y) for y in x)
 
 
-def _is_unfinished(document: Document, fault: Fault) -> bool:
-    """Tell whether a fault only means that the drawing is unfinished, which a hint reports."""
-    lone = {f"assembly.sketch.{name}" for name in lone_pins(document)}
-    return fault.path in lone or (fault.path in ("links", "scenarios") and not table(document, fault.path))
+def faults_of(document: Document) -> list[Fault]:
+    """Return the faults of a document, without those that only mean that the drawing is unfinished."""
+    unfinished = {f"assembly.sketch.{name}" for name in lone_pins(document)}
+    unfinished |= {group for group in ("links", "scenarios") if not table(document, group)}
+    return [x for x in document_faults(document) if x.path not in unfinished]
 
 
 def new_faults(before: Document, after: Document) -> list[Fault]:
-    """Return the faults that a document has after an edit and did not have before."""
+    """Return the faults of a document after an edit that it did not have before."""
     known = {(x.path, x.text) for x in document_faults(before)}
-    lone = {f"assembly.sketch.{x}" for x in lone_pins(after)}
-    return [x for x in document_faults(after) if (x.path, x.text) not in known and x.path not in lone]
+    return [x for x in faults_of(after) if (x.path, x.text) not in known]
 
 
 def _without_scenarios(document: Document) -> Document:
@@ -212,7 +215,7 @@ def _without_scenarios(document: Document) -> Document:
 def _build(document: Document) -> tuple[Mechanism | None, list[Fault]]:
     """Remove faulty parts from a document until the rest can be built.
 
-    Return the mechanism, or None if nothing is left, and the faults that were found only when it was built.
+    Return the mechanism, or None if nothing is left, and the faults that no check of the document finds but only its building.
     """
     found: list[Fault] = []
     for _ in range(ROUNDS):
@@ -234,15 +237,16 @@ def _build(document: Document) -> tuple[Mechanism | None, list[Fault]]:
 
 
 def leave_out(document: Document, fault: Fault) -> None:
-    """Remove the part of a document that a fault names; give a link without mass or inertia a usual one."""
+    """Remove the part of a document that a fault names. Missing masses, and a faulty format or name, get a default value."""
     keys = split_path(fault.path)
     match keys:
         case ["links", str(name), "mass" | "inertia" as lacking] if isinstance(table(document, "links").get(name), dict):
-            if lacking not in (link := document["links"][name]):
+            link = document["links"][name]
+            if lacking not in link:
                 link[lacking] = MASS if lacking == "mass" else INERTIA
                 return
         case ["format"]:
-            document["format"] = "planar-linkage/2"
+            document["format"] = SECOND
             return
         case ["name"]:
             document["name"] = "drawing"
@@ -252,8 +256,9 @@ def leave_out(document: Document, fault: Fault) -> None:
     last: Any = None
     entry: Any = document
     for key in keys:
-        exists = key in entry if isinstance(entry, dict) else isinstance(entry, list) and isinstance(key, int) and key < len(entry)
-        if not exists:
+        in_table = isinstance(entry, dict) and key in entry
+        in_list = isinstance(entry, list) and isinstance(key, int) and key < len(entry)
+        if not (in_table or in_list):
             break
         holder, last, entry = entry, key, entry[key]
     if holder is not None:
@@ -261,9 +266,9 @@ def leave_out(document: Document, fault: Fault) -> None:
 
 
 def _place_links(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, ...]]:
-    """Return the position q (n,) of the sketch, and the links that it does not place.
+    """Return the positions q (n,) of the links in the sketch, and the names of the links that the sketch does not place.
 
-    Such a link gets the angle 0, and is placed at its one known point if it has one, else at the origin.
+    A link that is not placed gets the angle 0. It is placed at its known point, or at the origin if it has no known point.
     """
     unplaced: list[str] = []
     document = copy.deepcopy(document)
@@ -279,7 +284,7 @@ def _place_links(mechanism: Mechanism, document: Document) -> tuple[Array, tuple
                 if name not in assembly.get("angles_deg", {}):
                     angles[name] = 0.0
                 continue
-            # angles alone do not place these links: put a point of the first one where it is in its own frame
+            # angles alone do not place these links: put a point of the first link at the place that it has in the link's frame
             body = mechanism.find_body(error.links[0])[0]
             point = next(iter(mechanism.links[body].points))
             reference = f"{error.links[0]}.{point}" if "." not in point else point
@@ -288,22 +293,23 @@ def _place_links(mechanism: Mechanism, document: Document) -> tuple[Array, tuple
 
 
 def _describe_gap(mechanism: Mechanism, q: Array) -> Problem:
-    """Return the problem of a drawing that does not assemble: the loop or joint that stays open, and its gap [m]."""
+    """Return the problem of a drawing that does not assemble at positions q (n,): the loop that stays open, or the widest pin."""
     with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
         loop = find_open_loop(replace(mechanism, q0=q, v0=0 * q))
         if loop is not None:
             links = tuple(x for x in loop.links if x != "ground")
             where = (f"pins.{loop.at}", *(f"links.{x}" for x in links))
             return Problem("error", f"this does not assemble: {loop}", where, links, loop.apart)
-    pins = [x for x in mechanism.joints if isinstance(x, Revolute)]
-    apart, pin = max(((float(np.hypot(*(position(q, x.b) - position(q, x.a)))), x.joint) for x in pins), default=(0.0, ""))
-    if apart <= 1e-9:
+    gaps = [float(np.hypot(*(position(q, x.b) - position(q, x.a)))) for x in mechanism.pins]  # [m]
+    apart = max(gaps, default=0.0)
+    if apart <= CLOSED:
         return Problem("error", "this does not assemble: the slides do not close")
+    pin = mechanism.pins[gaps.index(apart)].joint
     return Problem("error", f"this does not assemble: pin {pin} stays open by {apart:.4g} m", (f"pins.{pin}",), None, apart)
 
 
-def _scenarios(document: Document) -> Iterator[Problem]:
-    """Yield a problem for each scenario that cannot be assembled, and for each warning of the loader, each text once."""
+def _check_scenarios(document: Document) -> Iterator[Problem]:
+    """Yield a problem for each scenario that cannot be assembled, and for each warning of the loader; repeat no text."""
     reported: set[str] = set()
     for name, _ in [*items(document, "scenarios")][:TRIED]:
         try:
@@ -321,15 +327,12 @@ def _scenarios(document: Document) -> Iterator[Problem]:
 
 
 def loops_of(mechanism: Mechanism) -> list[list[str]]:
-    """Return the links of every independent loop, without the ground; links need not be connected to it."""
-    return [
-        [mechanism.link_name(p.link) for p in loop.passages if p.link != GROUND]
-        for loop in find_graph(pin_loose_links(mechanism)).loops
-    ]
+    """Return for every independent loop the names of its links without the ground."""
+    loops = find_graph(pin_loose_links(mechanism)).loops
+    return [[mechanism.link_name(p.link) for p in loop.passages if p.link != GROUND] for loop in loops]
 
 
-def pins_of(document: Document) -> list[tuple[str, list[str]]]:
-    """Return name and references of the points of every pin joint, those of cylinders included."""
-    return [
-        (name, sequence(joint, "at")) for name, joint in items(write_out(document), "joints") if joint.get("type") == "revolute"
-    ]
+def pins_of(document: Document) -> dict[str, list[str]]:
+    """Return pin joint -> references of its points, with the pins of cylinders."""
+    joints = items(write_out(document), "joints")
+    return {name: sequence(joint, "at") for name, joint in joints if joint.get("type") == "revolute"}

@@ -1,7 +1,6 @@
-"""Requests of the page: one function for every verb of the protocol, whose messages and replies README.md describes."""
+"""Answer the requests of the page by one function for every verb of the protocol; README.md lists the verbs with their messages."""
 
 import contextlib
-import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -26,12 +25,12 @@ from gauss_bench.studio.session import Session
 from gauss_bench.trajectory import in_a_sentence
 
 Reply = dict[str, Any]
-# verbs that take long or must not wait for others: they run beside other requests, and take the session's lock themselves
+# verbs that take long or must not wait: they run beside other requests, and take the session's lock only when they need it
 APART = ("drawing", "motion", "centres", "stop", "import", "export", "view")
 
 
 def hello(session: Session, message: Message) -> Reply:
-    """Return all that a page needs when it opens."""
+    """Return the data that a page needs when it opens."""
     return {
         "version": __version__,
         "templates": files.list_templates(),
@@ -44,19 +43,19 @@ def hello(session: Session, message: Message) -> Reply:
 
 
 def in_folder(session: Session, message: Message) -> Reply:
-    """List the files of the folder, and those whose unsaved changes have been kept."""
+    """Return the names of the folder's linkage files, and of those with unsaved changes that have been kept."""
     here = files.list_files(session.folder)
     return {"files": here, "kept": list_kept(session.folder / name for name in here)}
 
 
 def find_recovered(session: Session) -> dict[str, str] | None:
-    """Return the unsaved text that an ended process left of this document, if any."""
+    """Return the unsaved text that an ended process left of this document, or None."""
     left = session.autosave.find_left()
     return None if left is None else {"text": left.text}
 
 
 def open_file(session: Session, message: Message) -> Reply:
-    """Open a text, a text from a link, a file of the folder, or a template."""
+    """Open a text, a text packed into a link, a file of the folder, or a template."""
     if "text" in message:
         session.open(value_of(message, "text", str))
     elif "fragment" in message:
@@ -67,12 +66,17 @@ def open_file(session: Session, message: Message) -> Reply:
     return {"recovered": find_recovered(session), "scene": session.scene()}
 
 
+def open_template(session: Session, message: Message) -> None:
+    """Open a template."""
+    session.open(files.template(value_of(message, "name", str)).read_text(encoding="utf-8"), is_template=True)
+
+
 def save(session: Session, message: Message) -> Reply:
-    """Save the drawing to a file and name the linkage after it."""
+    """Save the drawing to a file, whose name becomes the name of the linkage."""
     name = value_of(message, "path", str, session.path.name if session.path else f"{session.scene()['name']}.toml")
     path = files.inside(session.folder, name if name.endswith(".toml") else f"{name}.toml")
     if not NAME.fullmatch(path.stem):
-        raise Refused("a linkage is called by letters, digits and underscores, as its file is", field="path")
+        raise Refused("the name of a linkage, and of its file, has letters, digits and underscores", field="path")
     content = write_document(session.text, session.document | {"name": path.stem})
     files.save(path, content, bool(message.get("replace")), session.path, session.saved)
     session.save_as(path, content)
@@ -80,7 +84,7 @@ def save(session: Session, message: Message) -> Reply:
 
 
 def import_model(session: Session, message: Message) -> Reply:
-    """Open a model in MJCF or URDF as a drawing."""
+    """Open a model in MJCF or URDF as a drawing, and return sentences on the parts that are left out."""
     content, left_out = files.import_file(value_of(message, "text", str))
     with session.lock:
         session.open(content)
@@ -88,7 +92,7 @@ def import_model(session: Session, message: Message) -> Reply:
 
 
 def recover(session: Session, message: Message) -> None:
-    """Restore the unsaved changes that an ended process left of this document, or discard them with `take` false."""
+    """Restore the unsaved changes that an ended process left of this document; with `take` false, discard them."""
     left = session.autosave.find_left()
     if left is not None:
         if message.get("take", True):
@@ -98,9 +102,13 @@ def recover(session: Session, message: Message) -> None:
 
 
 def make_edit(session: Session, message: Message) -> Reply:
-    """Make an edit; with `trial` only return the scene as it would be, with `continues` merge it with the edit before."""
+    """Make an edit.
+
+    With `trial`, a pin is not moved, and the reply has the scene after the move. With `continues`, the edit becomes one step of the
+    history with the edit before.
+    """
     if message.get("do") == "move" and message.get("trial"):
-        return {"trial": session.scene() | scene(steps.try_edit(session, message), session.locks)}
+        return {"trial": session.scene() | scene(steps.try_move(session, message), session.locks)}
     before = session.text
     made = steps.edit(session, {k: x for k, x in message.items() if k != "continues"})
     if message.get("continues") is True and session.text != before:
@@ -109,8 +117,9 @@ def make_edit(session: Session, message: Message) -> Reply:
 
 
 def behind(session: Session, message: Message) -> Reply:
-    """Return the picture behind the grid; a scene only has its id."""
-    return {"picture": session.picture.id, "url": session.picture.url} if session.picture else {"picture": None, "url": None}
+    """Return id and URL of the picture behind the grid; a scene has only the id."""
+    picture = session.picture
+    return {"picture": picture and picture.id, "url": picture and picture.url}
 
 
 def drag_begin(session: Session, message: Message) -> Reply:
@@ -120,7 +129,7 @@ def drag_begin(session: Session, message: Message) -> Reply:
 
 
 def drag(session: Session, message: Message) -> Reply:
-    """Drag towards the pointer, and return poses and, if requested, instant centres."""
+    """Drag towards the pointer, and return poses, and with `centres` the instant centres too."""
     if session.drag is None:
         raise Refused("nothing is being dragged")
     moved = dragging.drag_linkage(session.drag, session.reading, message)
@@ -131,22 +140,20 @@ def drag(session: Session, message: Message) -> Reply:
 
 
 def drag_end(session: Session, message: Message) -> None:
-    """End the drag; redraw the linkage where it is unless `keep` is false."""
+    """End the drag, and make its last position the drawing; with `keep` false, the drawing stays as it was."""
     ended, session.drag = session.drag, None
     if ended is not None and message.get("keep", True):
         steps.redraw(session, ended.q)
 
 
 def branches(session: Session, message: Message) -> Reply:
-    """Return the poses of all assemblies with the present inputs."""
-    found = []
-    for k, q in enumerate(dragging.find_branches(session.reading)):
-        found.append({"name": f"branch {k}" if k else "as drawn", "poses": session.reading.poses(q)})
-    return {"branches": found}
+    """Return name and poses of all assemblies with the present angles of the input links."""
+    found = enumerate(dragging.find_branches(session.reading))
+    return {"branches": [{"name": f"branch {k}" if k else "as drawn", "poses": session.reading.poses(q)} for k, q in found]}
 
 
 def branch(session: Session, message: Message) -> None:
-    """Redraw the linkage in another assembly."""
+    """Redraw the linkage in the assembly with the number `index` in the list of `branches`."""
     index, found = message.get("index"), dragging.find_branches(session.reading)
     if not isinstance(index, int) or not 0 <= index < len(found):
         raise Refused("there is no such branch", field="index")
@@ -154,7 +161,7 @@ def branch(session: Session, message: Message) -> None:
 
 
 def read_locked(session: Session) -> tuple[str, Reading]:
-    """Return text and reading of the same moment, for verbs that run beside others."""
+    """Return text and reading of one moment, for verbs that run beside requests that may change them."""
     with session.lock:
         return session.text, session.reading
 
@@ -164,20 +171,19 @@ def move_by_law(session: Session, message: Message) -> Reply:
     text, reading = read_locked(session)
     mechanism, reply = motion.motion(text, reading, message)
     session.motions += 1
-    job = -session.motions  # negative numbers are no processes, which could be stopped
+    job = -session.motions  # jobs that are processes, which `stop` can end, have positive numbers
 
     def search() -> None:
         """Find the singular positions and send them to the page."""
-        with session.searching:  # one search at a time, and none for a drawing that has changed meanwhile
-            if session.text != text:
-                return
-            try:
-                positions, reason = motion.singular(mechanism)
-            except Exception as error:
-                positions, reason = [], in_a_sentence(error)
+        if session.text != text:  # the drawing has changed meanwhile
+            return
+        try:
+            positions, reason = motion.singular(mechanism)
+        except Exception as error:
+            positions, reason = [], in_a_sentence(error)
         session.tell({"event": "singular", "job": job, "singular": positions, "note": reason or None})
 
-    threading.Thread(target=search, daemon=True).start()
+    session.searches.submit(search)
     return reply | {"singular": [], "job": job}
 
 
@@ -195,12 +201,13 @@ def stop(session: Session, message: Message) -> Reply:
     return {}
 
 
-VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # a verb without a reply is answered by the scene
+# a function that returns None gets the scene as its reply
+VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {
     "hello": hello,
     "files": in_folder,
     "new": lambda session, _: session.open(EMPTY),
-    "template": lambda session, message: session.open(files.text_of(value_of(message, "name", str)), is_template=True),
-    "drawing": lambda _, message: {"svg": files.drawing(value_of(message, "name", str))},
+    "template": open_template,
+    "drawing": lambda _, message: {"svg": files.draw_template(value_of(message, "name", str))},
     "open": open_file,
     "undo": lambda session, _: session.undo(),
     "redo": lambda session, _: session.redo(),
@@ -229,9 +236,9 @@ VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # a verb witho
 }
 
 
-@np.errstate(all="ignore")  # numbers of a half-drawn linkage may overflow; what cannot be computed becomes a problem of the scene
+@np.errstate(all="ignore")  # numbers of an unfinished linkage may overflow; the scene reports this as a problem
 def answer(session: Session, message: Message) -> Reply:
-    """Return the reply to a message: its result, or an error with a message for the user. No exception leaves this function."""
+    """Return the reply to a message: a result, or an error with a sentence for the user. No exception leaves this function."""
     id, verb = message.get("id"), message.get("do")
     error: dict[str, Any] = {"where": (), "field": ""}
     try:

@@ -1,4 +1,4 @@
-"""The scene: a reading as the plain data that the page draws. The page itself computes only the points of rigid links."""
+"""Make the scene of a reading: the plain data that the page draws. The page itself computes only the points of rigid links."""
 
 import tomllib
 from cmath import rect
@@ -12,7 +12,8 @@ import numpy as np
 from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.mechanism.coordinates import position
-from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic
+from gauss_bench.mechanism.model import Point
+from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.studio.document import Document, is_driven
 from gauss_bench.studio.reading import Reading, is_place, lone_pins, loops_of, pins_of
 
@@ -22,7 +23,9 @@ FORCES = tomllib.loads((Path(__file__).parent / "forces.toml").read_text(encodin
 def scene(reading: Reading, locks: Iterable[str] = ()) -> dict[str, Any]:
     """Return the scene of a reading.
 
-    Locks are ids of pins and slides, `links.NAME` for an angle, `links.NAME:a-b` for a length, `joints.NAME` for a relative angle.
+    Args:
+        locks: ids of locked parts: of pins and slides, `links.NAME` for the angle of a link, `links.NAME:a-b` for a length, and
+            `joints.NAME` for the angle between the links of a pin.
     """
     document, locked = reading.document, {*locks}
     return {
@@ -61,8 +64,9 @@ def _ground(reading: Reading) -> dict[str, list[float]]:
 
 
 def place_points(reading: Reading) -> dict[str, list[float]]:
-    """Return LINK.POINT -> place in the world of every point of the ground and of the links."""
-    places, poses = {f"ground.{name}": x for name, x in _ground(reading).items()}, reading.poses(reading.q)
+    """Return LINK.POINT -> [x, y] in the world of every point of the ground and of the links."""
+    places = {f"ground.{name}": x for name, x in _ground(reading).items()}
+    poses = reading.poses(reading.q)
     for link in reading.mechanism.whole.links if reading.mechanism else ():
         x, y, theta = poses[link.name]
         for name, point in link.points.items():
@@ -72,14 +76,12 @@ def place_points(reading: Reading) -> dict[str, list[float]]:
 
 
 def links(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
-    """List the links as they are drawn, with masses and locks."""
-    if reading.mechanism is None:
-        return []
-    poses, given = reading.poses(reading.q), table(reading.document, "links")
+    """Return the data of every link; `drawn` is false for the parts of a cylinder, which have no table of their own."""
+    poses, tables = reading.poses(reading.q), table(reading.document, "links")
     shown = []
-    for link in reading.mechanism.whole.links:
+    for link in reading.mechanism.whole.links if reading.mechanism else ():
         lengths = [x.split(":")[1].split("-") for x in sorted(locked) if x.startswith(f"links.{link.name}:")]
-        per_metre = table(given, link.name).get("kg_per_m")
+        per_metre = table(tables, link.name).get("kg_per_m")
         shown.append(
             {
                 "name": link.name,
@@ -91,55 +93,53 @@ def links(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
                 "kg_per_m": per_metre if isinstance(per_metre, (int, float)) else None,
                 "placed": link.name not in reading.unplaced,
                 "locked": {"angle": f"links.{link.name}" in locked, "lengths": lengths},
-                "drawn": link.name in given,
+                "drawn": link.name in tables,
             }
         )
     return shown
 
 
 def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
-    """List every place where points lie: joints, single points, and pins that hold nothing yet."""
-    places, joints, lone = place_points(reading), table(reading.document, "joints"), lone_pins(reading.document)
+    """Return the data of every pin: of joints, of single points, and of pins that hold nothing yet."""
+    places, joints = place_points(reading), table(reading.document, "joints")
     groups: dict[str, list[str]] = {}  # id of a pin -> its points
     pin_of: dict[str, str] = {}  # point -> id of its pin; joints that share a point are one pin
-    for joint, references in pins_of(reading.rest):
+    for joint, references in pins_of(reading.rest).items():
         known = [x for x in references if isinstance(x, str) and x in places]
         id = next((pin_of[x] for x in known if x in pin_of), joint)
         groups[id] = [*dict.fromkeys([*groups.get(id, []), *known])]
         pin_of |= dict.fromkeys(known, id)
-    groups |= {x: [x] for x in places if x not in pin_of}
+    groups = {id: members for id, members in groups.items() if members} | {x: [x] for x in places if x not in pin_of}
+    # the points of a pin that does not close lie apart: it is drawn between them
+    drawn_at = {id: np.mean([places[x] for x in members], axis=0).tolist() for id, members in groups.items()}
     shown = []
-    for id, members in groups.items():
-        if members:
-            shown.append(
-                {
-                    "id": id,
-                    "at": np.mean([places[x] for x in members], axis=0).tolist(),  # the points of an open pin lie apart
-                    "members": members,
-                    "joint": id if id in joints or len(members) > 1 else None,
-                    "ground": any(x.startswith("ground.") for x in members),
-                    "locked": f"pins.{id}" in locked,
-                    "stiff": f"joints.{id}" in locked,
-                }
-            )
-    holding_nothing: dict[str, Any] = {"members": [], "joint": None, "ground": False, "locked": False, "stiff": False}
-    return [*shown, *({"id": id, "at": at} | holding_nothing for id, at in lone.items())]
+    for id, at in (drawn_at | lone_pins(reading.document)).items():
+        members = groups.get(id, [])
+        shown.append(
+            {
+                "id": id,
+                "at": at,
+                "members": members,
+                "joint": id if members and (id in joints or len(members) > 1) else None,
+                "ground": any(x.startswith("ground.") for x in members),
+                "locked": f"pins.{id}" in locked,
+                "stiff": f"joints.{id}" in locked,
+            }
+        )
+    return shown
 
 
 def slides(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
-    """List the slides as they are drawn."""
-    if (mechanism := reading.mechanism) is None:
-        return []
+    """Return the data of every slide."""
     shown = []
-    for joint in (x for x in mechanism.joints if isinstance(x, Prismatic)):
-        turn = 0.0 if joint.guide.link == GROUND else float(reading.q[3 * joint.guide.link + 2])
+    for joint in reading.mechanism.slides if reading.mechanism else ():
         shown.append(
             {
                 "id": joint.name,
-                "guide": as_written(mechanism, joint.guide),
+                "guide": as_written(joint.guide),
                 "at": position(reading.q, joint.guide).tolist(),
-                "angle": turn + joint.angle,
-                "block": as_written(mechanism, joint.block),
+                "angle": float(angle_at(reading.q, joint.guide.link)) + joint.angle,
+                "block": as_written(joint.block),
                 "block_at": position(reading.q, joint.block).tolist(),
                 "offset": joint.offset,
                 "locked": f"slides.{joint.name}" in locked,
@@ -148,39 +148,34 @@ def slides(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
     return shown
 
 
-def as_written(mechanism: Mechanism, point: Point) -> str:
-    """Return LINK.POINT as the file writes it; in a mechanism, a point of a welded link has the name of its body before it."""
-    owner, _, name = point.name.partition(".")
-    return name if "." in name else f"{owner}.{name}"
+def as_written(point: Point) -> str:
+    """Return LINK.POINT of a point as the file writes it; the mechanism writes BODY.LINK.POINT for a point of a welded link."""
+    return ".".join(point.name.split(".")[-2:])
 
 
 def forces(reading: Reading) -> list[dict[str, Any]]:
-    """List forces and cylinders with the places where they act: points, links' frames, or the first point of a joint."""
-    document, places, joints = reading.document, place_points(reading), dict(pins_of(reading.rest))
-    for name, pose in reading.poses(reading.q).items():
-        places[name] = pose[:2]
+    """Return the data of every force and cylinder.
+
+    It acts at points, at the origins of links, or at the first point of a joint. Its label is its name and its main number with
+    unit.
+    """
+    places, joints = place_points(reading), pins_of(reading.rest)
+    places |= {link: pose[:2] for link, pose in reading.poses(reading.q).items()}
+    entries = [(name, str(entry.get("type")), entry) for name, entry in items(reading.document, "forces")]
+    entries += [(name, "cylinder", entry) for name, entry in items(reading.document, "cylinders")]
     shown = []
-    for name, entry, kind in (
-        *((name, x, str(x.get("type"))) for name, x in items(document, "forces")),
-        *((name, x, "cylinder") for name, x in items(document, "cylinders")),
-    ):
+    for name, kind, entry in entries:
         ends = [entry.get("point"), entry.get("origin"), *sequence(entry, "between"), entry.get("link"), *sequence(entry, "links")]
         ends += joints.get(str(entry.get("joint")), [])[:1]
         at = [places[x] for x in ends if isinstance(x, str) and x in places]
-        shown.append({"id": name, "type": kind, "table": entry, "at": at, "label": label(name, kind, entry)})
+        key, unit = FORCES["labels"].get(kind, ("value", ""))
+        label = f"cylinder {name}" if kind == "cylinder" else f"{name}: {entry.get(key, 0)} {unit}".strip()
+        shown.append({"id": name, "type": kind, "table": entry, "at": at, "label": label})
     return shown
 
 
-def label(name: str, kind: str, entry: dict[str, Any]) -> str:
-    """Return a short label of a force: its name, and its main number with unit."""
-    if kind == "cylinder":
-        return f"cylinder {name}"
-    key, unit = FORCES["labels"].get(kind, ("value", ""))
-    return f"{name}: {entry.get(key, 0)} {unit}".strip()
-
-
 def drivers_possible(reading: Reading) -> list[dict[str, str]]:
-    """List the coordinates that a law can prescribe: angles of links with a pin on the ground, slides and cylinders."""
+    """Return name and kind of the coordinates that can be driven: angles of links with a pin on the ground, slides, cylinders."""
     kinds: dict[str, str] = {}
     for name, joint in items(write_out(reading.rest), "joints"):
         owners = [x.partition(".")[0] for x in sequence(joint, "at") if isinstance(x, str)]
@@ -192,7 +187,7 @@ def drivers_possible(reading: Reading) -> list[dict[str, str]]:
 
 
 def status(reading: Reading) -> dict[str, Any]:
-    """Return whether the drawing assembles, its degrees of freedom, loops and redundant rows near the drawing."""
+    """Return whether the drawing assembles, and its numbers of degrees of freedom, loops and redundant rows of the joints."""
     mechanism, joints = reading.mechanism, reading.joints
     if mechanism is None or joints is None:
         return {"assembles": False, "dof": None, "loops": 0, "redundant": 0, "loop_names": []}

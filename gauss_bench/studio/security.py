@@ -1,4 +1,4 @@
-"""Access control: the studio answers only pages that it served itself, on this machine, with the token of its address."""
+"""Access control: the studio answers only pages that it has served to this machine, and that know the token of its address."""
 
 import hmac
 import secrets
@@ -6,19 +6,18 @@ import time
 from collections import deque
 from dataclasses import dataclass, field
 
-# largest numbers of
-LARGEST = 2 << 20  # bytes in a message
-RATE, WINDOW = 300, 1.0  # messages in WINDOW seconds that are answered: a drag sends some 60 a second
-SOCKETS = 8  # pages at once
-UNREAD = 64  # messages in the queue of a page, which is disconnected if its queue is full
-BESIDE = 4  # long requests of a page that run beside its other requests
-DEEPEST = 40  # levels of nesting in a message
-WAITING = 128  # idle connections: the oldest of more is closed
-ASKING = 64  # connections that are being answered: the request of another one gets 503
+LARGEST = 2 << 20  # [bytes] largest message
+RATE, WINDOW = 300, 1.0  # most messages of a page that are answered in WINDOW seconds; a drag sends about 60 a second
+SOCKETS = 8  # most pages that are connected at once
+UNREAD = 64  # longest queue of messages to a page; a page is disconnected if its queue is full
+BESIDE = 4  # most long requests of a page that run beside its other requests
+DEEPEST = 40  # most levels of nesting in a message
+WAITING = 128  # most idle connections; the oldest one is closed if there are more
+ASKING = 64  # most connections that are answered at once; a request on another connection gets the status 503
 
 
 def headers(port: int) -> dict[str, str]:
-    """Return the headers of every response: no foreign scripts, no framing, no guessing of content types."""
+    """Return the headers of every response, which forbid foreign scripts, framing and guesses of content types."""
     sockets = f"ws://127.0.0.1:{port} ws://localhost:{port}"
     policy = (
         f"default-src 'self'; connect-src 'self' {sockets}; img-src 'self' data: blob:; media-src 'self' blob:; object-src 'none'; "
@@ -37,7 +36,10 @@ def headers(port: int) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Guard:
-    """The conditions on a request: Host is this server's address, Origin is its own or missing, and the token is known."""
+    """The conditions on a request.
+
+    Its Host must be the address of this server. Its Origin must be the server's own, if it has one. It must know the token.
+    """
 
     port: int
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
@@ -56,7 +58,7 @@ class Guard:
         return ""
 
     def knows(self, token: str | None) -> bool:
-        """Tell whether a token is that of the address; the comparison takes constant time."""
+        """Tell whether a token is the right one, in a time that does not depend on the token."""
         return token is not None and hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode())
 
 
@@ -67,7 +69,7 @@ class Rate:
         self.times: deque[float] = deque()
 
     def allows(self, now: float | None = None) -> bool:
-        """Count a message, or return False if there are too many."""
+        """Count a message at the time `now` [s] and return True, or return False if there are too many in the window."""
         now = time.monotonic() if now is None else now
         while self.times and self.times[0] <= now - WINDOW:
             self.times.popleft()

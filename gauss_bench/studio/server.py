@@ -1,7 +1,7 @@
-"""The studio's server: the page, its files, and one socket per page, on this machine only and as long as the process lives.
+"""The studio's server. It serves the page, the page's files and one socket for each page, to this machine only.
 
-Requests are handled in threads, so that the socket stays responsive. The requests of a page are handled one after the other, except
-for long ones. Changes of all pages are made one after the other. After a change, the other pages get the new scene.
+Requests are answered in threads, so that the sockets stay responsive. The requests of a page are answered one after the other,
+except long ones. Changes by different pages are made one after the other. After a change, the other pages get the new scene.
 """
 
 import asyncio
@@ -41,14 +41,14 @@ from gauss_bench.studio.requests import APART, answer
 from gauss_bench.studio.security import ASKING, BESIDE, LARGEST, SOCKETS, UNREAD, WAITING, Guard, Rate, headers
 from gauss_bench.studio.session import Session
 
-PAUSE = 0.02  # [s] delay of a page that sends too fast, until its rate is tested again
-SWITCH = 5e-4  # [s] interval of Python's thread switching: a drag passes three threads per frame while a long search computes
+PAUSE = 0.02  # [s] time until the rate of a page that sends too fast is tested again
+SWITCH = 5e-4  # [s] interval of Python's thread switching, because each frame of a drag passes three threads while others compute
 PAGE = Path(__file__).parent / "page"
-Unread = asyncio.Queue[str]  # messages for a page that wait until it reads them
+Unread = asyncio.Queue[str]  # messages to a page that it has not read yet
 
 
 class Guarded:
-    """Middleware that refuses every request that does not come from the studio's own page."""
+    """Middleware that refuses requests that do not come from the studio's own page."""
 
     def __init__(self, app: ASGIApp, guard: Guard):
         self.app, self.guard, self.headers = app, guard, headers(guard.port)
@@ -79,15 +79,15 @@ class Guarded:
 
 
 class Connection(H11Protocol):
-    """One connection. If more than WAITING connections are idle, the oldest of them is closed."""
+    """A connection of the server; it closes the oldest idle connection if more than WAITING are idle."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         self.since = self.loop.time()
-        waiting = [x for x in self.connections if isinstance(x, Connection) and x.is_idle()]
-        if len(waiting) > WAITING:
-            oldest = min(waiting, key=lambda x: x.since)
-            self.connections.discard(oldest)  # the event loop closes it later, and would count it until then
+        idle = [x for x in self.connections if isinstance(x, Connection) and x.is_idle()]
+        if len(idle) > WAITING:
+            oldest = min(idle, key=lambda x: x.since)
+            self.connections.discard(oldest)  # the event loop closes it later, and uvicorn would count it until then
             oldest.transport.abort()
 
     def is_idle(self) -> bool:
@@ -96,12 +96,19 @@ class Connection(H11Protocol):
 
 
 class Studio:
-    """The application of one session."""
+    """The application of one session.
+
+    Attributes:
+        pages: queue of a connected page -> task that serves the page.
+        revision: last revision of the drawing that all pages have.
+        loop: event loop of the server; None before it runs.
+        app: the application that the server runs.
+    """
 
     def __init__(self, session: Session, guard: Guard):
         self.session, self.guard = session, guard
-        self.pages: dict[Unread, asyncio.Task[Any] | None] = {}  # queue of a page -> its task
-        self.revision = session.revision  # the last revision that all pages have
+        self.pages: dict[Unread, asyncio.Task[Any] | None] = {}
+        self.revision = session.revision
         self.loop: asyncio.AbstractEventLoop | None = None
         routes = [
             Route("/", self.index),
@@ -131,14 +138,14 @@ class Studio:
         return FileResponse(path) if path.is_file() else PlainTextResponse("there is no such file", 404)
 
     async def view(self, request: Request) -> Response:
-        """Serve the page of links to look at, which knows nothing of the drawing and may run its own script alone."""
+        """Serve the page for links to look at, which needs no token because it gets nothing of the drawing from the server."""
         page, policy = view_page()
         return HTMLResponse(page, headers={"content-security-policy": f"{policy}; frame-ancestors 'none'"})
 
     async def socket(self, socket: WebSocket) -> None:
-        """Serve one page until it disconnects: answer its messages in order, and long requests beside them."""
+        """Serve a page until it disconnects: answer its messages in order, and long requests beside them."""
         if not self.guard.knows(socket.query_params.get("token")) or len(self.pages) >= SOCKETS:
-            await socket.close(1008)
+            await socket.close(1008)  # policy violation
             return
         page, rate = Unread(UNREAD), Rate()
         self.pages[page] = asyncio.current_task()
@@ -148,7 +155,7 @@ class Studio:
             tasks.add(asyncio.create_task(self._send(socket, page)))
             while True:
                 message = parse_message(await socket.receive_text())
-                while not rate.allows():  # a page that sends too fast is slowed down
+                while not rate.allows():  # slow down a page that sends too fast
                     await asyncio.sleep(PAUSE)
                 answering = self._answer(message, page)
                 if message.get("do") not in APART:
@@ -166,7 +173,7 @@ class Studio:
             for task in tasks:
                 task.cancel()
             with contextlib.suppress(RuntimeError, WebSocketDisconnect, asyncio.TimeoutError):
-                await asyncio.wait_for(socket.close(1003), 1.0)
+                await asyncio.wait_for(socket.close(1003), 1.0)  # unsupported data: the reason if the page sent bytes
 
     async def _send(self, socket: WebSocket, page: Unread) -> None:
         """Send the queued messages of a page until it disconnects."""
@@ -187,18 +194,20 @@ class Studio:
             self._tell_all(as_json({"event": "scene", "scene": scene}), page)
 
     def tell(self, event: dict[str, Any]) -> None:
-        """Send an event to every page; may be called from any thread."""
+        """Send an event to every page. Every thread may call this function."""
         if self.loop is not None and not self.loop.is_closed():
             text = as_json(event)
             with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
                 self.loop.call_soon_threadsafe(self._tell_all, text)
 
     def _tell_all(self, text: str, but: Unread | None = None) -> None:
-        """Queue a message for all pages but one; a page whose queue is full is disconnected."""
+        """Queue a message for all pages except `but`, and disconnect pages whose queue is full."""
         for page, task in self.pages.items():
-            if page is not but and not page.full():
+            if page is but:
+                continue
+            if not page.full():
                 page.put_nowait(text)
-            elif page is not but and task is not None:
+            elif task is not None:
                 task.cancel()
 
 
@@ -219,17 +228,17 @@ def parse_message(text: str) -> dict[str, Any]:
 
 
 def as_json(item: dict[str, Any]) -> str:
-    """Return an object as JSON, arrays included."""
+    """Return an object, which may contain arrays, as JSON."""
     return json.dumps(plain(item), allow_nan=False)
 
 
 def _refuse_constant(word: str) -> float:
-    """Refuse NaN and Infinity, which Python reads and JSON does not have."""
+    """Refuse NaN and Infinity, which Python's reader accepts and JSON does not have."""
     raise ValueError(f"{word} is no number")
 
 
 def session_of(linkage: str | None, folder: Path) -> Session:
-    """Return a session with a linkage opened by name or file; the folder of a file becomes the working folder.
+    """Return a session with a linkage, which is a name or a file; the folder of a file becomes the working folder.
 
     Raises:
         LinkageError, Refused: the linkage cannot be read.
@@ -237,8 +246,8 @@ def session_of(linkage: str | None, folder: Path) -> Session:
     if linkage is None:
         return Session(folder)
     path = find(linkage)
-    if linkage not in files.texts():
-        read_file(path)
+    if linkage not in files.templates():
+        read_file(path)  # raises if the file is no linkage file
     if path.suffix == ".toml" and path == Path(linkage):
         folder, linkage = path.resolve().parent, path.name
     session = Session(folder)
@@ -248,7 +257,14 @@ def session_of(linkage: str | None, folder: Path) -> Session:
 
 
 def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Callable[[str], object]) -> int:
-    """Serve the studio until it is interrupted.
+    """Serve the studio until it is interrupted, and return the exit code 0.
+
+    Args:
+        linkage: name or file of the linkage to open; None for an empty drawing.
+        folder: working folder.
+        port: port of the server; 0 for any free port.
+        browser: whether to open the page in the user's browser.
+        tell: function that prints a line.
 
     Raises:
         ExchangeError: the port is not available, or the file to open is refused.
@@ -287,14 +303,14 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
         timeout_graceful_shutdown=2,
         limit_concurrency=WAITING + ASKING,
     )
-    threading.Thread(target=engines_here, daemon=True).start()  # the page requests the engines first: find them in advance
+    # the page requests the engines first: find them in advance, in a thread that the interpreter waits for when it ends
+    threading.Thread(target=engines_here).start()
     if browser:
         with contextlib.suppress(webbrowser.Error):
             webbrowser.open(address)
     with contextlib.suppress(KeyboardInterrupt), listening:
         signal.signal(signal.SIGHUP, signal.default_int_handler)  # a closed terminal ends the studio as Ctrl-C does
         uvicorn.Server(config).run(sockets=[listening])
-    session.jobs.stop_all()
     if session.close():
         tell("unsaved changes are kept, and are offered when the studio opens the drawing again")
     return 0

@@ -1,12 +1,13 @@
-"""One open drawing with its history of texts for undo and redo, its locks and the picture behind it."""
+"""An open drawing with its history of texts for undo and redo, its locks, and the picture behind it."""
 
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 from gauss_bench.kinematics.dragging import Drag
-from gauss_bench.studio.autosave import Autosave, Picture
+from gauss_bench.studio.autosave import Autosave, Picture, forget
 from gauss_bench.studio.document import EMPTY, Document, parse_text
 from gauss_bench.studio.jobs import Jobs
 from gauss_bench.studio.reading import Reading, read
@@ -16,16 +17,23 @@ STEPS = 200  # largest number of steps that can be undone
 
 
 class Session:
-    """The open document. Its state is the text of the linkage file; everything that is drawn follows from it.
+    """The open document. Its state is the text of the linkage file, which determines the drawing.
 
     Attributes:
         folder: folder in which files may be opened and saved.
+        lock: lock for every use of the state.
         text: present text of the linkage file.
-        path: file that it was opened from or saved to, or None.
-        saved: text that can be had again: that on disk, a template's own; for a new drawing the empty one.
+        path: file from which the text was opened, or to which it was saved; or None.
+        saved: text that exists elsewhere: the content of the file, or of the template; for a new drawing the empty text.
+        done, undone: texts and locks before the present ones and after them, for undo and redo.
         locks: ids of pins, slides, links and lengths that a drag must not change.
         picture: picture behind the grid, or None.
+        drag: the drag that is going on, or None.
         revision: number of changes so far.
+        motions: number of motions computed so far.
+        searches: thread that searches for singular positions, one motion after the other.
+        tell: function that sends an event to all pages.
+        jobs: the running jobs.
     """
 
     def __init__(self, folder: Path):
@@ -33,7 +41,7 @@ class Session:
         self.lock = threading.RLock()
         self.revision = 0
         self.path: Path | None = None
-        self.motions, self.searching = 0, threading.Lock()  # number of motions so far; held by the search for singular positions
+        self.motions, self.searches = 0, ThreadPoolExecutor(1)
         self.autosave = Autosave(self._document_name())
         self.tell: Callable[[dict[str, Any]], object] = lambda event: None
         self.jobs = Jobs(lambda event: self.tell(event))
@@ -44,7 +52,7 @@ class Session:
         return str(self.path or self.folder / "a new drawing")
 
     def _begin(self, text: str, saved: str) -> None:
-        """Set the state of a document without history."""
+        """Set the state for a document without history."""
         self.text, self.saved = text, saved
         self.undone: list[tuple[str, frozenset[str]]] = []
         self.done: list[tuple[str, frozenset[str]]] = []
@@ -54,15 +62,17 @@ class Session:
         self.drag: Drag | None = None
 
     def open(self, text: str, path: Path | None = None, is_template: bool = False) -> None:
-        """Begin a new history with a text, which was read from the file `path` if one is given, or is that of a template.
+        """Begin a new history with a text. An unchanged template does not count as unsaved, because it can be opened again.
 
-        An unchanged template is not unsaved: it can be opened again, so that leaving it loses nothing.
+        Args:
+            path: file from which the text was read, or None.
+            is_template: whether the text is that of a template.
 
         Raises:
             Refused: the text is no linkage file.
         """
         parse_text(text)
-        self.autosave.forget()
+        forget(self.autosave.file)
         self._begin(text, text if path or is_template or text == EMPTY else "")
         self.path = path
         self.autosave = Autosave(self._document_name())
@@ -70,14 +80,14 @@ class Session:
 
     def save_as(self, path: Path, text: str) -> None:
         """Record that a text has been saved to a file."""
-        self.autosave.forget()
+        forget(self.autosave.file)
         self.text, self.saved, self.path = text, text, path
         self.autosave = Autosave(self._document_name())
         self._change()
 
     @property
     def is_unsaved(self) -> bool:
-        """Whether the text differs from the one that can be had again."""
+        """Whether the text would be lost with the session."""
         return self.text != self.saved
 
     @property
@@ -119,11 +129,11 @@ class Session:
         """Repeat the last step that was taken back."""
         self._step(self.undone, self.done)
 
-    def _step(self, ahead: list[tuple[str, frozenset[str]]], behind: list[tuple[str, frozenset[str]]]) -> None:
-        """Go one step along the history `ahead`, and remember the present state in `behind`."""
-        if ahead:
-            behind.append((self.text, self.locks))
-            self.text, self.locks = ahead.pop()
+    def _step(self, source: list[tuple[str, frozenset[str]]], target: list[tuple[str, frozenset[str]]]) -> None:
+        """Append the present state to `target`, and take the last state of `source` instead; do nothing if there is none."""
+        if source:
+            target.append((self.text, self.locks))
+            self.text, self.locks = source.pop()
             self._change()
 
     def lay(self, picture: Picture | None) -> None:
@@ -132,17 +142,16 @@ class Session:
         self._change()
 
     def _change(self) -> None:
-        """Count a change, end a drag, and keep unsaved work."""
+        """Count a change, end a drag, and write unsaved work to its file or delete that file."""
         self.revision += 1
         self.drag = None
         if self.is_unsaved or self.picture:
             self.autosave.keep(self.text, tuple(sorted(self.locks)), self.picture)
         else:
-            self.autosave.forget()
+            forget(self.autosave.file)
 
     def scene(self) -> dict[str, Any]:
         """Return the scene that the page draws, with the state of the session."""
-        drawn = scene(self.reading, self.locks)
         state = {
             "revision": self.revision,
             "path": self.path and self.path.name,
@@ -151,10 +160,13 @@ class Session:
             "can_redo": bool(self.undone),
             "picture": self.picture and self.picture.describe(),
         }
-        return state | drawn
+        return state | scene(self.reading, self.locks)
 
     def close(self) -> bool:
-        """End the session; return True if there are unsaved changes, which are kept and will be offered again."""
+        """End the session, and return whether there are unsaved changes, which stay in their file and will be offered again."""
+        self.jobs.stop_all()
+        # wait for a running search: a thread in native code while the interpreter ends would abort the process
+        self.searches.shutdown(cancel_futures=True)
         if not self.is_unsaved:
-            self.autosave.forget()
+            forget(self.autosave.file)
         return self.is_unsaved

@@ -1,4 +1,4 @@
-"""A link to look at: the drawing's file and its motion in the address of a page that needs no installation."""
+"""Make a link to look at: an address with the drawing's file and motion, for a page that needs no installation."""
 
 from typing import Any
 
@@ -12,10 +12,12 @@ from gauss_bench.studio.reading import Reading, of_links
 
 
 def share_view(text: str, reading: Reading) -> dict[str, Any]:
-    """Return page and fragment of the address, the number of poses in it, and the reason if it has only the drawing.
+    """Return the reply with the page and the fragment of the address, the number of poses in it, and a note.
+
+    The note says why the motion ends early, or why the address has only the pose that is drawn.
 
     Raises:
-        Refused: nothing is drawn, or it does not fit into an address.
+        Refused: nothing is drawn, or the drawing does not fit into an address.
     """
     if reading.mechanism is None:
         raise Refused("nothing is drawn yet")
@@ -25,7 +27,7 @@ def share_view(text: str, reading: Reading) -> dict[str, Any]:
         if len(x.t):
             mechanism, q, end = driven, spread(driven, x).q, float(x.t[-1])
     except (Refused, LinkageError, ChoiceError) as error:
-        note = str(error)  # what cannot be moved is shared as it is drawn
+        note = str(error)  # share the drawing without a motion
     try:
         fragment, poses = pack_view(text, mechanism, q, end)
     except TooLarge as error:

@@ -1,14 +1,15 @@
-"""A document that is being edited, with the places of its points: every edit is a function of a `Drawing`.
+"""The document that an edit changes, with the poses of its links. Every edit is a function of a `Drawing`.
 
-An edit changes the tables and, if links move, their poses; the places of points follow from both. At the end the sketch of the file
-is written anew, so that the file opens as it was drawn. Places are complex numbers x + i y [m]. A reference is the text
-"LINK.POINT".
+An edit changes the tables, and the poses of links that move; tables and poses determine the places of all points. After the edit,
+the sketch of the file is written anew, so that the file opens as it was drawn. Places are complex numbers x + i y [m]. A reference
+is the text "LINK.POINT".
 """
 
 import math
 import re
 from cmath import phase, rect
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 from gauss_bench.linkage.build import resolve_points
@@ -20,18 +21,18 @@ from gauss_bench.studio.messages import place
 from gauss_bench.studio.reading import Reading, lone_pins, new_faults
 from gauss_bench.studio.scene import pins
 
-DIGITS = 11  # decimals of written lengths [m]: the rounding is far below the tolerance to which joints are closed
-PLACED = 9  # decimals of places and degrees of a sketch or start, from which the joints are closed again
+DIGITS = 11  # decimals of lengths [m] in the file, whose rounding is far below the tolerance of closed joints
+PLACED = 9  # decimals of places and degrees in a sketch or start, from which the joints are closed again
 SAME = 1e-9  # [m] distance below which two places are the same
 NAME = re.compile(r"[A-Za-z0-9_]+")
-LETTERS = "PQRSTUVWXYZ"  # names of points of links that are no pins
+LETTERS = "PQRSTUVWXYZ"  # names for points of links that are no pins
 KG_PER_M = 0.8  # steel flat 20 x 5 mm, as in the linkages of the suite
 BLOCK = {"mass": 0.1, "inertia": 5e-5}  # [kg], [kg m^2] of a sliding block, as in the shaper
 
 
 @dataclass(frozen=True)
 class Pin:
-    """A place of the drawing; `members` are references of the points that lie there, none if the pin holds nothing yet."""
+    """A place `at` of the drawing; `members` are references of the points there, without any if the pin holds nothing yet."""
 
     id: str
     at: complex
@@ -39,7 +40,7 @@ class Pin:
 
     @property
     def is_grounded(self) -> bool:
-        """Whether a point of the ground lies there."""
+        """Whether one of the points is a point of the ground."""
         return "ground" in map(owner, self.members)
 
 
@@ -69,6 +70,7 @@ class Drawing:
     Attributes:
         poses: link -> place and angle [rad] of its frame; the ground has (0, 0).
         pins: id -> pin.
+        reading: the reading of the document before the edit.
         made: ids of the parts that the edit has made.
     """
 
@@ -85,30 +87,34 @@ class Drawing:
     def check(self, where: tuple[str, ...] = ()) -> None:
         """Check that the edit has not made the file faulty.
 
+        Args:
+            where: ids of the parts that a refusal would concern.
+
         Raises:
-            Refused: the file has a fault that it did not have before; `where` are the ids of the parts that it concerns.
+            Refused: the file has a fault that it did not have before.
         """
-        if faults := new_faults(self.reading.document, self.document):
+        faults = new_faults(self.reading.document, self.document)
+        if faults:
             raise Refused("; ".join(str(x) for x in faults[:3]), where, faults[0].path.rpartition(".")[2])
 
     def group(self, name: str, key: str | None = None) -> dict[str, Any]:
-        """Return the table `name` of the file, or the table `key` in it; a missing table is added.
+        """Return the table `name` of the file, or the table `key` in that table; add a table that is missing.
 
         Raises:
-            Refused: the file has something else under that name.
+            Refused: the file has no table but another value there.
         """
-        entries, called = self.document.setdefault(name, {}), name
+        entries, path = self.document.setdefault(name, {}), name
         if key is not None and isinstance(entries, dict):
-            entries, called = entries.setdefault(key, {}), f"{name}.{key}"
+            entries, path = entries.setdefault(key, {}), f"{name}.{key}"
         if not isinstance(entries, dict):
-            raise Refused(f"{called} is no table in this file: correct its text first", field=called)
+            raise Refused(f"{path} is no table in this file: correct its text first", field=path)
         return entries
 
     def link(self, name: Any) -> dict[str, Any]:
         """Return the table of a link.
 
         Raises:
-            Refused: no link of that name could be read.
+            Refused: there is no link of that name, or its table is faulty.
         """
         entries = self.group("links").get(name) if isinstance(name, str) else None
         if not isinstance(entries, dict) or name not in self.poses:
@@ -116,20 +122,20 @@ class Drawing:
         return entries
 
     def is_written(self, link: str) -> bool:
-        """Tell whether the file has a table of a link or the ground; it has none of the parts of a cylinder."""
+        """Tell whether a link has a table in the file: the ground and all links have, but not the parts of a cylinder."""
         return link == "ground" or link in self.group("links")
 
     def written_points(self, link: str) -> dict[str, Any]:
-        """Return the points of a link or of the ground, as the file writes them."""
+        """Return name -> value of the points of a link or of the ground, as the file gives them."""
         points = self.group("ground", "points") if link == "ground" else self.link(link).setdefault("points", {})
         return points if isinstance(points, dict) else {}
 
     def points(self, link: str) -> dict[str, complex]:
         """Return name -> place of a link's points in its own frame, or of the ground's points in the world."""
-        given = self.written_points(link)
+        given = self.written_points(link)  # a refusal is a ValueError, which must not be caught below
         try:
             points = resolve_points(given)
-        except (RecursionError, KeyError, TypeError, ValueError):  # the reading reports the fault, and has the readable points
+        except (RecursionError, KeyError, TypeError, ValueError):  # a point is faulty: take the points that could be read
             rest = self.reading.rest.get("ground", {}) if link == "ground" else self.reading.rest["links"][link]
             points = resolve_points(rest.get("points", {}))
         return {name: complex(*x) for name, x in points.items()}
@@ -157,10 +163,11 @@ class Drawing:
         return (at - origin) * rect(1.0, -theta)
 
     def set_point(self, reference: str, at: complex) -> None:
-        """Move a point of a link or of the ground to a place in the world; points that are defined from it stay where they are."""
+        """Move a point of a link or of the ground to a place in the world; points that are defined from it keep their places."""
         link, name = owner(reference), tail(reference)
         known, given = self.points(link), self.written_points(link)
         for other in given:
+            # `follow` returns the chain of points from which a point is defined, each by its key `from`
             if other != name and name in given and name in follow(given, other)[0]:
                 given[other] = pair(known[other])
         given[name] = pair(self.local(link, at))
@@ -168,9 +175,9 @@ class Drawing:
     # names
 
     def fresh(self, word: str, *groups: str) -> str:
-        """Return a new name: a word with the smallest number that is free in these groups, by default those of joints.
+        """Return a new name: a word with the smallest number that is free in some groups, by default joints and cylinders.
 
-        If the word is empty, the number is one that neither a pin nor a point uses.
+        Without a word, the name is a number that no pin and no point has.
         """
         taken = {name for group in groups or ("joints", "cylinders") for name in table(self.document, group)}
         if not word:
@@ -179,14 +186,20 @@ class Drawing:
         return next(f"{word}{k}" for k in range(1, len(taken) + 2) if f"{word}{k}" not in taken)
 
     def letter(self, link: str) -> str:
-        """Return a new name for a point that is no pin: a letter on a link, a number on the ground."""
-        taken = self.points(link)
-        return next((x for x in LETTERS if x not in taken and link != "ground"), "") or self.fresh("")
+        """Return a new name for a point that is no pin: a letter on a link if one is free, else a number."""
+        if link != "ground":
+            for letter in LETTERS:
+                if letter not in self.points(link):
+                    return letter
+        return self.fresh("")
 
     # pins
 
     def pin(self, given: Any) -> Pin:
-        """Return the pin that an id or `{"pin": id}` names, or draw a new one at `{"at": [x, y], "ground": bool}`.
+        """Return a pin of the drawing, or draw a new one.
+
+        Args:
+            given: a value of a message: the id of a pin, `{"pin": id}`, or `{"at": [x, y], "ground": bool}` for a new pin.
 
         Raises:
             Refused: there is no such pin, or no place is given.
@@ -218,9 +231,9 @@ class Drawing:
         return None
 
     def name_at(self, pin: Pin, taken: Any) -> str:
-        """Return a name for a new point at a pin: that of its joint or of a point there, unless it is among `taken`."""
-        wished = self.joint_of(pin) or (tail(pin.members[0]) if pin.members else pin.id)
-        return wished if wished not in taken and NAME.fullmatch(wished) else self.fresh("")
+        """Return a name for a new point at a pin: the name of the pin's joint or of a point there, or a number if it is `taken`."""
+        wanted = self.joint_of(pin) or (tail(pin.members[0]) if pin.members else pin.id)
+        return wanted if wanted not in taken and NAME.fullmatch(wanted) else self.fresh("")
 
     def unsketch(self, pin: Pin) -> None:
         """Remove a pin that holds nothing from the sketch."""
@@ -242,15 +255,16 @@ class Drawing:
         """Join a point that lies at a pin to the pin, and return the changed pin."""
         del self.pins[pin.id]
         joint, joints = self.joint_of(pin), self.group("joints")
-        own = [x for x in pin.members if self.is_written(owner(x))]
+        written = [x for x in pin.members if self.is_written(owner(x))]
         if joint is not None:
             joints[joint]["at"].append(reference)
             id = pin.id
-        elif own:
-            id = tail(own[0])
-            id = id if id not in joints and id not in self.group("cylinders") else self.fresh("")
-            joints[id] = {"type": "revolute", "at": [own[0], reference]}
-        else:
+        elif written:  # a second point makes a joint
+            id = tail(written[0])
+            if id in joints or id in self.group("cylinders"):
+                id = self.fresh("")
+            joints[id] = {"type": "revolute", "at": [written[0], reference]}
+        else:  # a single point is a pin without a joint
             self.unsketch(pin)
             id = reference
         self.made = [f"pins.{id}" if x == f"pins.{pin.id}" else x for x in self.made]
@@ -258,43 +272,52 @@ class Drawing:
         return self.pins[id]
 
     def ends(self, a: Any, b: Any) -> list[str]:
-        """Return references of two points of different links; a and b are ids of pins, or references themselves.
+        """Return references of two points of different links, one at each of a and b.
 
-        Points of links are preferred to those of the ground.
+        Args:
+            a, b: ids of pins, or references.
 
         Raises:
-            Refused: there are no two different links at a and b.
+            Refused: there are no points of two different links at a and b.
         """
-        sides = [self.pins[str(x)].members if str(x) in self.pins else (str(x),) for x in (a, b)]
-        first, second = (sorted(x, key=lambda y: owner(y) == "ground") for x in sides)
-        for x, y in ((x, y) for x in first for y in second if owner(x) != owner(y)):
-            self.place(x)
-            self.place(y)
-            return [x, y]
+        for x, y in product(self.points_at(str(a)), self.points_at(str(b))):
+            if owner(x) != owner(y):
+                self.place(x)  # raises if there is no such point
+                self.place(y)
+                return [x, y]
         where = tuple(f"pins.{x}" for x in (a, b) if str(x) in self.pins)
         raise Refused("two points of different links are needed", where, "b")
 
+    def points_at(self, point: str) -> list[str]:
+        """Return references of the points at the pin with the id `point`, those of links first; or `point` if it is a reference."""
+        members = self.pins[point].members if point in self.pins else (point,)
+        return sorted(members, key=lambda reference: owner(reference) == "ground")
+
     def on_link(self, point: str) -> str:
-        """Return the reference of a link's point at the pin with the id `point`, or `point` itself if it is a reference.
+        """Return the reference of a point at the pin with the id `point`, of a link rather than of the ground.
 
         Raises:
             Refused: there is no such point.
         """
-        members = self.pins[point].members if point in self.pins else (point,)
-        reference = next((x for x in members if owner(x) != "ground"), members[0] if members else point)
-        self.place(reference)
+        reference = next(iter(self.points_at(point)), point)
+        self.place(reference)  # raises if there is no such point
         return reference
 
     # links
 
     def add_link(self, name: str, at: complex, theta: float, more: dict[str, Any]) -> None:
-        """Add a link without points; `at` and `theta` [rad] are the place and angle of its frame, `more` further keys."""
+        """Add a link without points.
+
+        Args:
+            at, theta: place and angle [rad] of its frame.
+            more: further keys of its table.
+        """
         self.group("links")[name] = {"points": {}} | more
         self.poses[name] = at, theta
         self.made.insert(0, f"links.{name}")
 
     def is_aligned(self, link: str) -> bool:
-        """Tell whether a link's frame lies along its first bar, and nothing but points is given in that frame."""
+        """Tell whether a link's frame lies along its first bar, and whether only points are given in that frame."""
         given = {} if link == "ground" else self.link(link)
         bars, points = sequence(given, "bars"), self.points(link)
         welded = any(link in (x.get("link"), x.get("to")) for _, x in items(self.document, "welds"))
@@ -305,20 +328,20 @@ class Drawing:
         return abs(a) < SAME and abs(b.imag) < SAME and b.real > 0
 
     def align(self, link: str) -> None:
-        """Align a link's frame with its first bar after one of its points has moved; lines of slides turn with the bar."""
+        """Align a link's frame with its first bar after a point has moved; the axes of slides in the link turn with the bar."""
         given = self.link(link)
         places = {key: self.place(f"{link}.{key}") for key in given["points"]}
         a, b = (places[x] for x in given["bars"][0])
         old = self.poses[link][1]
-        self.poses[link] = a, old + math.remainder(phase(b - a) - old, 2 * math.pi)
+        self.poses[link] = a, old + math.remainder(phase(b - a) - old, 2 * math.pi)  # without a jump by whole turns
         given["points"] = {key: pair(self.local(link, x)) for key, x in places.items()}
 
     def sketch(self) -> None:
-        """Write the places of all pins into the table `assembly`, with one more point of each link that has a single pin."""
+        """Write the sketch of the drawing into the table `assembly`: the places of pins, and points that place the other links."""
         assembly = self.group("assembly")
         old, joints = table(assembly, "sketch"), [*items(self.document, "joints")]
-        drawn: dict[str, list[float]] = {}  # entries of the new sketch: joints, then points of links
-        pinned: set[str] = set()  # references of points in joints
+        drawn: dict[str, list[float]] = {}  # the new sketch: joint or reference -> place
+        pinned: set[str] = set()  # references of points that joints place
         for name, joint in joints:
             at = [x for x in sequence(joint, "at") if isinstance(x, str) and owner(x) in self.poses]
             pinned.update(at)
@@ -335,7 +358,7 @@ class Drawing:
                 angles.add(link)
                 assembly.setdefault("angles_deg", {})[link] = 0.0
         moving = {k for k, x in joints if not any(owner(str(y)) == "ground" for y in sequence(x, "at"))}
-        # entries of joints and links that could not be read stay
+        # keep the old entries of joints and links that could not be read
         kept = {k: x for k, x in old.items() if k in moving or ("." in k and owner(k) not in self.poses)}
         assembly["sketch"] = kept | drawn | lone_pins(self.document)
         for name in angles & self.poses.keys():
@@ -345,9 +368,10 @@ class Drawing:
         self.tidy()
 
     def _choose_points(self, link: str, known: set[str]) -> tuple[list[str], bool]:
-        """Return references of points that place a link, and whether they show its angle.
+        """Return references of points that place a link, and whether they determine its angle.
 
-        They are the `known` ones, else the first one, and one more if these lie at one place.
+        They are the points in `known`, or else the first point of the link. If all of them lie at one place, one more point is
+        added.
         """
         points = self.points(link)
         chosen = [name for name in points if f"{link}.{name}" in known] or [*points][:1]
@@ -357,7 +381,7 @@ class Drawing:
         return [f"{link}.{name}" for name in chosen], bool(apart)
 
     def tidy(self) -> None:
-        """Remove empty tables."""
+        """Remove empty tables from the document."""
         for group in ("ground", "observe", "assembly"):
             entry = table(self.document, group)
             for key in [k for k, x in entry.items() if x in ({}, [])]:

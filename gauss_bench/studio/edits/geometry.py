@@ -1,16 +1,20 @@
 """Edits of geometry: add pins, bars, larger links and slides; join, ground and move pins; set lengths and angles.
 
-The function of each verb has the verb's name; README.md says what its message holds.
+Every function with the name of a verb makes the edit of that verb. `../README.md` lists the keys of its message.
 """
 
 import math
-from cmath import phase
+from cmath import phase, rect
+from collections import Counter
 from itertools import combinations
 
 import numpy as np
 
 from gauss_bench.linkage.closure import CLOSED, gauss_newton
 from gauss_bench.linkage.references import items, sequence
+from gauss_bench.mechanism.coordinates import gradient
+from gauss_bench.mechanism.model import GROUND, Angle
+from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.studio.edits.drawing import BLOCK, DIGITS, KG_PER_M, SAME, Drawing, Pin, owner, pair, round_digits, tail
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message, number, place
@@ -39,28 +43,28 @@ def add_link(d: Drawing, message: Message) -> None:
 
 
 def describe_owner(link: str) -> str:
-    """Describe the link that a pin is on, for a refusal."""
+    """Return the words for a pin that is on a link or on the ground."""
     return "fixed to the ground" if link == "ground" else f"on {link}"
 
 
 def _connect(d: Drawing, pins: list[Pin], word: str) -> None:
-    """Add a rigid link through pins, with bars around it.
+    """Add a rigid link through pins, with bars around it; its name is the `word` and a number.
 
     Raises:
         Refused: two of the pins lie at one place or on the same link.
     """
-    for b, a in combinations(pins, 2):
+    for a, b in combinations(pins, 2):
         if a.id == b.id or abs(a.at - b.at) < SHORTEST:
-            raise Refused("a bar between two pins at one place has no length", (f"pins.{a.id}",))
-        both = [x for x in map(owner, a.members) if x in map(owner, b.members)]
-        if both:
-            text = f"pins {b.id} and {a.id} are both {describe_owner(both[0])} already: no bar is needed between them"
-            raise Refused(text, (f"pins.{a.id}", f"pins.{b.id}"))
+            raise Refused("a bar between two pins at one place has no length", (f"pins.{b.id}",))
+        shared = [x for x in map(owner, b.members) if x in map(owner, a.members)]
+        if shared:
+            text = f"pins {a.id} and {b.id} are both {describe_owner(shared[0])} already: no bar is needed between them"
+            raise Refused(text, (f"pins.{b.id}", f"pins.{a.id}"))
     name = d.fresh(word, "links")
     d.add_link(name, pins[0].at, phase(pins[1].at - pins[0].at), {"bars": [], "kg_per_m": KG_PER_M})
     ends = [tail(d.attach(pin, name).members[-1]) for pin in pins]
-    around = [[a, b] for a, b in zip(ends, [*ends[1:], ends[0]], strict=True)]  # the polygon of the pins
-    d.link(name)["bars"] = around if len(ends) > 2 else around[:1]
+    polygon = [[a, b] for a, b in zip(ends, [*ends[1:], ends[0]], strict=True)]
+    d.link(name)["bars"] = polygon if len(ends) > 2 else polygon[:1]
 
 
 def add_point(d: Drawing, message: Message) -> None:
@@ -78,20 +82,20 @@ def add_point(d: Drawing, message: Message) -> None:
 
 
 def observe(d: Drawing, message: Message) -> None:
-    """Add a point to the observed ones, or remove it with `on` false."""
-    point, listed = d.on_link(str(message.get("point"))), sequence(d.group("observe"), "points")
-    others = [x for x in listed if x != point]
-    d.group("observe")["points"] = [*others, point] if message.get("on", True) else others
+    """Observe a point; with `on` false, observe it no longer."""
+    point, observed = d.on_link(str(message.get("point"))), d.group("observe")
+    others = [x for x in sequence(observed, "points") if x != point]
+    observed["points"] = [*others, point] if message.get("on", True) else others
 
 
 def add_slide(d: Drawing, message: Message) -> None:
-    """Add a slide along a guide, with a block that is pinned at the slide's pin."""
+    """Add a slide along a guide, and a block that slides and is pinned at the slide's pin."""
     guide = message.get("guide", "ground")
     pin = d.pin(message["pin"] if "pin" in message else {"at": message.get("at")})
     bars = [] if guide == "ground" else sequence(d.link(guide), "bars")
     if guide in map(owner, pin.members):
-        fixed = "the ground" if guide == "ground" else guide
-        raise Refused(f"pin {pin.id} is on {fixed} itself, and cannot slide along it", (f"pins.{pin.id}",))
+        name = "the ground" if guide == "ground" else guide
+        raise Refused(f"pin {pin.id} is on {name} itself, and cannot slide along it", (f"pins.{pin.id}",))
     through = place(message["through"], "through") if "through" in message else None
     # the direction [rad] in the world: as given, else from the place `through` to the pin, else along the guide's first bar
     if "angle_deg" in message:
@@ -103,43 +107,45 @@ def add_slide(d: Drawing, message: Message) -> None:
         angle = phase(b - a)
     else:
         angle = d.poses[guide][1]
-    at_guide = through or (pin.at if guide == "ground" else None)
-    point = _guide_point(d, guide, at_guide, str(bars[0][0]) if bars else next(iter(d.points(guide)), ""))
-    # the distance of the pin from the line through the guide's point, positive to the left of its direction
-    offset = ((pin.at - d.place(f"{guide}.{point}")) * complex(math.cos(angle), -math.sin(angle))).imag
-    block, name = d.fresh("block", "links"), d.fresh("slide", "joints", "cylinders")
+    # the axis goes through a point of the guide: at `through`, else at the pin on the ground, else the first point of the guide
+    if through is not None or guide == "ground":
+        point = _guide_point(d, guide, pin.at if through is None else through)
+    else:
+        point = str(bars[0][0]) if bars else next(iter(d.points(guide)), "")
+    # the distance of the pin from that axis, positive to the left of its direction
+    offset = ((pin.at - d.place(f"{guide}.{point}")) * rect(1.0, -angle)).imag
+    block, slide = d.fresh("block", "links"), d.fresh("slide", "joints", "cylinders")
     d.add_link(block, pin.at, angle, {**BLOCK})
     at = d.attach(pin, block).members[-1]
     degrees = round_digits(math.degrees(math.remainder(angle - d.poses[guide][1], 2 * math.pi)), DIGITS)
     joint = {"type": "prismatic", "guide": f"{guide}.{point}", "angle_deg": degrees, "block": at}
     if abs(offset) > SAME:
         joint["offset"] = round_digits(offset, DIGITS)
-    d.group("joints")[name] = joint
-    d.made.insert(0, f"slides.{name}")
+    d.group("joints")[slide] = joint
+    d.made.insert(0, f"slides.{slide}")
 
 
-def _guide_point(d: Drawing, guide: str, at: complex | None, usual: str) -> str:
-    """Return the name of the guide's point at a place, which is added if there is none; without a place, `usual`."""
-    if at is None:
-        return usual
+def _guide_point(d: Drawing, guide: str, at: complex) -> str:
+    """Return the name of the guide's point at a place; add the point if there is none."""
     local = d.local(guide, at)
-    name = next((k for k, x in d.points(guide).items() if abs(x - local) < SAME), None)
-    if name is None:
-        name = d.letter(guide)
-        d.written_points(guide)[name] = pair(local)
+    for name, x in d.points(guide).items():
+        if abs(x - local) < SAME:
+            return name
+    name = d.letter(guide)
+    d.written_points(guide)[name] = pair(local)
     return name
 
 
 def join(d: Drawing, message: Message) -> None:
-    """Move a pin onto another and join all their points in one joint."""
+    """Move a pin onto another pin, and join all points of both in one joint."""
     a, b = d.pin(message.get("pin")), d.pin(message.get("to"))
     if a.id == b.id:
-        raise Refused("a pin is joined to another", (f"pins.{a.id}",))
+        raise Refused("a pin cannot be joined to itself", (f"pins.{a.id}",))
     shared = {*map(owner, a.members)} & {*map(owner, b.members)}
     if shared:
-        what = describe_owner("ground" if "ground" in shared else min(shared))
-        raise Refused(f"pins {a.id} and {b.id} are both {what}: they cannot be one", (f"pins.{a.id}", f"pins.{b.id}"))
-    if a.is_grounded:  # the pin on the ground stays where it is
+        words = describe_owner("ground" if "ground" in shared else min(shared))
+        raise Refused(f"pins {a.id} and {b.id} are both {words}: they cannot be joined", (f"pins.{a.id}", f"pins.{b.id}"))
+    if a.is_grounded:  # the other pin moves instead
         a, b = b, a
     _shift(d, a, b.at)
     joints, joint = d.group("joints"), d.joint_of(a)
@@ -156,7 +162,8 @@ def join(d: Drawing, message: Message) -> None:
     for reference in a.members:
         if d.is_written(owner(reference)):
             b = d.hold(b, reference)
-    if joint is not None and (kept := d.joint_of(b)) is not None:
+    kept = d.joint_of(b)
+    if joint is not None and kept is not None:
         for _, force in items(d.document, "forces"):  # forces in the removed joint now act in the other
             if force.get("joint") == joint:
                 force["joint"] = kept
@@ -164,7 +171,7 @@ def join(d: Drawing, message: Message) -> None:
 
 
 def ground(d: Drawing, message: Message) -> None:
-    """Fix a pin to the ground, or with `on` false release it."""
+    """Fix a pin to the ground; with `on` false, release it from the ground."""
     pin, on = d.pin(message.get("pin")), bool(message.get("on", True))
     if on and not pin.is_grounded:
         _fix(d, pin)
@@ -180,16 +187,17 @@ def _fix(d: Drawing, pin: Pin) -> None:
     points[name] = pair(pin.at)
     if pin.members:
         joint = joints.get(d.hold(pin, f"ground.{name}").id, {})
-        if "at" in joint:  # the ground first, as in the linkages of the suite
+        if "at" in joint:  # put the ground first, as in the linkages of the suite
             joint["at"] = [f"ground.{name}", *(x for x in joint["at"] if x != f"ground.{name}")]
 
 
 def _release(d: Drawing, pin: Pin) -> None:
-    """Release a pin from the ground; points of the ground that a slide uses stay."""
+    """Release a pin from the ground, but keep points of the ground that a slide uses."""
     points, joints, joint = d.written_points("ground"), d.group("joints"), d.joint_of(pin)
     for reference in (x for x in pin.members if owner(x) == "ground"):
         name = tail(reference)
-        if not any(reference in (j.get("guide"), j.get("block")) for _, j in items(d.document, "joints")):
+        is_used = any(reference in (x.get("guide"), x.get("block")) for _, x in items(d.document, "joints"))
+        if not is_used:
             del points[name]
         if joint is None:
             d.group("assembly", "sketch")[name if name not in joints else d.fresh("")] = pair(pin.at)
@@ -205,22 +213,22 @@ def move(d: Drawing, message: Message) -> None:
 
 
 def _shift(d: Drawing, pin: Pin, at: complex) -> None:
-    """Move a pin: the links on it change their lengths; a point of the ground that guides it alone moves with it."""
+    """Move a pin and change the lengths of its links; if a point of the ground guides only this pin, the point moves along."""
     if not pin.members:
         d.group("assembly", "sketch")[pin.id] = pair(at)
-    joints = d.group("joints")
-    for _, joint in items(d.document, "joints"):
+    joints = [x for _, x in items(d.document, "joints")]
+    used = Counter(str(x) for joint in joints for x in (joint.get("guide"), joint.get("block"), *sequence(joint, "at")))
+    for joint in joints:
         guide = str(joint.get("guide"))
-        used = sum(str(x).count(f"'{guide}'") for x in joints.values())
-        if joint.get("block") in pin.members and owner(guide) == "ground" and used == 1:
+        if joint.get("block") in pin.members and owner(guide) == "ground" and used[guide] == 1:
             d.set_point(guide, d.place(guide) + at - pin.at)
     for reference in pin.members:
         link = owner(reference)
         if link == "ground":
             d.set_point(reference, at)
         elif link not in d.group("links"):
-            continue  # an end of a cylinder follows the pin without a change of the file
-        elif len(d.points(link)) == 1:  # a block is displaced with its pin
+            continue  # the part of a cylinder has no table that must change
+        elif len(d.points(link)) == 1:  # a block moves as a whole
             origin, theta = d.poses[link]
             d.poses[link] = origin + at - pin.at, theta
         else:
@@ -228,7 +236,11 @@ def _shift(d: Drawing, pin: Pin, at: complex) -> None:
 
 
 def _put(d: Drawing, reference: str, at: complex) -> None:
-    """Move a point of a link to a place in the world."""
+    """Move a point of a link to a place in the world.
+
+    Raises:
+        Refused: a bar would have no length.
+    """
     link = owner(reference)
     is_aligned = d.is_aligned(link)
     d.set_point(reference, at)
@@ -240,7 +252,7 @@ def _put(d: Drawing, reference: str, at: complex) -> None:
 
 
 def set_length(d: Drawing, message: Message) -> None:
-    """Set the distance of two points of a link by moving the second one."""
+    """Set the distance of two points of a link: move the second point."""
     name, length = str(message.get("link")), number(message, "value")
     points = d.points(name)
     a, b = str(message.get("a")), str(message.get("b"))
@@ -256,25 +268,25 @@ def set_length(d: Drawing, message: Message) -> None:
 
 
 def set_angle(d: Drawing, message: Message) -> None:
-    """Turn a link to an angle in small steps, closing the joints after each, so that the linkage stays on its branch."""
+    """Turn a link to an angle in small steps, and close the joints after each step, so that the linkage stays on its branch."""
     name, degrees, reading = str(message.get("link")), number(message, "value_deg"), d.reading
-    d.link(name)
+    d.link(name)  # raises if there is no such link
     if reading.mechanism is None or reading.joints is None or not reading.closed:
-        raise Refused("a link is turned once the drawing assembles", (f"links.{name}",))
-    body, turn = reading.mechanism.find_body(name)
-    q, joints, k = reading.q, reading.joints, 3 * body + 2
-    first, row = float(q[k]), np.eye(len(q))[k]
-    way = math.remainder(math.radians(degrees) - float(turn) - first, 2 * math.pi)
+        raise Refused("a link can be turned once the drawing assembles", (f"links.{name}",))
+    body, turn = reading.mechanism.find_body(name)  # a welded link is turned by `turn` in its body
+    q, joints = reading.q, reading.joints
+    first, row = float(angle_at(q, body)), gradient(Angle(GROUND, body), q)
+    way = math.remainder(math.radians(degrees) - float(turn) - first, 2 * math.pi)  # the shorter way to the angle [rad]
     for goal in np.linspace(first, first + way, max(1, math.ceil(abs(way) / TURN)) + 1)[1:]:
 
         def residual(x: Array, goal: float = goal) -> tuple[Array, Array]:
-            """Return residual and Jacobian of the joints and of the link's angle against `goal`."""
+            """Return residual and Jacobian of the joints, and in the last row of the link's angle against `goal`."""
             F, J = joints.residual(x)
-            return np.append(F, x[k] - goal), np.vstack([J, row])
+            return np.append(F, angle_at(x, body) - goal), np.vstack([J, row])
 
         q, error = gauss_newton(q, residual)
         if error > CLOSED:
-            raise Refused(f"{name} cannot stand at {degrees:g} degrees: the linkage does not reach that", (f"links.{name}",))
+            raise Refused(f"{name} cannot stand at {degrees:g} degrees: the linkage does not reach it", (f"links.{name}",))
     d.lay(reading.poses(q))
 
 

@@ -1,4 +1,4 @@
-"""Edits of tables by their keys: set, rename and delete entries; add forces; name locks."""
+"""Edits of tables by their keys: set, rename and delete entries; add forces; find the part that a message locks."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -15,18 +15,19 @@ from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message
 from gauss_bench.studio.reading import leave_out, lone_pins, new_faults
 
+# pairs of keys that exclude each other
 EITHER = (("mass", "kg_per_m"), ("angle", "angle_deg"), ("rest", "rest_deg"), ("start", "start_deg"), ("travel", "travel_deg"))
-USUAL: dict[str, dict[str, Any]] = scene.FORCES["usual"]  # word of a force -> its type and its default numbers
-NAMING_KEYS = {  # group -> keys anywhere in a file under which a text or key is the name of an entry of the group
+USUAL: dict[str, dict[str, Any]] = scene.FORCES["usual"]  # name of a force in the menu -> its type and its default numbers
+NAMING_KEYS = {  # group -> keys of a file under which a text, or a key of a table, is the name of an entry of the group
     "links": ("crank", "link", "reaction", "frame", "to", "links", "hold", "angles", "angles_deg", "speeds"),
     "joints": ("joint", "joints", "hold", "slides", "slide_speeds", "sketch"),
     "cylinders": ("joint", "joints", "hold", "slides", "slide_speeds", "sketch"),
 }
-TEXTS = ("title", "name", "format", "type", "law")  # keys of texts that are no names of other entries
+TEXTS = ("title", "name", "format", "type", "law")  # keys of texts that name no entry
 
 
 def set_key(d: Drawing, message: Message) -> None:
-    """Set the key at a path, or delete it if the value is null; a key that excludes it, such as angle and angle_deg, is removed."""
+    """Set the key at a path and remove a key that excludes it; delete the key if the value is null."""
     path, given = message.get("path"), message.get("value")
     if not isinstance(path, str) or not re.fullmatch(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+|\[\d{1,4}\])*", path):
         raise Refused("a path consists of keys separated by dots", field="path")
@@ -54,7 +55,12 @@ def set_key(d: Drawing, message: Message) -> None:
 
 
 def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
-    """Return tables and lists with every text and every key x replaced by `change(x, key)`, where `key` is the key above it."""
+    """Return a value of a file with every text and every key of a table replaced.
+
+    Args:
+        change: function (text, key) -> new text, where `key` is the key under which the text stands.
+        key: key under which x stands.
+    """
     if isinstance(x, dict):
         has_entries = key in GROUPS  # the keys in it are names of entries
         return {change(k, key): rewrite(y, change, "" if has_entries else k) for k, y in x.items()}
@@ -64,8 +70,8 @@ def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
 
 
 def rename(d: Drawing, message: Message) -> None:
-    """Rename the drawing, or the part with an id, and all references to it."""
-    id, to = str(message.get("what", message.get("id"))), str(message.get("to"))  # older pages call the part "id"
+    """Rename the drawing, or the part with the id `what`, and all references to it."""
+    id, to = str(message.get("what")), str(message.get("to"))
     group, name = owner(id), tail(id)
     if not NAME.fullmatch(to) or len(to) > 60:
         raise Refused("a name has letters, digits and underscores", (id,), "to")
@@ -80,11 +86,11 @@ def rename(d: Drawing, message: Message) -> None:
     elif group == "forces" and name in d.group("cylinders"):
         group = "cylinders"
     if group not in GROUPS or name not in d.group(group):
-        raise Refused(f"there is no {id[:60]}", (id,), "id")
+        raise Refused(f"there is no {id[:60]}", (id,), "what")
     taken = {*d.group(group)}
     if group == "links":
         taken.add("ground")
-    elif group in ("joints", "cylinders"):
+    elif group in ("joints", "cylinders"):  # names of a driver or lock that must not be ambiguous
         taken = {*d.group("joints"), *d.group("cylinders")}
     if to != name and to in taken:
         raise Refused(f"{to} is taken already", (id,), "to")
@@ -98,7 +104,7 @@ def _rename_in(document: Document, group: str, old: str, new: str) -> None:
     keys = (group, *NAMING_KEYS.get(group, ()))
 
     def change(x: str, key: str) -> str:
-        """Return the new text of a key or value x."""
+        """Return the new text for x, which stands under `key`."""
         if key in keys and x == old:
             return new
         return f"{new}.{tail(x)}" if group == "links" and x.startswith(f"{old}.") else x
@@ -107,7 +113,7 @@ def _rename_in(document: Document, group: str, old: str, new: str) -> None:
 
 
 def _rename_pin(d: Drawing, name: str, to: str) -> None:
-    """Rename a pin's joint, and those of its points that have the joint's name, where the new name is free."""
+    """Rename a pin's joint, and the points of the joint's name at the pin if their links have no point of the new name."""
     pin = d.pin(name)
     joint, where = d.joint_of(pin), (f"pins.{name}",)
     if to in {*d.group("joints"), *d.group("cylinders"), *lone_pins(d.document)} - {joint}:
@@ -129,18 +135,18 @@ def _rename_pin(d: Drawing, name: str, to: str) -> None:
 
 
 def _rename_point(d: Drawing, link: str, old: str, new: str) -> None:
-    """Rename a point of a link or of the ground, in its own table and in references to it."""
+    """Rename a point of a link or of the ground, in the table of its owner and in all references."""
     given = d.group("ground") if link == "ground" else d.link(link)
-    keys = ("points", "bars", "point", "from")
+    keys = ("points", "bars", "point", "from")  # keys in that table under which a point stands without the name of its owner
     given.update(rewrite(given, lambda x, key: new if x == old and key in keys else x))
     d.document.update(rewrite(d.document, lambda x, key: f"{link}.{new}" if x == f"{link}.{old}" else x))
 
 
 def delete(d: Drawing, message: Message) -> None:
-    """Delete the parts with these ids, and everything that refers to them."""
+    """Delete the parts with the ids `ids`, and all entries that refer to them."""
     ids = message.get("ids")
     if not isinstance(ids, list) or not all(isinstance(x, str) for x in ids):
-        raise Refused("ids is a list of what to delete", field="ids")
+        raise Refused("ids is a list of the ids of parts", field="ids")
     for id in ids[:1000]:
         group, name = owner(id), tail(id)
         if group in ("slides", "forces") and name in d.group("cylinders"):
@@ -151,15 +157,15 @@ def delete(d: Drawing, message: Message) -> None:
             block = owner(str(d.group("joints").pop(name).get("block")))
             if len(table(table(d.document, "links").get(block, {}), "points")) == 1:
                 del d.group("links")[block]
-        elif group in GROUPS and group != "joints" and name in d.group(group):  # else it is deleted already, with another part
+        elif group in GROUPS and group != "joints" and name in d.group(group):  # else another part has taken it along already
             del d.group(group)[name]
-            links = {"links": {name}, "cylinders": {f"{name}_barrel", f"{name}_rod"}}.get(group, set())
-            d.poses = {k: x for k, x in d.poses.items() if k not in links}
+            removed = {"links": {name}, "cylinders": {f"{name}_barrel", f"{name}_rod"}}.get(group, set())  # links
+            d.poses = {link: pose for link, pose in d.poses.items() if link not in removed}
     prune(d)
 
 
 def _delete_pin(d: Drawing, name: str) -> None:
-    """Delete a pin's points from all its links; a link that is left with one point is deleted too."""
+    """Delete a pin's points from all its links, and delete links that would have a single point left."""
     pin = d.pins[name]
     if not pin.members:
         d.unsketch(pin)
@@ -173,21 +179,25 @@ def _delete_pin(d: Drawing, name: str) -> None:
                 del d.group("links")[link], d.poses[link]
                 continue
             given["points"] = {k: pair(x) for k, x in d.points(link).items() if k != point}
-            kept = [bar for bar in sequence(given, "bars") if point not in bar]
-            beside = [x for bar in sequence(given, "bars") if point in bar for x in bar if x != point]
+            kept: list[list[str]] = []  # bars that do not end at the point
+            neighbours: list[str] = []  # other ends of bars that do
+            for bar in sequence(given, "bars"):
+                if point in bar:
+                    neighbours += [x for x in bar if x != point]
+                else:
+                    kept.append(bar)
             # in a polygon of bars, a new bar joins the neighbours of the deleted point
-            if len(beside) == 2 and beside[0] != beside[1] and not any({*beside} == {*bar} for bar in kept):
-                kept.append(beside)
+            if len({*neighbours}) == len(neighbours) == 2 and not any({*neighbours} == {*bar} for bar in kept):
+                kept.append(neighbours)
             if "bars" in given:
                 given["bars"] = kept or [[*given["points"]][:2]]
 
 
 def prune(d: Drawing) -> None:
-    """Delete all entries that refer to deleted parts, and joints and scenarios that are incomplete without them."""
+    """Delete all entries that refer to deleted parts, and joints and scenarios that are incomplete without these parts."""
     before = d.reading.document  # the file as it was read; d.document already lacks the deleted parts
-    for _ in range(1000):  # a bound: each pass removes one faulty entry, which may leave others without what they refer to
-        # a linkage may be left without links or scenarios
-        faults = [x for x in new_faults(before, d.document) if x.path not in ("links", "scenarios")]
+    for _ in range(1000):  # each pass removes one faulty entry, which may leave other entries with a missing reference
+        faults = new_faults(before, d.document)
         if not faults:
             break
         leave_out(d.document, faults[0])
@@ -195,7 +205,7 @@ def prune(d: Drawing) -> None:
         del d.group("joints")[joint]
     sketched = table(table(d.document, "assembly"), "sketch")
     for joint in {*table(before, "joints")} - {*table(d.document, "joints")}:
-        sketched.pop(joint, None)  # its place would be read as a pin that holds nothing
+        sketched.pop(joint, None)  # otherwise its place would be read as a pin that holds nothing
     for name, scenario in [*items(d.document, "scenarios")]:
         if "driver" in table(before, "scenarios").get(name, {}) and not (scenario.get("driver") or scenario.get("drivers")):
             del d.group("scenarios")[name]
@@ -206,7 +216,8 @@ def add_force(d: Drawing, message: Message) -> None:
     word = str(message.get("type"))
     given = {k: x for k, x in message.items() if k not in ("id", "do", "type", "name", "a", "b")}  # keys of the force
     if "a" in message or "b" in message:
-        given["between"] = d.ends(*(d.pin(x).id if isinstance(x, dict) else x for x in (message.get("a"), message.get("b"))))
+        a, b = (d.pin(x).id if isinstance(x, dict) else x for x in (message.get("a"), message.get("b")))
+        given["between"] = d.ends(a, b)
     if word == "cylinder":
         _add_cylinder(d, given)
         return
@@ -223,7 +234,7 @@ def add_force(d: Drawing, message: Message) -> None:
         usual["rest"] = _apart(d, given)
     if word == "coulomb_friction" and table(table(d.document, "joints"), str(given.get("joint"))).get("type") == "revolute":
         usual["radius"] = 0.01
-    name = d.fresh(word.partition("_")[0], "forces")
+    name = d.fresh(word.partition("_")[0], "forces")  # such as axis1 for an axis_spring_damper
     d.group("forces")[name] = usual | given
     d.check()
     d.made.append(f"forces.{name}")
@@ -250,11 +261,11 @@ def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
     part = {"length": round_digits(max(0.6 * _apart(d, given), 1e-3)), "kg_per_m": KG_PER_M}
     name = d.fresh("cylinder", "cylinders", "joints")
     if d.document.get("format") == FORMAT:
-        # cylinders need the second edition, in which damping of a pin of three links means something else
+        # the second edition damps a pin of three links in another way than the first
         for damper, force in items(d.document, "forces"):
             joint = table(d.document, "joints").get(str(force.get("joint")), {})
             if force.get("type") == "joint_damping" and len(sequence(joint, "at")) > 2:
-                text = f"a file of the first edition has no cylinders, and in the second {damper} would damp otherwise"
+                text = f"a file of the first edition has no cylinders, and in the second edition {damper} would damp otherwise"
                 raise Refused(text, (f"forces.{damper}",))
     d.document["format"] = SECOND
     d.group("cylinders")[name] = {"between": given["between"], "barrel": dict(part), "rod": dict(part)}
@@ -263,7 +274,7 @@ def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
 
 
 def lock_of(d: Drawing, message: Message) -> str:
-    """Return the id of the part that a message locks: a pin, a slide, a length or an angle.
+    """Return the id of the lock that a message names: of a pin, a slide, a length or an angle.
 
     Raises:
         Refused: there is no such part.

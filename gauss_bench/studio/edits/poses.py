@@ -1,4 +1,4 @@
-"""A four-bar of three poses of its coupler: what follows from poses and places that the page has, and its drawing."""
+"""Find the four-bar whose coupler takes three given poses, describe it for the page, and draw it."""
 
 import math
 from cmath import phase, rect
@@ -12,10 +12,10 @@ from gauss_bench.studio.messages import Message, number, place
 
 
 def read_poses(message: Message) -> tuple[Pose, Pose, Pose]:
-    """Return the three poses of a message, which gives [x, y, degrees] of each.
+    """Return the three poses of a message, which gives each as [x, y, degrees].
 
     Raises:
-        Refused: there are not three poses of finite numbers.
+        Refused: the message does not give three poses of finite numbers.
     """
     given = message.get("poses")
     if not isinstance(given, list) or len(given) != 3 or not all(isinstance(x, list) and len(x) == 3 for x in given):
@@ -25,10 +25,12 @@ def read_poses(message: Message) -> tuple[Pose, Pose, Pose]:
 
 
 def find_four_bar(message: Message) -> tuple[FourBar, Pose]:
-    """Return the four-bar of three poses and two `pins`, placed at the first pose, or two fixed `pivots`; and the first pose.
+    """Return the four-bar whose coupler takes the three poses of a message, and the first pose.
+
+    The message gives the places of either its two moving `pins` at the first pose, or its two fixed `pivots`.
 
     Raises:
-        Refused: there is none; the message gives the reason.
+        Refused: there is no such four-bar; the error gives the reason.
     """
     poses = read_poses(message)
     key = "pivots" if "pivots" in message else "pins"
@@ -46,7 +48,7 @@ def find_four_bar(message: Message) -> tuple[FourBar, Pose]:
 
 
 def describe_four_bar(message: Message) -> dict[str, Any]:
-    """Return the four-bar that `synthesize` would draw, with a sentence for each connection that could be driven."""
+    """Return the reply with the four-bar that `synthesize` would draw, and a sentence for each connection that could be driven."""
     found, _ = find_four_bar(message)
     return {
         "connections": [describe_connection(x) for x in found.connections],
@@ -54,25 +56,25 @@ def describe_four_bar(message: Message) -> dict[str, Any]:
     }
 
 
-def describe_connection(one: Connection) -> dict[str, Any]:
-    """Return the places of a pin, its fixed pivot, and the direction [degrees] if it slides."""
-    degrees = None if one.direction is None else math.degrees(phase(one.direction))
-    return {"places": [pair(x) for x in one.places], "pivot": pair(one.pivot), "slide_deg": degrees}
+def describe_connection(connection: Connection) -> dict[str, Any]:
+    """Return the three places of a moving pin, its fixed pivot, and the direction of its slide in degrees or None."""
+    degrees = None if connection.direction is None else math.degrees(phase(connection.direction))
+    return {"places": [pair(x) for x in connection.places], "pivot": pair(connection.pivot), "slide_deg": degrees}
 
 
 def synthesize(d: Drawing, message: Message) -> None:
-    """Draw the four-bar at the first pose; the origin of the pose is observed unless it is a pin."""
+    """Draw the four-bar at the first pose, and observe the origin of the pose if it is no pin."""
     found, (origin, _) = find_four_bar(message)
     first, second = (x.places[0] for x in found.connections)
     add_bar(d, {"from": {"at": pair(first)}, "to": {"at": pair(second)}})
     coupler = d.made[0].removeprefix("links.")
     pins = [x.id for x in d.pins.values() if coupler in map(owner, x.members)]
-    for pin, one in zip(pins, found.connections, strict=True):
-        if one.direction is None:
-            add_bar(d, {"from": {"at": pair(one.pivot), "ground": True}, "to": {"pin": pin}})
+    for pin, connection in zip(pins, found.connections, strict=True):
+        pivot = pair(connection.pivot)
+        if connection.direction is None:
+            add_bar(d, {"from": {"at": pivot, "ground": True}, "to": {"pin": pin}})
         else:
-            add_slide(
-                d, {"pin": pin, "guide": "ground", "through": pair(one.pivot), "angle_deg": math.degrees(phase(one.direction))}
-            )
+            degrees = math.degrees(phase(connection.direction))
+            add_slide(d, {"pin": pin, "guide": "ground", "through": pivot, "angle_deg": degrees})
     if min(abs(origin - first), abs(origin - second)) > SAME:
         add_point(d, {"link": coupler, "at": pair(origin), "observe": True})

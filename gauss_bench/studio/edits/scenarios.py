@@ -1,7 +1,7 @@
-"""The scenarios that the studio writes: "driven", in which laws prescribe coordinates, and "released", which starts at rest.
+"""Write the scenarios of the studio: "driven", in which laws prescribe coordinates, and "released", which starts at rest.
 
-Both start where the linkage is drawn. A change of the drawing also changes their starts, and any other start that was at the
-drawing.
+Both start where the linkage is drawn. A change of the drawing also changes their starts, and the starts of other scenarios that
+were at the drawing.
 """
 
 import math
@@ -15,53 +15,57 @@ from gauss_bench.linkage.closure import null_space
 from gauss_bench.linkage.references import drivers_of, items, sequence, table
 from gauss_bench.linkage.start_coordinates import choose_held
 from gauss_bench.mechanism.coordinates import gradient, value
-from gauss_bench.mechanism.model import GROUND, Angle, Coordinate, Distance, Mechanism, Prismatic
+from gauss_bench.mechanism.model import GROUND, Angle, Coordinate, Distance, Mechanism
 from gauss_bench.studio.document import Document
-from gauss_bench.studio.edits.drawing import PLACED, Drawing, round_digits
+from gauss_bench.studio.edits.drawing import Drawing, round_digits
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message, number
 from gauss_bench.studio.reading import Reading
 
 DRIVEN, RELEASED = "driven", "released"  # the scenarios that the studio writes
 FREE = 2.0  # [s] usual duration of "released"
-STROKE = 0.1  # usual travel of a driven length, relative to the linkage's size
-FOLLOWS = 1e-6  # [m, rad] a start that is nearer to the drawing than this changes with it
-UNITS = {"_deg": math.degrees(1.0), "": 1.0}  # ending of a key -> its value for one radian
+STROKE = 0.1  # default travel of a driven length, relative to the size of the linkage
+FOLLOWS = 1e-6  # [m, rad] a start whose distance from the drawing is smaller changes with the drawing
+UNITS = {"_deg": math.degrees(1.0), "": 1.0}  # ending of a key for an angle -> value of the key for one radian
 
 
 def drive(d: Drawing, message: Message) -> None:
-    """Prescribe a coordinate in the scenario "driven", starting from the drawing; `off` removes its driver again."""
+    """Prescribe a coordinate in the scenario "driven", starting from the drawing; with `off`, prescribe it no longer."""
     scenarios = d.group("scenarios")
-    scenario, where = scenarios.get(DRIVEN, {}), _find_coordinate(d, message.get("coordinate"))
-    drivers = [x for x in drivers_of(scenario) if not where.items() <= x.items()]
+    scenario, coordinate = scenarios.get(DRIVEN, {}), _find_coordinate(d, message.get("coordinate"))
+    drivers = [x for x in drivers_of(scenario) if not coordinate.items() <= x.items()]
     if not message.get("off"):
         law = {k: x for k, x in message.items() if k not in ("id", "do", "coordinate", "off", "duration", "scenario")}
-        usual: dict[str, Any] = {"law": "constant", "speed": 2 * math.pi}  # one turn a second
-        if "link" not in where:
+        if "link" in coordinate:
+            d.document.setdefault("crank", coordinate["link"])
+            usual: dict[str, Any] = {"law": "constant", "speed": 2 * math.pi}  # one turn a second
+        else:
             size = d.reading.mechanism.size if d.reading.mechanism else 1.0
             usual = {"law": "sine", "travel": round_digits(STROKE * size), "time": 1.0}
-        drivers.append(where | ({"law": usual["law"]} | law if law else usual))
-        if "link" in where:
-            d.document.setdefault("crank", where["link"])
+        drivers.append(coordinate | ({"law": usual["law"]} | law if law else usual))
     if not drivers:
         scenarios.pop(DRIVEN, None)
         return
     kept = {k: x for k, x in scenario.items() if k not in ("driver", "drivers", "start", "hold")}
     duration = number(message, "duration", kept.get("duration") or max(_duration(x) for x in drivers))
     scenarios[DRIVEN] = {**kept, "duration": duration, "drivers": drivers}
-    start_driven(d.document, d.reading, fresh=where)
+    start_driven(d.document, d.reading, only=coordinate)
     d.check((f"scenarios.{DRIVEN}",))
     d.made.append(f"scenarios.{DRIVEN}")
 
 
 def _find_coordinate(d: Drawing, given: Any) -> dict[str, Any]:
-    """Return the key and value that name a coordinate in the table of a driver: link, joint or between.
+    """Return the key that names a coordinate in the table of a driver, link, joint or between, with its value.
+
+    Args:
+        given: a value of a message: the name of a link or slide, `{"name": name}`, or `{"between": [a, b]}` for a distance.
 
     Raises:
         Refused: there is no such coordinate.
     """
     if isinstance(given, dict) and "between" in given:
-        return {"between": d.ends(*[*sequence(given, "between"), None, None][:2])}
+        a, b, *_ = [*sequence(given, "between"), None, None]  # `ends` refuses None
+        return {"between": d.ends(a, b)}
     name = given.get("name") if isinstance(given, dict) else given
     if isinstance(name, str) and name in d.group("links"):
         return {"link": name}
@@ -71,81 +75,87 @@ def _find_coordinate(d: Drawing, given: Any) -> dict[str, Any]:
 
 
 def _duration(driver: Mapping[str, Any]) -> float:
-    """Return the duration of a driver's law [s]: one turn of a link at constant speed, else one second if the law has no end."""
+    """Return the duration of a driver's law [s]: of one turn for a link at constant speed, and 1 s for a law without an end."""
     if driver.get("law") == "constant":
         speed = driver.get("speed")
-        turns = isinstance(speed, (int, float)) and speed != 0 and "link" in driver
-        return round_digits(2 * math.pi / abs(speed)) if turns else 1.0  # type: ignore[arg-type]
-    rows = sequence(driver, "rows")
+        if isinstance(speed, (int, float)) and speed != 0 and "link" in driver:
+            return round_digits(2 * math.pi / abs(speed))
+        return 1.0
+    rows = sequence(driver, "rows")  # of a table of times and values
     last = rows[-1][0] if rows and isinstance(rows[-1], list) and rows[-1] else driver.get("time", 1.0)
     return float(last) if isinstance(last, (int, float)) else 1.0
 
 
 def coordinate_of(mechanism: Mechanism, driver: Mapping[str, Any]) -> Coordinate | None:
-    """Return the coordinate that the table of a driver names by link, joint or between; None if the linkage does not have it."""
+    """Return the coordinate that the table of a driver names by link, joint or between; None if the linkage lacks it."""
     try:
         if "link" in driver:
             return Angle(GROUND, mechanism.find_body(driver["link"])[0])
         if "joint" in driver:
-            return next(j.motion for j in mechanism.joints if isinstance(j, Prismatic) and j.name == driver["joint"])
+            return next(joint.motion for joint in mechanism.slides if joint.name == driver["joint"])
         return Distance(*map(mechanism.find_point, driver["between"]))
     except (KeyError, StopIteration, ValueError, TypeError, AttributeError):
         return None
 
 
 def place_of(reading: Reading, driver: Mapping[str, Any]) -> float | None:
-    """Return the value [rad, m] of a driver's coordinate in the drawing, or None if the linkage does not have it."""
+    """Return the value [rad, m] of a driver's coordinate in the drawing, or None if the linkage lacks the coordinate."""
     mechanism = reading.mechanism
     coordinate = None if mechanism is None else coordinate_of(mechanism, driver)
     if mechanism is None or coordinate is None:
         return None
-    turn = mechanism.find_body(driver["link"])[1] if "link" in driver else 0.0  # angle of a welded link in its body
+    turn = mechanism.find_body(driver["link"])[1] if "link" in driver else 0.0  # angle of a welded link in its body [rad]
     return float(value(coordinate, reading.q)) + float(turn)
 
 
-def start_driven(document: Document, reading: Reading, fresh: Mapping[str, Any] | None = None) -> None:
-    """Let the drivers of "driven" that give no start begin at the drawing; with `fresh`, only those of this coordinate.
+def start_driven(document: Document, reading: Reading, only: Mapping[str, Any] | None = None) -> None:
+    """Let drivers of "driven" that give no start begin at the drawing, and prescribe the other free coordinates in its start.
 
-    Coordinates that the drivers leave free are prescribed in the scenario's start.
+    Args:
+        only: keys of the drivers that get a start, which name their coordinate; by default all drivers get one.
     """
     scenario = table(table(document, "scenarios"), DRIVEN)
     drivers = drivers_of(scenario)
     for driver in drivers:
         place = place_of(reading, driver)
-        if place is None or {"start", "start_deg"} & driver.keys() or not (fresh or {}).items() <= driver.items():
-            continue
-        key, unit = ("start_deg", UNITS["_deg"]) if "link" in driver else ("start", 1.0)
-        driver[key] = round_digits(place * unit)
-    rest = free_start(reading, drivers) if reading.closed else {}
+        is_asked = only is None or only.items() <= driver.items()
+        if place is not None and is_asked and not {"start", "start_deg"} & driver.keys():
+            key, unit = ("start_deg", UNITS["_deg"]) if "link" in driver else ("start", 1.0)
+            driver[key] = round_digits(place * unit)
+    start = free_start(reading, drivers) if reading.closed else {}
     for key in ("driver", "drivers", "start"):
         scenario.pop(key, None)
-    scenario |= {"driver": drivers[0]} if len(drivers) == 1 and not rest else {"drivers": drivers}
-    scenario |= {"start": rest} if rest else {}
+    if len(drivers) == 1 and not start:
+        scenario["driver"] = drivers[0]
+    else:
+        scenario["drivers"] = drivers
+    if start:
+        scenario["start"] = start
 
 
 def free_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
     """Return the table of a start at rest in the drawing.
 
-    It prescribes as many coordinates as joints and drivers leave free, chosen so that they determine the free motions best.
+    The start prescribes as many coordinates as joints and drivers leave free: those that best determine the free motions.
     """
     mechanism, joints, q = reading.mechanism, reading.joints, reading.q
     if mechanism is None or joints is None:
         return {}
     driven = [coordinate_of(mechanism, driver) for driver in drivers]
     rows = [gradient(x, q) for x in driven if x is not None]
-    free = null_space(np.vstack([joints(0.0, q, np.zeros_like(q)).J, *rows]), mechanism.n)
+    free = null_space(np.vstack([joints(0.0, q, np.zeros_like(q)).J, *rows]), mechanism.n)  # (n, free coordinates)
     start: dict[str, Any] = {}
     for chosen in choose_held(mechanism, q, free):
         table_name, unit = ("angles_deg", UNITS["_deg"]) if chosen.kind == "angle" else (chosen.tables[0], 1.0)
-        values = [round_digits(value(x, q) * unit, PLACED) for x in chosen.coordinates]
+        values = [round_digits(value(x, q) * unit) for x in chosen.coordinates]  # x and y of a point, one of others
         start.setdefault(table_name, {})[chosen.name] = values if chosen.kind == "point" else values[0]
     return start
 
 
 def release(document: Document, reading: Reading) -> None:
-    """Update the start of "released" to the drawing; add this scenario if the file has no scenario of its own."""
-    is_ours = {*table(document, "scenarios")} <= {DRIVEN} or RELEASED in document["scenarios"]
-    if reading.mechanism is None or not is_ours:
+    """Set the start of "released" to the drawing; add this scenario if the file has no scenarios but "driven"."""
+    is_wanted = {*table(document, "scenarios")} <= {DRIVEN} or RELEASED in document["scenarios"]
+    if reading.mechanism is None or not is_wanted:
         return
     scenarios = document.setdefault("scenarios", {})
     kept = scenarios.get(RELEASED, {"duration": FREE, "forces": [*table(document, "forces")]})
@@ -154,26 +164,33 @@ def release(document: Document, reading: Reading) -> None:
 
 
 def follow(document: Document, old: Reading, new: Reading) -> None:
-    """Move the starts of scenarios and drivers that were at the old drawing to the new one."""
+    """Move the starts of scenarios and drivers that were at the old drawing to the new drawing."""
     if old.mechanism is None or new.mechanism is None or not (old.closed and new.closed):
         return
     driven = table(table(document, "scenarios"), DRIVEN)
-    if drivers_of(driven) and "hold" not in driven and old.mechanism.n - old.rank != new.mechanism.n - new.rank:
+    has_other_freedom = old.mechanism.n - old.rank != new.mechanism.n - new.rank
+    if drivers_of(driven) and "hold" not in driven and has_other_freedom:
         start_driven(document, new)
 
     def move(entry: dict[str, Any], key: str, coordinate: Mapping[str, Any], unit: float) -> None:
-        """Move the value of a coordinate, in 1/`unit` rad or m, if it was at the old drawing."""
-        was, now, x = place_of(old, coordinate), place_of(new, coordinate), entry.get(key)
-        if was is None or now is None or not isinstance(x, (int, float)):
+        """Move a value of a table if it was at the old drawing.
+
+        Args:
+            entry, key: the table and the key of the value.
+            coordinate: the table of a driver of the coordinate.
+            unit: value of the key for 1 rad or 1 m.
+        """
+        before, after, x = place_of(old, coordinate), place_of(new, coordinate), entry.get(key)
+        if before is None or after is None or not isinstance(x, (int, float)):
             return
-        away = x / unit - was
+        away = x / unit - before
         turns = away - math.remainder(away, 2 * math.pi) if "link" in coordinate else 0.0  # whole turns of an angle [rad]
         if abs(away - turns) < FOLLOWS:
-            entry[key] = round_digits((now + turns) * unit)
+            entry[key] = round_digits((after + turns) * unit)
 
     for name, scenario in items(document, "scenarios"):
         start = table(scenario, "start")
-        if name == RELEASED:  # its start is always the drawing
+        if name == RELEASED:  # `release` sets its start
             continue
         for ending, unit in UNITS.items():
             for driver in drivers_of(scenario):

@@ -1,4 +1,4 @@
-"""An edit as one step of the history: change the tables, close the linkage again, write the file."""
+"""Make an edit as one step of the history: change the tables, close the joints again, and write the text of the file."""
 
 import re
 from collections.abc import Callable
@@ -18,13 +18,16 @@ from gauss_bench.terms import Array
 
 EDITS: dict[str, Callable[[Drawing, Message], None]] = {**GEOMETRY, **KEYS, "drive": drive, "synthesize": synthesize}
 STAYING = ("observe", "add_force", "drive", "rename")  # edits that move no link
-LENGTH = 1e-8  # [m] largest change of a locked length, by rounding in the file
-SHAPES = re.compile(r"(ground|joints|cylinders|welds|assembly)\b|links\.\w+\.points\b")  # paths that determine the places of links
+LENGTH = 1e-8  # [m] largest change of a locked length that is taken as rounding in the file
+SHAPES = re.compile(r"(ground|joints|cylinders|welds|assembly)\b|links\.\w+\.points\b")  # paths of keys that place the links
 PICTURES = tuple(f"data:image/{x};base64," for x in ("png", "jpeg", "webp", "gif"))
 
 
 def edit_document(session: Session, change: Callable[[Drawing], object], moves: bool = True) -> list[str]:
-    """Make a change as one step of the history, and return the ids of the parts it made; `moves` tells whether links may move.
+    """Make a change as one step of the history, and return the ids of the parts that it made.
+
+    Args:
+        moves: whether links may move by the change.
 
     Raises:
         Refused: the change cannot be made; the session is then unchanged.
@@ -38,7 +41,7 @@ def edit_document(session: Session, change: Callable[[Drawing], object], moves: 
     else:
         d.tidy()
     after = read(d.document, starts=False)
-    if moves and after.closed:
+    if moves and after.closed:  # write the places that the links have with closed joints
         Drawing(d.document, after).sketch()
         follow(d.document, before, after)
     release(d.document, after)
@@ -47,7 +50,7 @@ def edit_document(session: Session, change: Callable[[Drawing], object], moves: 
 
 
 def edit(session: Session, message: Message) -> list[str]:
-    """Make the edit that a message asks for, and return the ids of the parts it made.
+    """Make the edit that a message requests, and return the ids of the parts that it made.
 
     Raises:
         Refused: the edit cannot be made.
@@ -59,8 +62,8 @@ def edit(session: Session, message: Message) -> list[str]:
     return edit_document(session, lambda d: EDITS[verb](d, message), not stays)
 
 
-def try_edit(session: Session, message: Message) -> Reading:
-    """Return the drawing as it would be with a pin at another place; the session is not changed.
+def try_move(session: Session, message: Message) -> Reading:
+    """Return the reading that the drawing would have after the move of a pin, without a change of the session.
 
     Raises:
         Refused: the pin cannot be there.
@@ -74,10 +77,10 @@ def try_edit(session: Session, message: Message) -> Reading:
 
 
 def _check_pin(locks: frozenset[str], message: Message) -> None:
-    """Check that the pin that a message moves is not locked.
+    """Check that the pin in a message is not locked.
 
     Raises:
-        Refused: it is locked.
+        Refused: the pin is locked.
     """
     given = message.get("pin")
     pin = given.get("pin") if isinstance(given, dict) else given
@@ -95,18 +98,20 @@ def _check_locks(locks: frozenset[str], d: Drawing) -> None:
     for lock in sorted(x for x in locks if x.startswith("links.") and ":" in x):
         link, _, ends = lock.removeprefix("links.").partition(":")
         a, b = ends.split("-")
-        was, now = (x.points(link) if link in x.poses else {} for x in (before, d))
-        if {a, b} <= was.keys() & now.keys() and abs(abs(was[a] - was[b]) - abs(now[a] - now[b])) > LENGTH:
+        if link not in before.poses or link not in d.poses:  # the edit deletes the link
+            continue
+        old, new = before.points(link), d.points(link)
+        if {a, b} <= old.keys() & new.keys() and abs(abs(old[a] - old[b]) - abs(new[a] - new[b])) > LENGTH:
             raise Refused(f"the length {ends} of {link} is locked: free it, or drag the linkage instead", (f"links.{link}",))
 
 
 def redraw(session: Session, q: Array) -> None:
-    """Redraw the linkage at another position q (n,), at which its joints are closed."""
+    """Redraw the linkage at other positions q (n,), at which its joints are closed."""
     edit_document(session, lambda d: d.lay(d.reading.poses(q)))
 
 
 def lock(session: Session, message: Message) -> None:
-    """Lock or free a pin, a slide, the angle of a link or a length.
+    """Lock a pin, a slide, a length or an angle; with `on` false, free it.
 
     Raises:
         Refused: there is no such part.
