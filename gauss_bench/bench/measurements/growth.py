@@ -219,13 +219,6 @@ def exponents(races: Rows, large: int) -> Rows:
     return summary
 
 
-def group(rows: Rows, *columns: str) -> dict[tuple[Any, ...], Rows]:
-    """Group rows by their values in some columns."""
-    groups: dict[tuple[Any, ...], Rows] = {}
-    for r in rows:
-        groups.setdefault(tuple(r[x] for x in columns), []).append(r)
-    return groups
-
 
 def exponent(sizes: Sequence[float], seconds: Sequence[float]) -> float:
     """Return p of seconds ~ size^p, by least squares of the logarithms."""
