@@ -13,6 +13,7 @@ import pytest
 
 from gauss_bench.bench import sizes
 from gauss_bench.bench.measurements import field
+from gauss_bench.bench.measurements.cost import START, time_first_step
 from gauss_bench.bench.measurements.search import space_of
 from gauss_bench.bench.runner import run as run_suite
 from gauss_bench.bench.sizes import required_by, size_of, size_of_folder
@@ -120,7 +121,7 @@ def test_an_engine_that_does_not_repeat_is_a_row_that_says_so(
     assert rows["steady"]["force_error"] < 1e-3  # [N], of a step of order four
     assert math.isnan(rows["steady"]["told_force_error"])
     assert rows["dice"]["told_force_error"] > 1.0  # [N] of a pin that carries more than it tells, which is nothing
-    started = field.first_use("four_bar", "torque", "steady", 1e-3, 1)["samples"]
+    started = time_first_step("four_bar", "torque", "steady", 1e-3, START, 1)["samples"]
     assert [(r["quantity"], r["process"], 0 < r["seconds"] < 60) for r in started] == [("start", 1, True)]
 
 

@@ -332,7 +332,8 @@ def _compare(true: Array, given: Array, fine: Array, words: tuple[str, ...]) -> 
     """Compare the samples of a run with the motion that it should follow; return their distance and a fault, in words or empty.
 
     Args:
-        true, given, fine: positions, velocities and accelerations (3, k, n) of that motion, of the run, and of its finest repetition.
+        true: positions, velocities and accelerations (3, k, n) of that motion.
+        given, fine: those of the run and of its finest repetition.
         words: names of the levels that are compared.
     """
     travel = np.array([true[0] - true[0, 0], true[1], true[2]])

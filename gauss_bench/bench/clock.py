@@ -57,9 +57,7 @@ class Key(NamedTuple):
     stabilization: str = "none"
 
 
-def interleave(
-    blocks: list[Block], rounds: int, seed: int = 1, watch: Watch = watch_nothing
-) -> Iterator[tuple[Block, int, float]]:
+def interleave(blocks: list[Block], rounds: int, seed: int = 1, watch: Watch = watch_nothing) -> Iterator[tuple[Block, int, float]]:
     """Time each block once a round, in a new random order every round; yield block, round and seconds per repetition.
 
     A block that takes longer than SLOW, such as the generation of code, is left out after SLOW_ROUNDS rounds.
@@ -268,8 +266,8 @@ def ends(values: Array, several: bool) -> tuple[float, float]:
 def foreseen(values: Array) -> tuple[float, float]:
     """Return the ends of an interval that covers all `values` (processes,) and, with probability CERTAIN, a second race's median.
 
-    With a standard deviation s of the logarithms, two medians of n values each differ with a standard deviation of
-    s (pi / n)^(1/2). Because s is estimated from n values, n >= 2, the quantile is that of Student's t with n - 1 degrees of freedom.
+    With a standard deviation s of the logarithms, two medians of n values each differ with a standard deviation of s (pi /
+    n)^(1/2). Because s is estimated from n values, n >= 2, the quantile is that of Student's t with n - 1 degrees of freedom.
     """
     logarithms = np.log(values)
     scatter = logarithms.std(ddof=1) * math.sqrt(math.pi / len(values))

@@ -14,7 +14,7 @@ import numpy as np
 
 from gauss_bench.bench.agreement import MEASURED
 from gauss_bench.bench.measure import mechanism_of
-from gauss_bench.bench.subject import EVERY_STEP, PLAIN, STEP, Check, Subject, check_fault, check_failed_run
+from gauss_bench.bench.subject import EVERY_STEP, PLAIN, STEP, Check, Subject, check_failed_run, check_fault
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.apart import build_first
 from gauss_bench.runs.offers import offers

@@ -1,8 +1,8 @@
 """The accuracy gate: compare the figures of the gate suite with a committed baseline. Times are not compared.
 
-A figure fails if it is worse than its limit, and is reported as better if it improved by the same factor. A much better figure fails
-too, because a faulty metric may be the cause; a real improvement is accepted like any other change. Limits follow from the baseline
-by the rules below. A new baseline is accepted only with a reason, which is stored with the date.
+A figure fails if it is worse than its limit, and is reported as better if it improved by the same factor. A much better figure
+fails too, because a faulty metric may be the cause; a real improvement is accepted like any other change. Limits follow from the
+baseline by the rules below. A new baseline is accepted only with a reason, which is stored with the date.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -87,7 +87,9 @@ class Journal:
         entries = [entry_of(line + b"\n") for line in lines]
         self.entries = {entry["key"]: entry for entry in entries if entry}
         if damaged := entries.count(None):
-            warning = f"warning: {self.path}: {damaged} of {len(lines)} lines are not as they were written; their tasks are run again"
+            warning = (
+                f"warning: {self.path}: {damaged} of {len(lines)} lines are not as they were written; their tasks are run again"
+            )
             print(harmless(warning), file=sys.stderr)
 
     def find(self, key: str, *stamps: str) -> dict[str, Any] | None:

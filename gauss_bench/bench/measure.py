@@ -79,7 +79,9 @@ class Measurement(NamedTuple):
     poses: Rows
 
 
-def measure(case: Case, store: str, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT, posed: bool = False) -> Measurement:
+def measure(
+    case: Case, store: str, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT, posed: bool = False
+) -> Measurement:
     """Run a case and judge the run.
 
     Args:

@@ -1,8 +1,8 @@
 """Linkages on which an engine's accelerations are compared with the suite's own: unchanged, and with changed numbers.
 
-Every number of `suites/linkages/probe.toml` affects the accelerations. Therefore an engine that leaves out, scales or hard-codes one
-of them has wrong accelerations on a linkage in which this number is changed. The engine and the suite's own terms are given the same
-changed linkage.
+Every number of `suites/linkages/probe.toml` affects the accelerations. Therefore an engine that leaves out, scales or hard-codes
+one of them has wrong accelerations on a linkage in which this number is changed. The engine and the suite's own terms are given the
+same changed linkage.
 
 Let N (n, dof) be a basis of the velocities that the constraints allow. Constraint forces do no work along N, so that with any
 constraint forces the accelerations a obey

@@ -2,8 +2,8 @@
 
 A measurement is a file in `measurements`. It may have these functions:
 
-    exact_tasks(suite, context)                     return tasks that measure no time; they run side by side
-    timing_tasks(suite, context, tables)            return tasks that measure times; they run one after the other, after all exact tasks
+    exact_tasks(suite, context)                     return tasks that measure no time; they run side by side timing_tasks(suite,
+    context, tables)            return tasks that measure times; they run one after the other, after all exact tasks
     second_timing_tasks(suite, context, tables)     return further timing tasks, which depend on the rows of the first ones
     complete(suite, tables)                         fill in columns that depend on the rows of several tasks
 

@@ -6,11 +6,12 @@ The search tries some of the sizes, the rungs of a ladder, until each requiremen
 between the coarsest size that meets a requirement and the next coarser one, until no size is left between them. `budget` limits the
 evaluations of one variant.
 
-Second, the variants that meet the requirement race. A setting is left out if its estimated cost, the time of a step times the number
-of steps, is more than NEAR times the least. All other settings run in the first process of the race; those within CLOSE times the
-fastest there run in further processes. A setting ties with the fastest if it is as fast in a quarter of the processes, so that 1
-lies within the middle half of their ratios. If the whole range of ratios counted, a setting that takes a tenth longer would tie too.
-The winner is the first in the engine's file of those that tie, so that a second search names the same winner or one that tied.
+Second, the variants that meet the requirement race. A setting is left out if its estimated cost, the time of a step times the
+number of steps, is more than NEAR times the least. All other settings run in the first process of the race; those within CLOSE
+times the fastest there run in further processes. A setting ties with the fastest if it is as fast in a quarter of the processes, so
+that 1 lies within the middle half of their ratios. If the whole range of ratios counted, a setting that takes a tenth longer would
+tie too. The winner is the first in the engine's file of those that tie, so that a second search names the same winner or one that
+tied.
 """
 
 import math
@@ -53,9 +54,10 @@ class Scale:
 def equal_steps(until: float, beats: int, most: int) -> Scale:
     """Return steps [s] that divide a run into COARSEST to `most` equal parts, PER_OCTAVE sizes for each factor of two.
 
-    A run until `until` [s] is judged at those of `beats` equally spaced times, a multiple of ten, that its steps meet. The number of
-    steps is rounded so that they meet five of the times with fewer than FIFTHS steps, ten with fewer than 5 `beats` steps, and all
-    with more: there would be no coarse steps if all had to be met. The rungs are one size for each factor of two, and the finest.
+    A run until `until` [s] is judged at those of `beats` equally spaced times, a multiple of ten, that its steps meet. The number
+    of steps is rounded so that they meet five of the times with fewer than FIFTHS steps, ten with fewer than 5 `beats` steps, and
+    all with more: there would be no coarse steps if all had to be met. The rungs are one size for each factor of two, and the
+    finest.
     """
 
     def round_steps(x: float) -> int:
@@ -165,7 +167,7 @@ def nearest(trials: Sequence[Trial], kind: str) -> Trial | None:
 
 
 def finalists(costs: Mapping[K, float]) -> list[K]:
-    """Return the settings that race, in the order given: at most FINALISTS, whose estimated cost [s] is within NEAR times the least."""
+    """Return the settings that race, in the order given: at most FINALISTS, at estimated costs [s] within NEAR times the least."""
     chosen = sorted(costs, key=lambda k: costs[k])[:FINALISTS]
     least = min(costs.values(), default=math.inf)
     return [k for k in costs if k in chosen and costs[k] <= NEAR * least]

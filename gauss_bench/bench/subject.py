@@ -100,7 +100,7 @@ class Subject:
 
     @cached_property
     def moving(self) -> list[tuple[str, str]]:
-        """The linkages and scenarios without drivers that the engine takes: the one with every kind of load, else those of PLAIN."""
+        """The linkages and scenarios that the engine takes: the one with every kind of load, else those of PLAIN."""
 
         def takes(place: tuple[str, str]) -> bool:
             return self.run(*place, np.array([0.0, STEP])).status is not Status.SKIP

@@ -17,7 +17,9 @@ from gauss_bench.runs.blocks import Block
 from gauss_bench.runs.worker import Worker, WorkerFailure
 
 ROOM = 256  # bytes for the name of the running engine
-Entries = Callable[..., Iterable[tuple[Any, Callable[[], Block]]]]  # returns keys, named tuples with a field `engine`, and makers of blocks
+Entries = Callable[
+    ..., Iterable[tuple[Any, Callable[[], Block]]]
+]  # returns keys, named tuples with a field `engine`, and makers of blocks
 
 
 def race_here(

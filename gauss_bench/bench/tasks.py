@@ -1,7 +1,7 @@
 """Tasks: functions that run in worker processes and return rows of tables.
 
-A resumed run does not repeat a finished task. A task whose worker crashed or was stopped has one row with the reason. All tasks of a
-run share a `Context`: the folder of the references, and a digest of the code and data that the results depend on.
+A resumed run does not repeat a finished task. A task whose worker crashed or was stopped has one row with the reason. All tasks of
+a run share a `Context`: the folder of the references, and a digest of the code and data that the results depend on.
 """
 
 import hashlib

@@ -1,8 +1,8 @@
 """Run an engine in a process of its own: the request to that process, and the checks of its answer.
 
 All engines but the suite's own formulations run in such a process. Its answer holds samples and sentences. The answer is checked in
-the parent process, whose code the engine cannot change. The engine's process imports this file first. Therefore this file imports no
-modules that read linkages or keep journals, which are slow to import, and a mechanism is sent as data.
+the parent process, whose code the engine cannot change. The engine's process imports this file first. Therefore this file imports
+no modules that read linkages or keep journals, which are slow to import, and a mechanism is sent as data.
 """
 
 import math

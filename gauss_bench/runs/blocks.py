@@ -86,6 +86,7 @@ def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
         if elapsed >= BLOCK or count >= most:
             block.again = max(1, math.ceil(BLOCK / max(elapsed, 1e-6)))
             return block
+        # as many steps as would last 1.3 BLOCK, but at most ten times as many: the first steps may be slow
         count = min(most, int(count * min(10.0, 1.3 * BLOCK / max(elapsed, 1e-7))) + 1)
 
 
@@ -109,8 +110,11 @@ def running(entry: Hashable, choice: Choice, times: Array, share: float, model: 
 
 
 def leading(entry: Hashable, choice: Choice, until: float, steps: int, lead: float, model: Any) -> Block:
-    """Return a block as `running` does, of the part of a run of equal steps that takes `lead` [s] by its first steps."""
-    first = min(steps, FIRST) / steps
+    """Return a block as `running` does, of the first part of a run until `until` [s] that takes `lead` [s].
+
+    The length of this part is estimated from the time of the first of the run's equal `steps`.
+    """
+    first = min(steps, FIRST) / steps  # part of the run
     block = _run_once(entry, choice, np.array([0.0, first * until]), first, model)
     block.ready()
     share = share_of(max(measure_seconds(model.run), 1e-9) / first, lead, steps)

@@ -1,7 +1,8 @@
-"""The field: further questions to every engine, besides its cases and its searched best; engines that are not installed have a row too.
+"""The field: further questions to every engine, besides its cases and its searched best.
 
 Two runs in two new processes must agree bit by bit. The suite computes joint forces from the engine's accelerations, and compares
-forces that an engine reports too. A start is the first use of the engine in a new process: import, model and first step.
+forces that an engine reports too. A start is the first use of the engine in a new process: import, model and first step. An engine
+that is not installed has a row with the reason.
 """
 
 from collections.abc import Sequence
@@ -56,9 +57,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     return tasks
 
 
-def compare_runs(
-    linkage: str, scenario: str, engine: str, chosen: Sequence[str], step: float, until: float, store: str
-) -> Tables:
+def compare_runs(linkage: str, scenario: str, engine: str, chosen: Sequence[str], step: float, until: float, store: str) -> Tables:
     """Return the row of an engine: whether two runs agree bit by bit, and the errors of the joint forces.
 
     Args:
@@ -118,7 +117,7 @@ def complete(suite: Suite, tables: Tables) -> None:
             for row in rows:
                 if {k: row[k] for k in place} == place:
                     row["redundant"] = redundant
-    for engine, own in group_by(rows, "engine").items():
+    for (engine,), own in group_by(rows, "engine").items():
         size = size_of(engine)
         columns = {"size": size.megabytes, "size_of": size.of} | start_columns(tables.get("samples", []), engine)
         for row in own:

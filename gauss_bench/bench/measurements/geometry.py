@@ -1,7 +1,7 @@
 """Compare three independent methods of kinematics: link units, point coordinates, and the differentiated constraints of dynamics.
 
-The methods share the linkage file and no equation, so that their agreement confirms the velocities and accelerations at the start of
-runs.
+The methods share the linkage file and no equation, so that their agreement confirms the velocities and accelerations at the start
+of runs.
 """
 
 from itertools import combinations
@@ -35,7 +35,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def geometry(linkage: str, scenario: str, part: Geometry) -> Tables:
-    """Return rows: the agreement of the methods over one turn, the singular positions, and searches for the assembly if asked for."""
+    """Return rows of the methods' agreement over one turn, of singular positions and, if asked for, of searches for the assembly."""
     mechanism = load(linkage, scenario)
     times = np.linspace(0.0, 1.0, POSITIONS)
     loop, basic = (solve(mechanism, times) for solve in (loop_motion, basic_motion))
@@ -72,7 +72,7 @@ def basin_rows(mechanism: Mechanism) -> list[dict[str, Any]]:
 
 
 def differences(one: Levels, other: Levels) -> dict[str, float]:
-    """Return the largest differences of positions, velocities and accelerations, relative to the largest value of each in `other`."""
+    """Return the largest differences of positions, velocities and accelerations, relative to the largest of each in `other`."""
     named = zip(("position", "velocity", "acceleration"), one, other, strict=True)
     return {name: float(np.abs(x - y).max() / np.abs(y).max()) for name, x, y in named}
 

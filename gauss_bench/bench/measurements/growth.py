@@ -78,7 +78,9 @@ class ExactState:
         return float(np.abs(a - self.a).max() / np.abs(self.a).max())
 
 
-Contender = tuple[tuple[str, ...], Callable[[ExactState], list[Block]]]  # timed quantities, and the function that makes their blocks
+Contender = tuple[
+    tuple[str, ...], Callable[[ExactState], list[Block]]
+]  # timed quantities, and the function that makes their blocks
 
 
 def exact_state(size: int) -> ExactState:
@@ -229,7 +231,6 @@ def exponents(races: Rows, large: int) -> Rows:
         found = exponent([*by_size], [*by_size.values()])
         summary.append(names | {"exponent": found, "exponent_low": low, "exponent_high": high})
     return summary
-
 
 
 def exponent(sizes: Sequence[float], seconds: Sequence[float]) -> float:

@@ -10,6 +10,8 @@ operations cannot be fused, and a division, which counts as one operation here, 
 Source: Hennessy and Patterson, Computer Architecture, sections 1.8 and 3.10 (bounds, limits of parallelism).
 """
 
+from collections.abc import Hashable
+
 from gauss_bench.bench.clock import Key, Measured, Row, pad, row, spread
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE, gather_by_linkage
 from gauss_bench.bench.measurements.processor import CYCLES, LATENCY_KEY, RATE_KEY, name_machine, processor_rows
@@ -23,6 +25,7 @@ from gauss_bench.compiler.stepping.rollout import Body, bodies
 from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.linkage.load import load
 from gauss_bench.suites.schema import Suite
+from gauss_bench.terms import Array
 
 FLOPS = {"add": 1, "sub": 1, "mul": 1, "div": 1, "sqrt": 1, "fma": 2}  # instruction -> floating-point operations
 ONE, MANY = "one trajectory", "a batch"
@@ -58,7 +61,7 @@ def complete(suite: Suite, tables: Tables) -> None:
         for number, start in enumerate(rows):
             measured = races.get((start["mechanism"], start["scenario"]), Measured({}, {}))
             rows[number] = row(start, limit, start, part.own, measured)
-        samples = {}
+        samples: dict[Hashable, Array] = {}
         for key in (LATENCY_KEY, RATE_KEY):
             processes = [rounds for race in races.values() for rounds in race.samples.get(key, ())]
             if processes:

@@ -1,7 +1,7 @@
 """Measure the speed of the processor by two small compiled loops, which take part in the race of costs.
 
-One loop is a chain of fused multiply-adds, each of which needs the result of the one before. The time of one of them is the latency,
-which is CYCLES cycles on every x86 processor since 2015, so that the length of a cycle is known. The other loop has CHAINS
+One loop is a chain of fused multiply-adds, each of which needs the result of the one before. The time of one of them is the
+latency, which is CYCLES cycles on every x86 processor since 2015, so that the length of a cycle is known. The other loop has CHAINS
 independent chains of vectors. Its rate, at two operations for each fused multiply-add, is the peak rate.
 """
 

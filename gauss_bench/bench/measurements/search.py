@@ -9,8 +9,8 @@ cost. The cheap variants then race over whole runs, in several processes; of a r
 only the first part is timed. The processes of a linkage are separated in time, so that a disturbance of a minute affects few of
 them. Winners follow from all processes together.
 
-Settings that an engine's authors own are further variants, with the same sizes, requirements and budget. The cheapest of them always
-races, even if it is far from ours, so that a table shows the one beside the other.
+Settings that an engine's authors own are further variants, with the same sizes, requirements and budget. The cheapest of them
+always races, even if it is far from ours, so that a table shows the one beside the other.
 """
 
 import hashlib
@@ -156,9 +156,7 @@ def _rows_at(tables: Tables, table: str, place: Place) -> Rows:
     return [r for r in tables.get(table, []) if {k: r[k] for k in wanted} == wanted]
 
 
-def _task(
-    context: Context, function: Callable[..., Tables], part: Search, place: Place, tables: Tables, number: int = 0
-) -> Task:
+def _task(context: Context, function: Callable[..., Tables], part: Search, place: Place, tables: Tables, number: int = 0) -> Task:
     """Return the task of one process of a race; its key includes the rows that the race depends on.
 
     `number` is that of the process; all but the first also depend on the rows of the first.
@@ -239,8 +237,8 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
 
 def read_ladders(rows: Rows) -> Ladders:
     """Return the ladders of a linkage, given their rows."""
-    groups = group_by(rows, "engine", "settings", "integrator", "stabilization")
-    return {Way(*names, size=0.0): [trial_of(r) for r in same] for names, same in groups.items()}
+    groups = group_by(rows, *Way._fields[:-1])  # all but the size
+    return {Way(*names, 0.0): [trial_of(r) for r in same] for names, same in groups.items()}
 
 
 def owners_of(rows: Rows) -> Owners:
@@ -327,9 +325,7 @@ def race_apart(
     return timed, more_lost
 
 
-def rough_entries(
-    linkage: str, scenario: str, until: float, racers: Sequence[Racer]
-) -> Iterator[tuple[Way, Callable[[], Block]]]:
+def rough_entries(linkage: str, scenario: str, until: float, racers: Sequence[Racer]) -> Iterator[tuple[Way, Callable[[], Block]]]:
     """Yield the variant of each racer, and the function that makes the block of one step."""
     run = Run(linkage, load(linkage, scenario or None), until)
     for x in racers:
