@@ -35,7 +35,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def geometry(linkage: str, scenario: str, part: Geometry) -> Tables:
-    """Return rows of the methods' agreement over one turn, of singular positions and, if asked for, of searches for the assembly."""
+    """Return rows of the methods' agreement over one turn, of singular positions and, if wanted, of searches for the assembly."""
     mechanism = load(linkage, scenario)
     times = np.linspace(0.0, 1.0, POSITIONS)
     loop, basic = (solve(mechanism, times) for solve in (loop_motion, basic_motion))
