@@ -369,7 +369,7 @@ def test_what_a_busy_machine_takes_does_not_count_up_to_the_wall(slow: list[floa
 def test_processes_that_it_has_started_are_asked() -> None:
     with Worker() as worker:
         process = worker.start()
-        assert str(process.pid) in budget.wait()
+        assert process.pid in budget.wait()
 
 
 def test_of_an_engine_with_two_loops_both_are_raced_and_told() -> None:

@@ -13,6 +13,8 @@ import threading
 import time
 from pathlib import Path
 
+from gauss_bench.runs.worker import read_waits
+
 LANES = 2  # number of processes that a recommendation runs side by side
 WALL = 1.4  # elapsed time of a share of the budget is at most WALL times that share
 END = 1.45  # elapsed time of the whole recommendation is at most END times the budget
@@ -48,22 +50,12 @@ class Budget:
         return min(WALL * share, END) * self.seconds - self.wall_time()
 
 
-def wait() -> dict[str, float]:
-    """Return thread -> seconds for which it has waited for a processor, for threads of this process and for its child processes."""
-    own = Path(f"/proc/{os.getpid()}/task")
-    seconds: dict[str, float] = {}
-    with contextlib.suppress(OSError):
-        threads = [own / name for name in os.listdir(own)]
-        children = [Path("/proc", name) for x in threads for name in _read(x / "children").split()]
-        for place in (*threads, *children):
-            with contextlib.suppress(ValueError, IndexError):
-                seconds[place.name] = int(_read(place / "schedstat").split()[1]) * 1e-9
+def wait() -> dict[int, float]:
+    """Return thread -> seconds for which it has waited for a processor: threads of this process, first threads of its children."""
+    seconds = read_waits(os.getpid())
+    for thread in [*seconds]:
+        with contextlib.suppress(OSError):  # a thread may end meanwhile
+            children = Path(f"/proc/{os.getpid()}/task/{thread}/children").read_text(encoding="ascii").split()
+            for child in map(int, children):
+                seconds |= {k: x for k, x in read_waits(child).items() if k == child}
     return seconds
-
-
-def _read(path: Path) -> str:
-    """Return the content of a system file, or an empty text if the file is gone."""
-    try:
-        return path.read_text(encoding="ascii")
-    except OSError:
-        return ""

@@ -185,9 +185,9 @@ class Worker:
             printed = self._last_words()
             self.stop()
             raise WorkerFailure(Status.TIMEOUT, f"no answer within {limit:.3g} s{printed}") from error
-        except SpoiltAnswer as error:
+        except NoAnswer as error:
             self.stop()
-            raise WorkerFailure(Status.CRASHED, f"the process wrote into what is not its own: {error}") from error
+            raise WorkerFailure(Status.CRASHED, f"the process wrote into what is not its own: {in_a_sentence(error)}") from error
         except (EOFError, OSError, ValueError) as error:
             if self.process is not process:  # another thread stopped it and closed its pipes
                 raise WorkerFailure(Status.CRASHED, "the process was stopped") from error
@@ -235,10 +235,6 @@ def keep(engine: str) -> Worker:
     return _kept[engine]
 
 
-class SpoiltAnswer(RuntimeError):
-    """Raised for data in the pipe that are no answer to the task."""
-
-
 def _send(pipe: BinaryIO | Any, token: bytes, item: object) -> None:
     """Send a task to the worker, which may unpickle it because it comes from its parent."""
     content = pickle.dumps(item)
@@ -252,7 +248,7 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
     Raises:
         TimeoutError: the limit is exceeded.
         EOFError: the process died.
-        SpoiltAnswer: the data in the pipe are no answer to the task, or more than `largest` bytes.
+        NoAnswer: the data in the pipe are no answer to the task, or more than `largest` bytes.
     """
     assert process.stdout is not None
     descriptor = process.stdout.fileno()
@@ -273,16 +269,23 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
         if not headed and len(buffer) >= HEADER.size:
             received, length = HEADER.unpack(buffer[: HEADER.size])
             if received != token:
-                raise SpoiltAnswer(f"{bytes(buffer[:40])!r}")
+                raise NoAnswer(f"{bytes(buffer[:40])!r}")
             if length > largest:
-                raise SpoiltAnswer(f"an answer of {length} bytes where {largest} are the most that is expected")
+                raise NoAnswer(f"an answer of {length} bytes where {largest} are the most that is expected")
             needed, headed = HEADER.size + length, True
     if len(buffer) > needed:
-        raise SpoiltAnswer(f"{len(buffer) - needed} bytes too many")
-    try:
-        return unpack_answer(bytes(memoryview(buffer)[HEADER.size :]))
-    except NoAnswer as error:
-        raise SpoiltAnswer(in_a_sentence(error)) from error
+        raise NoAnswer(f"{len(buffer) - needed} bytes too many")
+    return unpack_answer(bytes(memoryview(buffer)[HEADER.size :]))
+
+
+def read_waits(pid: int) -> dict[int, float]:
+    """Return thread of a process -> seconds for which the thread has waited for a processor; empty if the system does not say."""
+    waits = {}
+    with contextlib.suppress(OSError):
+        for thread in Path(f"/proc/{pid}/task").iterdir():
+            with contextlib.suppress(OSError, ValueError, IndexError):  # a thread may end meanwhile
+                waits[int(thread.name)] = int((thread / "schedstat").read_text(encoding="ascii").split()[1]) * 1e-9
+    return waits
 
 
 class _Clock:
@@ -293,16 +296,7 @@ class _Clock:
 
     def __init__(self, pid: int, limit: float, longest: float = math.inf):
         self.pid, self.limit, self.longest = pid, limit, min(longest, BACKSTOP * limit)
-        self.start, self.before = time.monotonic(), self._waits()
-
-    def _waits(self) -> dict[int, float]:
-        """Return thread of the process -> seconds for which the thread has waited for a processor."""
-        waits = {}
-        with contextlib.suppress(OSError):
-            for thread in Path(f"/proc/{self.pid}/task").iterdir():
-                with contextlib.suppress(OSError, ValueError, IndexError):  # a thread may end meanwhile
-                    waits[int(thread.name)] = int((thread / "schedstat").read_text(encoding="ascii").split()[1]) * 1e-9
-        return waits
+        self.start, self.before = time.monotonic(), read_waits(pid)
 
     def _waiting_time(self) -> float:
         """Return the seconds for which the process has waited for a processor since the start.
@@ -310,7 +304,7 @@ class _Clock:
         The first thread may sleep until another thread is done, such as a compiler's. Therefore the longest wait of the others is
         added.
         """
-        waited = {thread: x - self.before.get(thread, 0.0) for thread, x in self._waits().items()}
+        waited = {thread: x - self.before.get(thread, 0.0) for thread, x in read_waits(self.pid).items()}
         return waited.pop(self.pid, 0.0) + max(waited.values(), default=0.0)
 
     def remaining(self) -> float:
