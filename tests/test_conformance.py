@@ -299,7 +299,8 @@ def test_a_run_may_be_off_by_what_a_finer_one_changes() -> None:
 @pytest.mark.slow
 def test_a_number_that_an_engine_does_not_read_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     only(monkeypatch, "change_numbers")
-    few = {name: x for name, x in changes(PROBE, "loaded").items() if name.startswith(("links.rod.inertia", "all inertias", "all masses", "every"))}
+    names = ("links.rod.inertia", "all inertias", "all masses", "every")
+    few = {name: x for name, x in changes(PROBE, "loaded").items() if name.startswith(names)}
     monkeypatch.setattr(agreement, "changes", lambda *place: few)
     (message,) = broken("tests.faulty_engines:Fixed").values()
     assert "links.rod.inertia x 1.4" in message

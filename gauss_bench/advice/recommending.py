@@ -322,6 +322,7 @@ class Recommender:
         until = self.budget.seconds_used() + self._slice(is_first)
 
         def evaluate(size: float) -> Trial:
+            """Return the trial at a size, which is run if it is not known and time is left."""
             if size not in known:
                 # the first run of an engine is made in any case
                 if (known or not is_first) and self.budget.seconds_used() >= until:

@@ -215,7 +215,7 @@ def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, s
     true = AbsoluteCoordinates(run.mechanism).acceleration(kept.t, kept.q, kept.v)
     off = float(np.median(relative_acceleration_error(kept.a, true)))
     if not off <= AGREEMENT:
-        raise NoTruth(f"accelerations of {engine} differ from those of the linkage by {off:.1e} of themselves")
+        raise NoTruth(f"accelerations of {engine} differ from those of the linkage by {off:.1e} of their size")
     how = f"step-halved ({2 * steps} steps of order eight by {engine}, and {steps})"
     reference = Reference.with_one_bar(replace(kept, a=true), how)
     bars = state_errors(run.mechanism, coarse, reference).largest

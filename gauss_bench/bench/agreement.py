@@ -56,7 +56,7 @@ def declarations(subject: Subject) -> Iterator[Check]:
     wrong = []
     for word, label, cause in declared:
         if label not in (*offer.settings, *offer.variants):
-            wrong.append(f"{label} is no name of settings or variant")
+            wrong.append(f"there are no settings and no variant {label!r}")
         if len(cause) < LEAST_WORDS:
             wrong.append(f"{label}: {word} without a cause")
         if word == "unfinished" and label in offer.settings:

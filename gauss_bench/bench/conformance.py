@@ -83,6 +83,7 @@ def _start(subject: Subject) -> Iterator[Check]:
     """Check that the first sample is the start of the scenario."""
 
     def find_fault(m: Mechanism, x: Trajectory) -> str:
+        """Return how far the first sample is from the start, if it is too far."""
         gap = max(np.abs(x.q[0] - m.q0).max(), np.abs(x.v[0] - m.v0).max() / max(1.0, np.abs(m.v0).max()))
         if gap <= START:
             return ""

@@ -230,6 +230,7 @@ def is_known(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
     pairs = {(row[0], row[2]) for row in known}  # linkage and engine
 
     def has(case: Case) -> bool:
+        """Tell whether the case is kept."""
         mechanism = load(case.linkage, case.scenario or None)
         key = (mechanism.name, mechanism.scenario, *astuple(case)[2:])
         return key in known or ((mechanism.name, case.engine) in pairs and not offer(case.engine).usable)

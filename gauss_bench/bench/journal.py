@@ -80,6 +80,7 @@ class Journal:
         self.file.close()
 
     def _read(self) -> None:
+        """Read the finished tasks, and cut off an incomplete last line."""
         self.file.seek(0)
         content = self.file.read()
         *lines, torn = content.split(b"\n")

@@ -104,6 +104,7 @@ def _run(request: Request, mechanism: Mechanism, again: bool) -> Run:
     key = (*place, request.engine, choice.settings, choice.integrator, choice.stabilization)
 
     def build(mechanism: Mechanism, choice: Choice) -> Model:
+        """Return the kept model, with the choice of this run."""
         if _again.key != key:
             _again.model = engine.build(mechanism, choice)
             _again.key = key
@@ -143,7 +144,7 @@ def outcome_of(answer: object) -> Outcome:
             answered = numbers if isinstance(numbers, np.ndarray) else None
             built, seconds = (_seconds(rest.get(key)) for key in ("build_time", "seconds"))
             return Outcome(Status(status), in_a_sentence(message), _trajectory(rest.get("trajectory")), answered, built, seconds)
-    return Outcome(Status.ERROR, "what the engine's process answered is no run")
+    return Outcome(Status.ERROR, "the answer of the engine's process is no run")
 
 
 def _seconds(x: object) -> float:

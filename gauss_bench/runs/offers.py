@@ -254,7 +254,7 @@ def _read_offer(name: str, answer: object) -> Offer:
     names = (*offer.settings, *offer.integrators, *offer.stabilizations, *offer.adaptive, *offer.library_calls)
     words = (offer.version, offer.reason, offer.environment, *names, *offer.packages, *offer.packages.values())
     if odd := next((word for word in words if not word.isprintable()), ""):
-        return _reject(name, TypeError(f"it tells {ascii(odd)[:80]}, which is no plain text"))
+        return _reject(name, TypeError(f"it reports {ascii(odd)[:80]}, which is no plain text"))
     if offer.usable and not (offer.settings and offer.integrators and offer.stabilizations):
         return _reject(name, TypeError("it does not describe itself"))
     return replace(offer, name=name)
@@ -406,9 +406,9 @@ def check_size(step: float, t_end: float, spacing: float = 1e-3) -> None:
     with np.errstate(all="ignore"):  # tiny steps give infinitely many
         steps, samples = np.float64(t_end) / np.float64(step), np.float64(t_end) / np.float64(max(step, spacing))
     if not steps <= MOST_STEPS:
-        raise ChoiceError(f"{steps:.2g} steps of {step:g} s up to {t_end:g} s; {MOST_STEPS:.0e} are the most that are taken")
+        raise ChoiceError(f"{steps:.2g} steps of {step:g} s up to {t_end:g} s; at most {MOST_STEPS:.0e} are allowed")
     if not samples <= MOST_SAMPLES:
-        raise ChoiceError(f"{samples:.2g} samples up to {t_end:g} s; {MOST_SAMPLES:.0e} are the most that are kept")
+        raise ChoiceError(f"{samples:.2g} samples up to {t_end:g} s; at most {MOST_SAMPLES:.0e} are kept")
 
 
 def check_affordable(step: float, t_end: float, seconds_a_step: float, budget: float) -> None:

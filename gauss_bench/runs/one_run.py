@@ -246,7 +246,7 @@ def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
         message = "; ".join(filter(None, (verdict.sentence, reached.note if reached else "")))
         return Run(status, message, None, reached, wanted, *costs)
     if reached is None:
-        return Run(Status.INCOMPLETE, "the engine's count of steps is no count", None, None, wanted, *costs)
+        return Run(Status.INCOMPLETE, "the engine's count of steps is no number", None, None, wanted, *costs)
     notes = (reached.note, wanted.note if reached.steps == wanted.count else "")  # other steps were chosen by the integrator
     whole = replace(reached, note="; ".join(filter(None, notes)))
     return Run(Status.OK, whole.note, whole, None, wanted, *costs)

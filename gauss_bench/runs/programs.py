@@ -81,6 +81,6 @@ def read_program(engine: str, answer: object) -> str:
             try:
                 compile(text, f"program of {engine}", "exec")
             except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-                raise RunFailure(Status.ERROR, f"what {engine} wrote is no program in Python: {in_a_sentence(error)}") from error
+                raise RunFailure(Status.ERROR, f"the text from {engine} is no program in Python: {in_a_sentence(error)}") from error
             return text
-    raise RunFailure(Status.ERROR, f"what {engine} wrote is no program of at most {LONGEST} characters")
+    raise RunFailure(Status.ERROR, f"the text from {engine} is no program of at most {LONGEST} characters")

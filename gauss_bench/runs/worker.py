@@ -187,7 +187,7 @@ class Worker:
             raise WorkerFailure(Status.TIMEOUT, f"no answer within {limit:.3g} s{printed}") from error
         except NoAnswer as error:
             self.stop()
-            raise WorkerFailure(Status.CRASHED, f"the process wrote into what is not its own: {in_a_sentence(error)}") from error
+            raise WorkerFailure(Status.CRASHED, f"the process sent data that are no answer: {in_a_sentence(error)}") from error
         except (EOFError, OSError, ValueError) as error:
             if self.process is not process:  # another thread stopped it and closed its pipes
                 raise WorkerFailure(Status.CRASHED, "the process was stopped") from error
@@ -438,7 +438,7 @@ def unpack_answer(content: bytes) -> Any:
     (length,) = LENGTH.unpack_from(content)
     text, left = content[LENGTH.size : LENGTH.size + length], memoryview(content)[LENGTH.size + length :]
     if length > LONGEST or len(text) < length:
-        raise NoAnswer(f"it says that it holds {length} bytes of text")
+        raise NoAnswer(f"its text should have {length} bytes")
 
     def restore(table: dict[str, Any]) -> Any:
         """Return the array that a JSON object stands for, from the bytes that are left, or the object itself."""
@@ -470,7 +470,7 @@ def _read_type(form: object) -> tuple[np.dtype[Any], list[int]]:
             lengths = [k for k in shape if type(k) is int and 0 <= k <= LONGEST]
             if lengths == shape:
                 return KINDS[kind], lengths
-    raise NoAnswer("an array of no form")
+    raise NoAnswer("an array without type and shape")
 
 
 def main() -> None:

@@ -58,6 +58,7 @@ def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
     """Return the suite with absolute paths of the linkage files that lie in its folder."""
 
     def locate(part: Any) -> Any:
+        """Return a part with paths for the linkages that are files in the folder."""
         if not isinstance(part, OnLinkages):
             return part
         paths = {x: folder / x for x in part.linkages if x.endswith(".toml") and (folder / x).is_file()}
@@ -94,9 +95,10 @@ def linkages_of(suite: Suite) -> tuple[str, ...]:
 
 
 def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
-    """Return the suite with only these engines in its accuracy, cost, search and field parts; parts without engines are left out."""
+    """Return the suite with only these engines in its accuracy, cost, search and field parts; parts without any are left out."""
 
     def select(parts: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Return the parts with the chosen engines alone; a part that names no engines gets all of them."""
         chosen = [(x, tuple(e for e in engines if not x.engines or e in x.engines)) for x in parts]
         return tuple(x.model_copy(update={"engines": names}) for x, names in chosen if names)
 
