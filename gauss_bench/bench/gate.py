@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -85,15 +85,6 @@ class Verdict:
         return f"{self.outcome}: {self.case}: {cause}{self.metric} = {self.value}, limit {self.limit} (baseline {self.baseline})"
 
 
-class Judged(NamedTuple):
-    """The outcome for a figure, and its value, limit and baseline in words, as in `Verdict`."""
-
-    outcome: str
-    value: str
-    limit: str
-    baseline: str
-
-
 def facts(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
     """Return the gated figures of accuracy rows and references in long form: one row for each case and metric.
 
@@ -145,39 +136,44 @@ def compare(figures: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
         if len(statuses) > 1 and key != status and not (key in here and key in there):
             continue
         values = [str(x[key]["value"]) if key in x else None for x in (here, there)]
-        judged = judge_figure(key, *values)
-        case = " ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in key[:-1] if x != "")
-        cause = str(here[key].get("message", "")) if judged.outcome == "fail" and key in here else ""
-        verdicts.append(Verdict(judged.outcome, case, str(key[-1]), judged.value, judged.limit, judged.baseline, cause))
+        verdict = judge_figure(key, *values)
+        if verdict.outcome == "fail" and key in here:
+            verdict = replace(verdict, cause=str(here[key].get("message", "")))
+        verdicts.append(verdict)
     return verdicts
 
 
-def judge_figure(key: Key, value: str | None, base: str | None) -> Judged:
-    """Return the outcome for a figure, given its value and that of the baseline as texts; None if one is missing."""
-    metric, missing = key[-1], "none"
+def judge_figure(key: Key, value: str | None, base: str | None) -> Verdict:
+    """Return the verdict on a figure, given its value and that of the baseline as texts; None if one is missing."""
+    metric, missing = str(key[-1]), "none"
+    case = " ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in key[:-1] if x != "")
+
+    def verdict(outcome: str, value: str, limit: str, baseline: str) -> Verdict:
+        return Verdict(outcome, case, metric, value, limit, baseline)
+
     if base is None or value is None:
         # an order exists only while errors are above their floor: an order that is lost is reported, and does not fail
         outcome = "better" if metric == "observed_order" else "fail"
-        return Judged(outcome, value or missing, "present on both sides", base or missing)
+        return verdict(outcome, value or missing, "present on both sides", base or missing)
     if metric in ("status", "valid"):
-        return Judged("ok" if value == base else "fail", value, base, base)
+        return verdict("ok" if value == base else "fail", value, base, base)
     x, b = float(value), float(base)
     if metric == "observed_order":
         low, high = b - ORDER_MARGIN, b + ORDER_FLATTERING
         if x > high:
-            return Judged("fail", f"{x:.2f}", f"at most {high:.2f} without a reason", f"{b:.2f}")
+            return verdict("fail", f"{x:.2f}", f"at most {high:.2f} without a reason", f"{b:.2f}")
         outcome = "fail" if x < low else "better" if x > b + ORDER_MARGIN else "ok"
-        return Judged(outcome, f"{x:.2f}", f"at least {low:.2f}", f"{b:.2f}")
+        return verdict(outcome, f"{x:.2f}", f"at least {low:.2f}", f"{b:.2f}")
     if metric in TRUTHS:
         bar = TRUTH_MARGIN * (1 + abs(b))
-        return Judged("fail" if abs(x - b) > bar else "ok", value, f"{b:.12g} +- {bar:.1g}", base)
+        return verdict("fail" if abs(x - b) > bar else "ok", value, f"{b:.12g} +- {bar:.1g}", base)
     rule, scatter = RULES[metric], SCATTERING.get(str(key[KEY.index("integrator")]), 1.0)
     factor, flattering = max(rule.factor, scatter), FLATTERING * scatter
     if x < b / flattering and b > flattering * rule.floor:  # a faulty metric may be the cause
-        return Judged("fail", f"{x:.3g}", f"at least {b / flattering:.3g} without a reason", f"{b:.3g}")
+        return verdict("fail", f"{x:.3g}", f"at least {b / flattering:.3g} without a reason", f"{b:.3g}")
     limit = max(factor * b, rule.floor)
     outcome = "fail" if not x <= limit else "better" if x < b / factor and b > rule.floor else "ok"
-    return Judged(outcome, f"{x:.3g}", f"{limit:.3g}", f"{b:.3g}")
+    return verdict(outcome, f"{x:.3g}", f"{limit:.3g}", f"{b:.3g}")
 
 
 def read_baseline(path: Path) -> pd.DataFrame:

@@ -271,8 +271,8 @@ def describe(name: str) -> Offer:
     try:
         if lacking := list_lacking(engine):
             raise TypeError(f"it has no method {', '.join(lacking)}")
-        for word in ("integrators", "stabilizations"):
-            if isinstance(getattr(engine, word), str):
+        for word, value in (("integrators", engine.integrators), ("stabilizations", engine.stabilizations)):
+            if isinstance(value, str):
                 raise TypeError(f"{word} is a text, not names")
         if not isinstance(engine.settings, Mapping) or not all(isinstance(x, Mapping) for x in engine.settings.values()):
             raise TypeError("settings is no table of options by name")
