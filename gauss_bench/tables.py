@@ -36,6 +36,7 @@ DIGITS = 10  # digits of a number in a CSV file, far more than the first ones of
 CURVE_DIGITS, CURVE_BITS = 4, 13  # digits and bits of a point of a curve: 1.2e-4 of it, less than a line is wide
 ENDS = ("", "_low", "_high")  # endings of the columns of a value and its spread
 FLAGS = {"": None, "true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}  # text in a file -> flag
+TYPES = {"text": str, "number": float, "flag": bool}  # kind of a column -> Python type of its values
 
 Row = Mapping[str, Any]
 
@@ -154,6 +155,26 @@ def type_value(column: Column, value: Any) -> Any:
     if word not in FLAGS:
         raise ValueError(f"{value!r} is neither true nor false")
     return FLAGS[word]
+
+
+def type_column(column: Column, values: Sequence[Any]) -> Sequence[Any]:
+    """Convert the values of a column, or their texts in a file, to the column's type.
+
+    Raises:
+        ValueError: a value is not of this type; the message names its row, counted from 1, and the column.
+    """
+    # most columns need no conversion of each value: Parquet has typed values, and a file lacks the columns of the file beside it
+    if all(type(value) is TYPES[column.kind] for value in values):
+        return values
+    if all(value is None for value in values):
+        return [type_value(column, None)] * len(values)
+    typed = []
+    for count, value in enumerate(values, 1):
+        try:
+            typed.append(type_value(column, value))
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"row {count}, column {column.name!r}: {error}") from error
+    return typed
 
 
 def print_value(column: Column, value: Any, digits: int = DIGITS) -> str:
@@ -392,16 +413,14 @@ def read_file(
     for column in (x for x in wanted if not x.added):
         if column.name not in head:
             raise TableError(f"{path}: table {name}: column {column.name!r} is missing")
-    rows = []
-    for count, line in enumerate(lines, 1):
-        row = {}
-        for column in table.columns:
-            try:
-                row[column.name] = type_value(column, line.get(column.name))
-            except (TypeError, ValueError) as error:
-                raise TableError(f"{path}: table {name}, row {count}, column {column.name!r}: {error}") from error
-        rows.append(row)
-    return tuple(rows)
+    typed = []
+    for column in table.columns:
+        try:
+            typed.append(type_column(column, [line.get(column.name) for line in lines]))
+        except ValueError as error:
+            raise TableError(f"{path}: table {name}, {error}") from error
+    names = table.names
+    return tuple(dict(zip(names, values, strict=True)) for values in zip(*typed, strict=True))
 
 
 def migrate_row(name: str, line: dict[str, Any], version: int) -> dict[str, Any]:

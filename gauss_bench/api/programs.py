@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 from gauss_bench.api.in_worker import read_answer, tell_plainly
@@ -45,8 +45,18 @@ def snippet_there(
     linkage: str, scenario: str, until: float, engine: str, choice: Choice, remarks: tuple[str, ...]
 ) -> dict[str, Any]:
     """Run `snippet` in the worker and return plain data."""
-    mechanism = replace(load(linkage, scenario), duration=until)
+    mechanism = load_until(linkage, scenario, until)
     return tell_plainly(lambda: {"text": snippet(mechanism, linkage, engine, choice, until, remarks)})
+
+
+@lru_cache(maxsize=32)
+def load_until(linkage: str, scenario: str, until: float) -> Mechanism:
+    """Load a built-in linkage for a run of another duration `until` [s]; a report asks for each of them some sixty times.
+
+    Raises:
+        LinkageError: as `load`.
+    """
+    return replace(load(linkage, scenario), duration=until)
 
 
 class Wanted(NamedTuple):
@@ -80,7 +90,7 @@ def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]
             call = partial(worker.under(interpreter_of(x.engine)).call, limit=LIMIT)
             remarks = (f"The error of this setting over {x.until:g} s is in the report that shows this program.",)
             try:
-                mechanism = replace(load(x.linkage, x.scenario), duration=x.until)
+                mechanism = load_until(x.linkage, x.scenario, x.until)
                 text = write_program(call, x.linkage, mechanism, x.engine, x.choice, remarks)
             except UNWRITTEN:
                 continue

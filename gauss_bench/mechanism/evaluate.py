@@ -47,38 +47,35 @@ class Constraints:
         joint_rows: number of rows of joints and couplings, which stand first.
         holonomic: number of rows that have a position level; knife edges stand behind them.
         laws: motion laws of the drivers.
+        symbols: the recorded equations, to which others can be added that share their operations.
+        listed: the varying entries of J, gamma, phi and phi_t as symbols.
     """
 
     def __init__(self, mechanism: Mechanism):
         self.mechanism, self.n = mechanism, mechanism.n
-        at = Symbols(mechanism.n)
-        rows = list(equations.rows(mechanism, at))
-        self.m, self.laws = len(rows), at.laws
+        at = self.symbols = Symbols(mechanism.n)
+        rows, symbol = list(equations.rows(mechanism, at)), at.program.symbol
+        self.m, self.laws = mechanism.m, at.laws
         self.holonomic = self.m - len(mechanism.knife_edges)
         self.joint_rows = self.holonomic - len(mechanism.drivers)
         self.constant = np.zeros(self.m * self.n, dtype=mechanism.gravity.dtype)  # J, row by row; 0 where an entry varies
-        varying = []
+        places: list[int] = []  # of the varying entries in J, row by row
+        entries: list[Symbol] = []
         for i, row in enumerate(rows):
-            for k, entry in row.entries.items():
-                number = at.program.symbol(entry).number
-                if number is None:
-                    varying.append(i * self.n + k)
+            for k, value in row.entries.items():
+                entry = symbol(value)
+                if entry.number is None:
+                    places.append(i * self.n + k)
+                    entries.append(entry)
                 else:
-                    self.constant[i * self.n + k] = number
-        self.varying = np.array(varying, dtype=int)
+                    self.constant[i * self.n + k] = entry.number
+        self.varying = np.array(places, dtype=int)
+        phi = [symbol(0.0 if row.phi is None else row.phi) for row in rows]
+        self.listed = entries, [symbol(row.gamma) for row in rows], phi, [symbol(row.phi_t) for row in rows]
 
     @cached_property
     def _function(self) -> Callable[..., list[Array]]:
-        at = Symbols(self.n)
-        return at.generate(*self.list_symbols(at))
-
-    def list_symbols(self, at: Symbols) -> tuple[list[Symbol], ...]:
-        """Return the varying entries of J, gamma, phi and phi_t as symbols, so that they can share operations with others."""
-        rows, symbol = list(equations.rows(self.mechanism, at)), at.program.symbol
-        entries = [symbol(x) for row in rows for x in row.entries.values()]
-        varying = [x for x in entries if x.number is None]
-        phi = [symbol(0.0 if row.phi is None else row.phi) for row in rows]
-        return varying, [symbol(row.gamma) for row in rows], phi, [symbol(row.phi_t) for row in rows]
+        return self.symbols.generate(*self.listed)
 
     def __call__(self, t: float | Array, q: Array, v: Array) -> Rows:
         """Return all rows at state(s) q, v (..., n) and time(s) t (...) [s]."""
@@ -127,8 +124,8 @@ class Evaluator:
     @cached_property
     def _terms(self) -> Callable[..., list[Array]]:
         """One function for the varying entries of J, Q of steady forces, gamma, phi and phi_t."""
-        at = Symbols(self.mechanism.n)
-        entries, *others = self.constraints.list_symbols(at)
+        at = self.constraints.symbols
+        entries, *others = self.constraints.listed
         return at.generate(entries, self.applied.add_steady(at), *others)
 
     def terms(self, t: float, q: Array, v: Array) -> Terms:

@@ -654,6 +654,12 @@ class Mechanism:
         return 3 * len(self.links)
 
     @property
+    def m(self) -> int:
+        """Number of constraint rows: one for each coordinate that a joint or coupling holds, each driver and each knife edge."""
+        held = sum(len(part.held) for part in (*self.joints, *self.couplings))
+        return held + len(self.drivers) + len(self.knife_edges)
+
+    @property
     def mass(self) -> Array:
         """(n,) diagonal of the mass matrix."""
         return np.array([x for link in self.links for x in (link.mass, link.mass, link.inertia)])

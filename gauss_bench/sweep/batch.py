@@ -22,7 +22,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.compiled import FORMULATIONS
 from gauss_bench.judge import Evidence, Subject, judge, remark
 from gauss_bench.linkage.errors import LinkageError
-from gauss_bench.mechanism.evaluate import Constraints, Evaluator
+from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.one_run import sampling_at
@@ -230,7 +230,7 @@ def _run_single(case: SweepCase, engine: str, values: Sequence[float], parts: in
     try:
         multipliers = metrics.reactions(Evaluator(mechanism), x)
     except (ArithmeticError, np.linalg.LinAlgError):
-        multipliers = np.full((len(steps.t), Constraints(mechanism).m), np.nan)
+        multipliers = np.full((len(steps.t), mechanism.m), np.nan)
     by_name, (evidence,) = figures(mechanism, {}, x.t, x.q[:, None], x.v[:, None], multipliers[:, None])
     evidence = replace(evidence, rates=metrics.rate_gaps(x), duration=float(x.t[-1] - x.t[0]))
     status, sentence = _judge(evidence, lambda: mechanism, x)

@@ -30,7 +30,7 @@ from gauss_bench.engines.exudyn.items import System, reason_to_refuse
 from gauss_bench.engines.shared import common_refusal, finite, finite_acceleration
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import Stretch, step_counts, stretches
-from gauss_bench.mechanism.evaluate import Constraints, Evaluator
+from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
@@ -94,7 +94,7 @@ def simulation_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
     options = VARIANTS.options(choice.settings)
     settings = exu.SimulationSettings()
     across_releases.write_nothing(settings)
-    solver = linear_solver(options["linear_solver"], mechanism.n + Constraints(mechanism).m)
+    solver = linear_solver(options["linear_solver"], mechanism.n + mechanism.m)
     if mechanism.redundant:
         solver = options["linear_solver_where_redundant"]
     across_releases.set_linear_solver(exu, settings, solver, bool(mechanism.redundant))

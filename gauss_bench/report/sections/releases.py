@@ -29,7 +29,7 @@ def engine_section(run: Run, engine: str, releases: list[Row]) -> Section:
     unusable = describe_unusable(ordered)
     if unusable:
         blocks += [Text("**without answers**"), Bullets(unusable)]
-    blocks += blocks_of("releases", [{**row, **NO_VALUE} for row in ordered])
-    blocks += blocks_of("release_changes", with_number(tables["release_changes"], "difference"))
-    blocks += blocks_of("release_costs", [{**row, **NO_TIME} for row in tables["release_costs"]])
+    blocks += blocks_of("releases", [{**row, **NO_VALUE} for row in ordered], engine=engine)
+    blocks += blocks_of("release_changes", with_number(tables["release_changes"], "difference"), engine=engine)
+    blocks += blocks_of("release_costs", [{**row, **NO_TIME} for row in tables["release_costs"]], engine=engine)
     return Section(engine, f"{ANCHOR}-{engine}", blocks)

@@ -206,7 +206,8 @@ def force_chart(run: Run, name: str) -> Chart | None:
 def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
     """Return one line per engine over time: its plainest case with a step nearest to STEP. Engines in FIRST come first."""
     cases = {_case(r): r for r in run.of(name) if has_ended(r) and not r["control"]}
-    series = group_by((r for r in with_number(run.table("series"), column) if r["mechanism"] == name), _case)
+    of_linkage = [r for r in run.table("series") if r["mechanism"] == name]
+    series = group_by(with_number(of_linkage, column), _case)
     chosen = [row for key, row in cases.items() if key in series]
     lines = []
     places = [*FIRST, *sorted({r["engine"] for r in chosen} - set(FIRST))]

@@ -96,9 +96,9 @@ def read_runs(run: Run, name: str, scenario: str, links: Sequence[str]) -> list[
     cases = {tuple(r[k] for k in KEYS): r for r in run.of(name) if r["scenario"] == scenario}
     stored = []
     for key, rows in group_by(run.table("poses"), *KEYS).items():
-        poses = Poses(rows, links)
-        if key in cases and poses.times:
-            row = cases[key]
+        row = cases.get(key)
+        poses = Poses(rows if row else (), links)
+        if row and poses.times:
             is_default = row["settings"] == "default"
             stored.append(StoredRun(row["engine"], label_run(row), is_default, poses.read("_ahead"), poses.read("_gap")))
     return sorted(stored, key=lambda x: (x.engine, not x.is_default, x.label))

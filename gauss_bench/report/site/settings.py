@@ -10,7 +10,7 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import Any
 
 from gauss_bench.reach import BY_AUTHORS, Kind, Reach, Requirement, Trial, reach
@@ -75,7 +75,7 @@ class Setting:
         """Tell whether both errors are known to be within the requirement; an infinite force requires nothing."""
         return self.position <= position and (math.isinf(force) or self.force <= force)
 
-    @property
+    @cached_property
     def cost(self) -> tuple[float, float, str]:
         """Sort key: the time, or the number of steps of a setting without a time; settings with a time come first."""
         steps = self.steps if is_known(self.steps) else math.inf
@@ -220,7 +220,8 @@ def cheapest(settings: Iterable[Setting], position: float, force: float = math.i
     return leaders
 
 
-def cheapest_stored(run: Run, mechanism: str, position: float, force: float = math.inf) -> dict[str, Setting]:
+@lru_cache(maxsize=1024)
+def cheapest_stored(run: Run, mechanism: str, position: float, force: float = math.inf) -> Mapping[str, Setting]:
     """Return engine -> its cheapest setting; the winner of a race at exactly this requirement replaces the estimate."""
     settings = all_settings(run).get(mechanism, [])
     leaders = cheapest(settings, position, force)
@@ -325,7 +326,8 @@ def _trial_of_case(x: Setting) -> Trial:
     return Trial(x.step, {"position": x.position, "force": x.force}, int(x.steps) if is_known(x.steps) else None)
 
 
-def scenarios(run: Run) -> dict[str, str]:
+@lru_cache(maxsize=2)
+def scenarios(run: Run) -> Mapping[str, str]:
     """Return linkage -> scenario, for the linkages that were run or searched, sorted by name."""
     first: dict[str, str] = {}
     for row in (*run.results, *run.table("search_ladder")):
