@@ -54,6 +54,8 @@ def test_built_in_engines_keep_every_rule(name: str) -> None:
     assert not broken(name)
 
 
+@pytest.mark.long("Late-_derivatives-velocities and accelerations are derivatives")
+@pytest.mark.long("Degrees-_start-the first sample is the start", "Short-_times-samples are at the times asked for")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "check", "rule"),
@@ -72,7 +74,7 @@ def test_a_broken_rule_is_named(fault: str, check: str, rule: str, monkeypatch: 
     assert any(name.startswith(rule) for name in broken(f"tests.faulty_engines:{fault}"))
 
 
-@pytest.mark.long("AllInertias", "AllMasses", "Gravity", "Entry", "Regular")
+@pytest.mark.long("AllInertias", "AllMasses", "Gravity", "Entry", "Regular", WRONG)
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", ["OneInertia", "AllInertias", "AllMasses", "Gravity", "Gamma", "Entry", "Regular", WRONG])
 def test_a_wrong_model_is_seen_in_its_accelerations(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:

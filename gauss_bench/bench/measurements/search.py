@@ -238,7 +238,7 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
 def read_ladders(rows: Rows) -> Ladders:
     """Return the ladders of a linkage, given their rows."""
     groups = group_by(rows, *Way._fields[:-1])  # all but the size
-    return {Way(*names, 0.0): [trial_of(r) for r in same] for names, same in groups.items()}
+    return {Way._make((*names, 0.0)): [trial_of(r) for r in same] for names, same in groups.items()}
 
 
 def owners_of(rows: Rows) -> Owners:
