@@ -139,7 +139,7 @@ def test_descriptions_have_the_units_of_docstrings_and_of_columns() -> None:
     row = formats.find_schema("run")["properties"]["results"]["items"]["properties"]
     assert row["length_error"]["description"] == "largest error of any link's centre of mass over all times; unit: m"
     suite = formats.find_schema("suite")["$defs"]["LongRuns"]["properties"]
-    assert suite["duration"]["description"] == "[s]; a second run takes half the step"
+    assert suite["duration"]["description"] == "of the runs [s]"
 
 
 @pytest.mark.parametrize("path", sorted(SUITES.glob("*.toml")), ids=lambda p: p.stem)
