@@ -1,6 +1,7 @@
-"""The report's headlines, worked out a second time: from raw rows alone, and by other code than the report's or the tables'.
+"""Numbers of findings computed a second time, from raw rows alone and by other code than that of report and tables.
 
-`compared` holds every number that a headline prints against its own, and every table that tells a step's time against the samples.
+`compared` compares every number that these findings print with its second value, and every table that has the time of a step with
+the samples.
 """
 
 import math
@@ -26,30 +27,16 @@ SLOW = 0.1  # [s] blocks beyond it are in some rounds only
 NUMBER = r"(\d+(?:\.\d+)?)"
 
 
-def low(values: Iterable[float]) -> float:
-    """The lower quartile, by sorting: the value a quarter of the way up, between its neighbours where that is no whole place."""
-    x = sorted(values)
-    place = (len(x) - 1) / 4
-    k = int(place)
-    return x[k] if k + 1 == len(x) else x[k] + (place - k) * (x[k + 1] - x[k])
-
-
 Rounds = Mapping[int, list[float]]  # process -> seconds
 
 
-def middle(values: Iterable[float]) -> float:
-    """The median, by sorting."""
-    x = sorted(values)
-    return (x[(len(x) - 1) // 2] + x[len(x) // 2]) / 2
-
-
 def time_of(processes: Rounds) -> float:
-    """The median of the processes' lower quartiles."""
-    return middle(map(low, processes.values()))
+    """Return the median over processes of their lower quartiles."""
+    return statistics.median(float(np.quantile(x, 0.25)) for x in processes.values())
 
 
 def least(ratios: list[float]) -> float:
-    """What a second race finds but once in 200 cases: Student's t, of logarithms about their median."""
+    """Return the ratio below which a second race lies in 1 of 200 cases, by Student's t on the logarithms about their median."""
     logs = [math.log(x) for x in ratios]
     if len(logs) < 2:
         return math.nan
@@ -58,7 +45,7 @@ def least(ratios: list[float]) -> float:
 
 
 class Samples:
-    """Rounds of the races, by linkage and by what was timed."""
+    """Rounds of races by linkage and by timed work."""
 
     def __init__(self, rows: Iterable[Row]):
         self.seconds: dict[tuple[str, ...], dict[int, list[float]]] = defaultdict(dict)
@@ -67,11 +54,11 @@ class Samples:
             self.seconds[key].setdefault(int(r["process"]), []).append(r["seconds"])
 
     def of(self, mechanism: str, quantity: str, engine: str, settings: str = "default", stabilization: str = "none") -> Rounds:
-        """All integrators are one here: only the first of each is asked for."""
+        """Return the rounds of an engine; the samples have one integrator of each engine alone."""
         return self.seconds[mechanism, quantity, engine, settings, stabilization]
 
     def ratio(self, one: Rounds, other: Rounds) -> float:
-        """Of times, in the rounds that both have."""
+        """Return the ratio of two times in the rounds that both have."""
         both = [number for number in one if number in other]
         rounds = {number: min(len(one[number]), len(other[number])) for number in both}
         first, second = ({number: x[number][: rounds[number]] for number in both} for x in (one, other))
@@ -79,7 +66,7 @@ class Samples:
 
 
 def first_integrators(run: Run) -> Samples:
-    """Samples of the integrator that each engine names first, which is what tables of the kernel compare."""
+    """Return the samples of the first integrator of each engine, which the tables of the kernel compare."""
     rows = [r for r in run.table("samples") if r["integrator"] in ("rk4", "")]
     return Samples(rows)
 
@@ -89,16 +76,16 @@ def said(run: Run, title: str) -> list[str]:
 
 
 def after(text: str, name: str) -> float:
-    """The number that a text prints after a linkage's name."""
+    """Return the number that a text prints after a name."""
     found = re.search(rf"{re.escape(name)} {NUMBER}", text)
     assert found, f"no number after {name}: {text}"
     return float(found[1])
 
 
 def compared(run: Run) -> list[str]:
-    """What was held against a second source, as names; fails where two differ."""
+    """Compare findings with their second values, and return the names of the checks that compared any; fail at a difference."""
     told: list[str] = []
-    for check in (steps, one_value, costs, right_hand_sides, claim, batch, share, kinematics, search):
+    for check in (steps, one_value, costs, claim, search):
         if list(check(run)):
             told.append(check.__name__)
     return told
@@ -120,7 +107,7 @@ def steps(run: Run) -> Iterator[None]:
 
 
 def one_value(run: Run) -> Iterator[None]:
-    """A step of the kernel has one time, in every table that tells it."""
+    """Check that all tables have the same time of a step of the kernel."""
     samples = first_integrators(run)
     tables = {"kernel_steps": 1.0, "kernel_bounds": 1.0, "kernel_rhs": 4.0}
     for table, factor in tables.items():
@@ -156,25 +143,8 @@ def costs(run: Run) -> Iterator[None]:
                 yield
 
 
-def right_hand_sides(run: Run) -> Iterator[None]:
-    """Without the call, a quarter of a step: the ends of the range."""
-    samples, found = first_integrators(run), []
-    for r in run.table("kernel_rhs"):
-        if r["status"] == "ok" and (r["own"], r["rival"]) == ("in its own loop", "less the call"):
-            bare, empty = (samples.of(r["mechanism"], x, "pinocchio", r["settings"]) for x in ("bare call", "empty call"))
-            own = samples.of(r["mechanism"], "native_step", "gauss-native")
-            net = {number: [x - time_of(empty) for x in rounds] for number, rounds in bare.items()}
-            found.append(samples.ratio(net, own) * 4)
-    for text in said(run, "One right-hand side"):
-        ends = re.search(rf"takes {NUMBER}(?: to {NUMBER})? times", text)
-        assert ends
-        printed = [float(x) for x in ends.groups() if x]
-        assert (printed[0], printed[-1]) == pytest.approx((min(found), max(found)), rel=PRINTED)
-        yield
-
-
 def claim(run: Run) -> Iterator[None]:
-    """How many linkages, and between which ratios, for one free coordinate and for more."""
+    """Check the numbers of linkages and the ranges of ratios, for one free coordinate and for more."""
     unknowns = {str(r["mechanism"]): int(r["unknowns_gauss"]) for r in run.table("kernel_claim")}
     words = {"step": "a step is", "projected": "a step with projection is", "batch": "a step in a batch is"}
     raw = first_integrators(run)
@@ -201,41 +171,8 @@ def claim(run: Run) -> Iterator[None]:
                 yield
 
 
-def batch(run: Run) -> Iterator[None]:
-    for text in said(run, "Many trajectories"):
-        for r in run.table("kernel_batch"):
-            if r["status"] == "ok":
-                assert after(text, r["mechanism"]) == pytest.approx(r["rival_seconds"] / r["seconds"], rel=PRINTED)
-                yield
-
-
-def share(run: Run) -> Iterator[None]:
-    """Of one trajectory: cycles of the chain at a quarter of the latency of a multiply-add, over the time of a step."""
-    samples = Samples(run.table("samples"))
-    found = []
-    for r in run.table("kernel_bounds"):
-        if r["status"] == "ok" and r["quantity"] == "one trajectory" and np.isfinite(r["share"]):
-            latency = next(x for key, x in samples.seconds.items() if key[:2] == (r["mechanism"], "latency"))
-            own = first_integrators(run).of(r["mechanism"], "native_step", "gauss-native")
-            found.append(100 * r["cycles"] * time_of(latency) / 4 / time_of(own))
-    for text in said(run, "What is left to be gained") if found and samples.seconds else ():
-        ends = re.search(r"(\d+) to (\d+) % for one trajectory", text)
-        assert ends, text
-        assert (float(ends[1]), float(ends[2])) == pytest.approx((min(found), max(found)), abs=0.51)
-        yield
-
-
-def kinematics(run: Run) -> Iterator[None]:
-    for text in said(run, "Kinematics"):
-        for r in run.table("kernel_kinematics"):
-            if r["status"] == "ok" and np.isfinite(r["target"]):
-                million = float(re.search(rf"{NUMBER} million on {r['mechanism']}", text)[1])  # type: ignore[index]
-                assert million == pytest.approx(1e-6 / r["seconds"], abs=0.051)
-                yield
-
-
 def search(run: Run) -> Iterator[None]:
-    """Rivals' winners over our own, from every block of every process; what wins is exact enough by its ladder."""
+    """Check the ratios of rivals to our engines from all blocks of all processes, and that rivals' settings are exact enough."""
     way = ("mechanism", "engine", "settings", "integrator", "stabilization")
 
     def key(r: Row) -> tuple[Any, ...]:
@@ -275,6 +212,6 @@ RAW = ("samples", "claim_races", "scaling_races", "search_races", "search_times"
 
 
 def with_raw_rows(folder: Path) -> Run:
-    """A run as the report reads it, and the rows that its tables were worked out from."""
+    """Return a run with the raw rows from which its tables were computed."""
     run = read_run(folder)
     return Run(run.environment, {**run.tables, **{name: read_table(name, folder) for name in RAW}})

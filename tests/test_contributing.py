@@ -1,4 +1,4 @@
-"""The rows of CONTRIBUTING.md as worked examples: each is done as it says, and what it promises holds."""
+"""Rows of the table in CONTRIBUTING.md as worked examples: each is carried out, and its promised effect is checked."""
 
 import csv
 import json
@@ -11,61 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.new_engine import ADAPTER, LIBRARY
-
 ROOT = Path(__file__).parents[1]
-
-
-def conformance(folder: Path, chosen: str, path: list[Path]) -> int:
-    """How many conformance tests over all engines pass, in a process of its own; none may fail."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST")}
-    environment |= {"PYTHONPATH": os.pathsep.join(map(str, path)), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
-    command = [sys.executable, "-m", "pytest", *["-q", "-x", "-p", "no:cacheprovider", "tests/test_engines.py"]]
-    command += ["-k", chosen, "-m", "not slow and not long"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment, check=False)
-    assert done.returncode == 0, done.stdout[-3000:]
-    assert "s" not in done.stdout.split()[0], "none is skipped"
-    return done.stdout.split()[0].count(".")
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_a_new_engine_is_a_room_and_a_line(tmp_path: Path) -> None:
-    for name in ("gauss_bench", "tests", "mechanisms"):
-        shutil.copytree(ROOT / name, tmp_path / name)
-    shutil.copy(ROOT / "pyproject.toml", tmp_path)
-    (tmp_path / "library").mkdir()
-    (tmp_path / "library" / "heuns.py").write_text(LIBRARY, encoding="utf-8")
-    room = tmp_path / "gauss_bench" / "engines" / "heuns"
-    room.mkdir()
-    (room / "__init__.py").write_text('"""Heun\'s method."""\n', encoding="utf-8")
-    (room / "adapter.py").write_text(ADAPTER.replace("NAME", "heuns"), encoding="utf-8")
-    register = tmp_path / "gauss_bench" / "engines" / "__init__.py"
-    line = '    "heuns": "gauss_bench.engines.heuns.adapter:heuns",\n'
-    text = register.read_text(encoding="utf-8")
-    register.write_text(text.replace("FOREIGN = {\n", "FOREIGN = {\n" + line, 1), encoding="utf-8")
-    passed = conformance(tmp_path, "heuns", [tmp_path, tmp_path / "library"])
-    assert passed >= 4  # accelerations of two linkages, runs or reasons to skip, a missing library
-
-
-def copy_of_the_package(folder: Path) -> Path:
-    """A copy of the package that a test may change."""
-    return copied(folder) / "gauss_bench"
 
 
 def insert(path: Path, before: str, text: str) -> None:
     source = path.read_text(encoding="utf-8")
     assert source.count(before) == 1, f"{path.name} has changed: {before!r}"
     path.write_text(source.replace(before, text + before), encoding="utf-8")
-
-
-def run(folder: Path, code: str) -> str:
-    """What a program prints that imports the copy."""
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=folder, env=os.environ | {"PYTHONPATH": str(folder)}, capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 SECTION = '''"""What the weather was."""
@@ -101,14 +53,14 @@ columns = [
 
 
 def copied(folder: Path) -> Path:
-    """The project's code, with what is compiled of it already: only what a test changes is compiled again."""
+    """Copy the package with its compiled files to a folder, and return the folder."""
     for name in ("gauss_bench", "mechanisms"):
         shutil.copytree(ROOT / name, folder / name)
     return folder
 
 
 def said_by(folder: Path, *command: str) -> str:
-    """What a command says that runs in a copy of the project."""
+    """Return the output of a command that uses the copied package."""
     environment = os.environ | {"PYTHONPATH": str(folder)}
     done = subprocess.run([sys.executable, *command], capture_output=True, text=True, cwd=folder, env=environment, check=False)
     assert done.returncode == 0, done.stderr[-3000:]

@@ -1,4 +1,4 @@
-"""The documentation: every example in it runs, every key and verb is in it, and it builds without a request to other machines."""
+"""The documentation: its examples run, it has every key and verb, and it is built without requests to other machines."""
 
 import json
 import os
@@ -46,7 +46,7 @@ def blocks(text: str) -> Iterator[Block]:
 
 
 def written(block: Block, folder: Path) -> None:
-    """A file that a page asks its reader to save."""
+    """Save a block of a page as the file that its title names."""
     text = re.sub(r'--8<-- "([^"]+)"', lambda x: (DOCS / "pages" / x[1]).read_text(encoding="utf-8"), block.text)
     if block.remark.startswith("added to"):
         whole = (folder / block.remark.split()[2].rstrip(",")).read_text(encoding="utf-8").replace("linkage/1", "linkage/2")
@@ -63,7 +63,7 @@ NUMBER = re.compile(r"[+-]?\b\d+(?:\.\d+)?(?:e[+-]?\d+)?\b")
 
 
 def is_same(shown: str, printed: str) -> bool:
-    """Whether two lines have the same words and whole numbers, and decimals that differ by at most one in the last digit shown."""
+    """Tell whether two lines have equal words and whole numbers, and decimals that differ by at most 1 in the last digit shown."""
     if NUMBER.sub("#", shown).split() != NUMBER.sub("#", printed).split():
         return False
     for x, y in zip(map(Decimal, NUMBER.findall(shown)), map(Decimal, NUMBER.findall(printed)), strict=True):
@@ -74,14 +74,14 @@ def is_same(shown: str, printed: str) -> bool:
 
 
 def check_printed(shown: str, printed: str) -> None:
-    """Each line that a page shows, but "...", is among the printed ones."""
+    """Check that each line that a page shows, except "...", is among the printed lines."""
     for line in filter(lambda x: x.strip() not in ("", "..."), shown.splitlines()):
         assert any(is_same(line, x) for x in printed.splitlines()), f"the page shows {line!r}; this was printed:\n{printed}"
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where a reader of the tutorial stands at its end."""
+    """Return a folder with the files of the tutorial."""
     folder = tmp_path_factory.mktemp("reader")
     for block in blocks((DOCS / "pages" / "tutorial.md").read_text(encoding="utf-8")):
         if block.title:
@@ -89,7 +89,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.long("cylinder", "engine", "tutorial")
+@pytest.mark.long("cylinder", "engine", "settings", "tutorial")
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [x for x in PAGES if x.name != "commands.md"], ids=lambda p: p.stem)
 def test_every_example_runs(page: Path, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -102,7 +102,7 @@ def test_every_example_runs(page: Path, place: Path, monkeypatch: pytest.MonkeyP
 
 
 def verbs_and_examples() -> dict[str, str]:
-    """The sections of the page of commands by their headings."""
+    """Return heading -> text of each section of the page of commands."""
     parts = re.split(r"^## (.+)\n", (DOCS / "pages" / "commands.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
     return dict(zip(parts[::2], parts[1::2], strict=True))
 
@@ -115,21 +115,21 @@ def test_every_verb_has_an_example() -> None:
         assert any(line.split()[:2] == ["gauss-bench", verb] for line in commands), f"no example of {verb}"
 
 
-@pytest.mark.long("conformance", "recommend")
-@pytest.mark.slow("doctor", "sweep", "certify", "verify", "atlas", "run", "report", "check", "tune")
-@pytest.mark.parametrize("verb", [x for x in VERBS if x not in ("studio", "releases")])
+# verbs whose examples take long have tests of their own
+@pytest.mark.long("atlas", "check", "conformance", "doctor", "export", "recommend", "sweep", "tune")
+@pytest.mark.slow("run", "verify")
+@pytest.mark.parametrize("verb", [x for x in VERBS if x not in ("studio", "releases", "report", "certify")])
 def test_the_example_of_a_verb_runs(
-    verb: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """The example of `report` uses the rows of that of `run`, and the example of `verify` the certificate of that of `certify`."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    carry_out(verbs_and_examples()[verb], tmp_path, capsys)
+    for name in {"run": ("run", "report"), "verify": ("certify", "verify")}.get(verb, (verb,)):
+        carry_out(verbs_and_examples()[name], tmp_path, capsys)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_example_of_the_studio_serves_its_page_until_it_is_interrupted(tmp_path: Path) -> None:
     needs("uvicorn")
     (block,) = blocks(verbs_and_examples()["studio"])
@@ -147,7 +147,7 @@ def test_the_example_of_the_studio_serves_its_page_until_it_is_interrupted(tmp_p
 
 
 def carry_out(text: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Save the files of a page, run its commands and its Python in order, and compare what it shows with what they print."""
+    """Save the files of a page, run its commands and Python code in order, and compare their output with the page."""
     printed = ""
     for block in blocks(text):
         if block.remark.startswith("needs"):
@@ -166,7 +166,7 @@ def carry_out(text: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> No
 
 
 def run_commands(block: Block, capsys: pytest.CaptureFixture[str]) -> str:
-    """Return what the commands of a block print; they end with the exit code that the block's remark names, else with 0."""
+    """Run the commands of a block and return their output; their exit code must be that in the remark of the block, or 0."""
     code = int(block.remark.removeprefix("exit code")) if block.remark.startswith("exit code") else 0
     printed = ""
     for line in block.text.splitlines():
@@ -189,12 +189,23 @@ def test_a_figure_that_a_run_does_not_print_is_noticed() -> None:
 
 
 def tables_of(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """The tables of a JSON schema by the names of their classes, the whole file's among them."""
+    """Return name of a class -> properties, for all tables of a JSON Schema."""
     definitions = document.pop("$defs")
     return {name: x["properties"] for name, x in {document["title"]: document, **definitions}.items()}
 
 
-def test_the_index_has_every_key_of_the_grammar_once_and_nothing_else() -> None:
+LINES = (
+    '| <a id="gravity"></a>`gravity` | [number, number] | m/s² | `[0.0, -9.81]` | 1 |',
+    '| <a id="scenarios.hold"></a>`hold` | [link or joint, ...] |  | - | 2 |',
+    '| <a id="cylinders.barrel.length"></a>`length` | number > 0 | m | required | 2 |',
+    '| <a id="scenarios.start.slides"></a>`slides` | start slide → number | m | - | 1 |',
+    '| <a id="ground.points.from"></a>`from` | text |  | - | 1 |',
+    '| <a id="forces.joint_damping.c"></a>`c` | number >= 0 | N m s/rad or N s/m | required | 1 |',
+    "## `scenarios.NAME.driver` and `scenarios.NAME.drivers[]`, law `constant` { #table.scenarios.driver.constant }",
+)
+
+
+def test_the_index_has_every_key_of_the_grammar_once_with_type_unit_default_and_edition() -> None:
     expected = {(name, key) for name, keys in tables_of(schema.LinkageTable.model_json_schema()).items() for key in keys}
     indexed = [(entry.table.__name__, key) for entry, key, _ in list_keys()]
     assert len(indexed) == len(set(indexed))
@@ -204,22 +215,7 @@ def test_the_index_has_every_key_of_the_grammar_once_and_nothing_else() -> None:
     assert re.findall(r'^\| <a id="([^"]+)"></a>`', page, re.MULTILINE) == addresses
     anchors = addresses + re.findall(r"\{ #(\S+) \}", page)
     assert len(anchors) == len(set(anchors))
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        '| <a id="gravity"></a>`gravity` | [number, number] | m/s² | `[0.0, -9.81]` | 1 |',
-        '| <a id="scenarios.hold"></a>`hold` | [link or joint, ...] |  | - | 2 |',
-        '| <a id="cylinders.barrel.length"></a>`length` | number > 0 | m | required | 2 |',
-        '| <a id="scenarios.start.slides"></a>`slides` | start slide → number | m | - | 1 |',
-        '| <a id="ground.points.from"></a>`from` | text |  | - | 1 |',
-        '| <a id="forces.joint_damping.c"></a>`c` | number >= 0 | N m s/rad or N s/m | required | 1 |',
-        "## `scenarios.NAME.driver` and `scenarios.NAME.drivers[]`, law `constant` { #table.scenarios.driver.constant }",
-    ],
-)
-def test_the_index_says_type_unit_default_and_edition(line: str) -> None:
-    assert line in write_index().splitlines()
+    assert {*LINES} <= {*page.splitlines()}
 
 
 def test_every_number_of_the_grammar_has_a_unit_that_its_explanation_names() -> None:
@@ -235,22 +231,19 @@ def test_every_number_of_the_grammar_has_a_unit_that_its_explanation_names() -> 
             assert unit == "1" or unit in section, f"{address}: its explanation does not name the unit {unit}"
 
 
-def test_the_pages_have_every_force_and_every_verb() -> None:
+def test_the_pages_have_every_force_and_every_verb_and_name_files_that_exist() -> None:
     assert set(schema.FORCES) <= set(re.findall(r"`(\w+)`", pages_from_code.write_grammar()))
     page = pages_from_code.write_commands((DOCS / "pages" / "commands.md").read_text(encoding="utf-8"))
     assert all(f"## {name}\n" in page and f"usage: gauss-bench {name} " in page for name in VERBS)
     assert all(f"[{name}](formats/{name}.json)" in pages_from_code.write_formats() for name in list_formats())
-
-
-def test_files_named_by_pages_exist() -> None:
-    for page in PAGES:
-        for name in re.findall(r"`((?:gauss_bench|tests|mechanisms)/[\w/.]+\.\w+)`", page.read_text(encoding="utf-8")):
-            assert (ROOT / name).exists(), f"{page.name}: {name}"
+    for path in PAGES:
+        for name in re.findall(r"`((?:gauss_bench|tests|mechanisms)/[\w/.]+\.\w+)`", path.read_text(encoding="utf-8")):
+            assert (ROOT / name).exists(), f"{path.name}: {name}"
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A site of one page with its search page, and the documentation in it."""
+    """Return the folder of a site with one page, its search page, and the documentation."""
     if find_spec("mkdocs") is None:
         needs("mkdocs")
     folder = tmp_path_factory.mktemp("site")

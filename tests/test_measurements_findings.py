@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from gauss_bench.report.build import all_findings
-from gauss_bench.report.rows import KEYS, Run, chose_steps, run_time
+from gauss_bench.report.cases import chose_steps, run_time
+from gauss_bench.report.rows import KEYS, Run
 
 KEY = ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 2.0)
 Row = dict[str, Any]
@@ -209,7 +210,7 @@ CALLS += [asked("called from Python", "as called", 0.8), asked("called from Pyth
     ("title", "tables", "parts"),
     [
         ("What is left to be gained", {"bounds": SHARES}, ["42 to 50 % for a batch"]),
-        ("Kinematics", {"kinematics": [TURN]}, ["7.9 million on four_bar", "3.0e-14 at most"]),
+        ("Kinematics", {"kinematics": [TURN]}, ["7.9e+06 on four_bar", "at most 3.0e-14"]),
         (
             "One right-hand side",
             {"rhs": CALLS},

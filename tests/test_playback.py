@@ -1,4 +1,4 @@
-"""What a report plays of a run: poses of planted runs, as they are stored, and as a browser draws them."""
+"""The playback of runs: poses of planted runs as they are stored, and as a browser draws them."""
 
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from gauss_bench.report.drawings.drawing import canvas_of
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site.motion import find_turn, in_pixels
 from gauss_bench.report.site.playback import play_pair
-from gauss_bench.tables import KEY, read_table, write_schema, write_table
+from gauss_bench.tables import KEY, write_schema, write_table
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
@@ -28,7 +28,7 @@ LINK = 1  # the coupler, which is pulled off in the run that opens
 
 
 def motion(crank: Array) -> Array:
-    """States (k, n) with the crank at angles (k,), closed by Newton's method from the nearest of a turn."""
+    """Return states (k, n) with the crank at angles (k,), closed by Newton steps from interpolated states of a turn."""
     own = STATES[:, 3 * MECHANISM.crank + 2]
     guess = np.stack([np.interp(crank, own, x) for x in STATES.T], axis=-1)
     evaluator = Evaluator(MECHANISM)
@@ -65,13 +65,10 @@ def part(rows: list[dict[str, Any]], ends: str) -> Array:
     return np.array([[r[f"{axis}{ends}"] for axis in ("x", "y", "angle")] for r in rows]).reshape(-1, len(MECHANISM.links), 3)
 
 
-def test_poses_of_a_late_run_are_late_without_gaps() -> None:
+def test_a_late_run_is_ahead_without_gaps_and_an_open_one_has_the_planted_opening_as_its_gap() -> None:
     rows = poses(MECHANISM, run_of(AHEAD), truth())
     assert part(rows, "_ahead")[:, MECHANISM.crank, 2] == pytest.approx(LATE, abs=1e-12)
     assert np.abs(part(rows, "_gap")).max() < 1e-14
-
-
-def test_the_gap_of_a_run_is_the_planted_opening_and_the_parts_add_up_to_its_pose() -> None:
     rows = poses(MECHANISM, run_of(opened()), truth())
     exact, ahead, gap = part(true_poses(MECHANISM, truth()), ""), part(rows, "_ahead"), part(rows, "_gap")
     shown = (exact + ahead + gap).reshape(len(exact), -1)
@@ -83,18 +80,13 @@ def test_the_gap_of_a_run_is_the_planted_opening_and_the_parts_add_up_to_its_pos
         residual = evaluator.constraints(0.0, whole, 0 * q).phi
         assert np.abs(residual).max() == pytest.approx(OPEN, rel=1e-9), "a pin of the coupler is not apart by what was planted"
         assert rows_there.J @ pulled == pytest.approx(residual, abs=OPEN**2 * 50)
-
-
-def test_a_run_that_ends_early_has_the_poses_that_it_reached() -> None:
-    short = Trajectory(TIMES[:20], TRUE[:20], 0 * TRUE[:20], 0 * TRUE[:20], 20)
-    assert len(poses(MECHANISM, short, truth())) == 20 * len(MECHANISM.links)
     lost = opened()
     lost[10:] = np.nan
-    assert len(poses(MECHANISM, run_of(lost), truth())) == 10 * len(MECHANISM.links)
+    assert len(poses(MECHANISM, run_of(lost), truth())) == 10 * len(MECHANISM.links)  # it ends early
 
 
 def test_the_default_and_the_most_exact_valid_run_of_each_engine_are_stored() -> None:
-    """At the step nearest to a millisecond; no negative controls."""
+    """The step is the nearest to a millisecond, and negative controls are not stored."""
     steps = (1e-2, 1e-3, 1e-4)
     cases = [Case("four_bar", "torque", "gauss", "default", i, "none", h, 0.5) for h in steps for i in ("rk4", "dop853", "euler")]
     cases += [Case("four_bar", "torque", "yuan_ge_eq16", "default", "rk4", "none", h, 0.5) for h in steps]
@@ -112,7 +104,7 @@ def test_the_default_and_the_most_exact_valid_run_of_each_engine_are_stored() ->
 
 @pytest.fixture(scope="module")
 def planted(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of a late engine and one that opens, and its site."""
+    """Return the folder of a run with a late engine and with one whose loops open."""
     folder = tmp_path_factory.mktemp("planted")
     runs = {"gauss-native": AHEAD, "mujoco": opened()}
     cases = {x: CASE | {"engine": x, "integrator": "rk4"} for x in runs}
@@ -121,12 +113,11 @@ def planted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_table("motions", [place | x for x in true_poses(MECHANISM, truth())], folder)
     write_table("poses", [cases[x] | row for x, q in runs.items() for row in poses(MECHANISM, run_of(q), truth())], folder)
     write_schema(folder)
-    build_report(folder)
     return folder
 
 
 def expected(frame_at: int, factor: float, engine: str) -> Array:
-    """Where links of a planted run are drawn (links, 3) [px, px, degrees], worked out from what was planted alone."""
+    """Return the places of the links of a planted run as drawn, (links, 3) [px, px, degrees]."""
     at = frame_at * (HALF // 50)
     canvas = canvas_of(MECHANISM, STATES)
     if engine == "gauss-native":
@@ -136,7 +127,7 @@ def expected(frame_at: int, factor: float, engine: str) -> Array:
 
 
 def test_a_page_plays_what_was_planted(planted: Path) -> None:
-    """To the digits that stored differences have; the pulled link stands off by what it was pulled, the others in their places."""
+    """Data have the digits of stored differences; the pulled link is off by the planted opening, others are in their places."""
     found = play_pair(read_run(planted), "four_bar", "torque")
     assert found is not None
     data = found[1]
@@ -146,15 +137,12 @@ def test_a_page_plays_what_was_planted(planted: Path) -> None:
     assert max(late["open"]) < 1e-9 < 1e-3 < min(late["off"])
     assert min(apart["off"]) == pytest.approx(1e3 * OPEN, rel=1e-3)
     assert 0 < max(apart["open"]) <= 1e3 * OPEN
-    assert read_table("poses", planted)
-
-
-def test_without_poses_there_is_no_playback() -> None:
     assert play_pair(Run(), "four_bar", "torque") is None
 
 
 @pytest.mark.slow
 def test_a_browser_draws_the_planted_runs_with_what_was_planted(planted: Path, browser: Any) -> None:
+    build_report(planted)
     page = browser.new_page()
     page.goto((planted / "site" / "linkage-four_bar.html").as_uri())
     at = """([side, i]) => document.querySelector(`#pair [data-side=${side}] [data-link="${i}"]:not([data-x])`)

@@ -1,4 +1,4 @@
-"""What is published comes from a committed tree; `make` is asked, with everything that it would start replaced by a word."""
+"""Rows are published from a committed tree alone; `make` runs with stand-ins for all its commands."""
 
 import os
 import shutil
@@ -20,7 +20,7 @@ FIELD = [
 
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
-    """A committed tree with the project's Makefile, in which `gauss-bench` writes down how it was called."""
+    """Return a committed tree with the project's Makefile, in which stand-ins write down their arguments."""
     shutil.copy(ROOT / "Makefile", tmp_path)
     (tmp_path / ".gitignore").write_text(".venv/\nreports/local/\n")
     (tmp_path / "reports").mkdir()
@@ -38,7 +38,7 @@ def tree(tmp_path: Path) -> Path:
 
 
 def make(tree: Path, goal: str) -> tuple[int, str, str]:
-    """Exit code, what was called, and what was said."""
+    """Run `make` for a goal; return its exit code, the arguments of all calls, and its stderr."""
     clean = {k: v for k, v in os.environ.items() if not k.startswith(("GIT_", "MAKE"))}
     done = subprocess.run(["make", goal], cwd=tree, capture_output=True, text=True, env=clean)
     called = tree / ".venv" / "called"

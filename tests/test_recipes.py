@@ -1,7 +1,8 @@
-"""New kinds as CONTRIBUTING.md has them: each is one file, its keys and a line, and every part of the suite takes or refuses it.
+"""New kinds of constraints and forces as in CONTRIBUTING.md: a file, its keys and a line. All parts of the suite support or refuse
+them.
 
-A rack and pinion holds a weighted sum of coordinates, a magnet pushes by the inverse square of a distance. Their motions are known
-without the suite: a torque T on the pinion turns it with the acceleration T / (I + m R^2).
+A rack and pinion holds a weighted sum of coordinates; a magnet pushes by the inverse square of a distance. Their motions are known
+without the suite: a torque T on the pinion gives it the acceleration T / (I + m R^2).
 """
 
 import shutil
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import DATA
-from tests.test_contributing import copy_of_the_package, insert, run
+from tests.test_contributing import copied, insert, said_by
 
 FILES = {
     "rack_and_pinion": '''"""A wheel that rolls on a slide."""
@@ -66,47 +67,22 @@ class Magnet:
     def to_loads(self) -> tuple[Load, ...]:
         return (Law(Distance(self.a, self.b), inverse_square=self.strength),)
 ''',
-    "motor": '''"""A motor that loses torque with its speed."""
-
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
-
-from gauss_bench.mechanism.model import GROUND, Angle, Law, Load, Names
-
-
-@dataclass(frozen=True, eq=False)
-class Motor:
-    """Torque stall - drag omega on a link [N m], the opposite one on the ground."""
-
-    name: str
-    link: int
-    stall: float
-    drag: float
-
-    @classmethod
-    def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "Motor":
-        return cls(name, names.link(table["link"]), names.number(table, "stall"), names.number(table, "drag"))
-
-    def to_loads(self) -> tuple[Load, ...]:
-        return (Law(Angle(GROUND, self.link), c=self.drag, bias=self.stall),)
-''',
 }
 KEYS = {
     "rack_and_pinion": ("RackAndPinion", "joint: Text\n    links: list[Text]\n    radius: Number"),
     "magnet": ("Magnet", "between: Couple\n    strength: Number"),
-    "motor": ("Motor", "link: Text\n    stall: Number\n    drag: Number"),
 }
 THROUGH = """
 import contextlib, io, sys
-from pathlib import Path
 
 import numpy as np
 
 from gauss_bench.api.simulate import simulate
+from gauss_bench.compiler.elimination.program import generate
 from gauss_bench.cli import main
 from gauss_bench.engines import FOREIGN, get, names
-from gauss_bench.exchange.export import KINDS
+from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.export import KINDS, export_linkage
 from gauss_bench.linkage.load import document_of, load
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.studio import reading, scene
@@ -116,9 +92,7 @@ mechanism = load(FILE)
 document, _, _ = document_of(FILE)
 
 
-def wanted(theta, omega):
-    if KIND == "motor":
-        return (2.0 - 0.3 * omega) / 0.02
+def wanted(theta):
     if KIND == "rack_and_pinion":
         return 0.7 / (0.02 + 3.0 * 0.1**2)
     arm, pole = 0.3 * np.array([np.cos(theta), np.sin(theta)]), np.array([0.5, 0.0])
@@ -145,54 +119,46 @@ for name in names():
         continue
     ran.append(name)
     wheel = next(iter(found.links.values()))
-    for theta, omega, alpha in zip(wheel["theta"], wheel["omega"], wheel["alpha"]):
-        assert abs(alpha - wanted(theta, omega)) < 1e-6 * abs(wanted(theta, omega)), (name, alpha, wanted(theta, omega))
+    for theta, alpha in zip(wheel["theta"], wheel["alpha"]):
+        assert abs(alpha - wanted(theta)) < 1e-6 * abs(wanted(theta)), (name, alpha, wanted(theta))
     if KIND == "magnet":
         gaps = np.hypot(0.3 * np.cos(wheel["theta"]) - 0.5, 0.3 * np.sin(wheel["theta"]))
         energies = 0.5 * 0.02 * wheel["omega"] ** 2 + 0.05 / gaps
         assert np.ptp(energies) < 1e-6 * energies[0], (name, energies)
 assert {"gauss", "lagrange", "gauss-native", "lagrange-native"} <= set(ran), ran
-if KIND == "motor":
-    from gauss_bench.compiler.elimination.program import generate
-
-    program = generate(mechanism, "gauss", ("forces.drive.stall", "forces.drive.drag"))
-    assert list(program.values) == [2.0, 0.3]
+if KIND == "magnet":
+    assert list(generate(mechanism, "gauss", ("forces.drive.strength",)).values) == [0.05]
 assert "<svg" in draw(mechanism)
 assert scene.scene(reading.read(document))["links"]
 
 
-def command(*words):
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        return main([*words]), out.getvalue(), err.getvalue()
-
-
 for kind in KINDS:
-    code, _, said = command("export", FILE, "--engine", kind, "--out", f"exported_{kind}")
-    assert code == 0 or any(word in said for word in (*named, "RackAndPinion")), (kind, said)
-code, told, _ = command("certify", FILE)
-assert code == 1 and ("mesh" in told or "drive" in told), told
-asked = [x for name in ("gauss", "gauss-native", "pinocchio") for x in ("--engine", name)]
-code, _, said = command("run", FILE, "--no-costs", "--until", "0.1", "--steps", "1e-3", *asked, "--out", "reported", "--report")
-assert code == 0, said
-assert (Path("reported") / "site").is_dir()
+    try:
+        export_linkage(mechanism, kind, 1e-3)
+    except ExchangeError as error:
+        assert any(word in str(error) for word in (*named, "RackAndPinion")), (kind, error)
+said = io.StringIO()
+with contextlib.redirect_stdout(said):
+    assert main(["certify", FILE]) == 1
+assert "mesh" in said.getvalue() or "drive" in said.getvalue(), said.getvalue()
+assert main(["run", FILE, "--no-costs", "--until", "0.1", "--steps", "1e-2", "--engine", "gauss", "--out", "rows"]) == 0
 print(*ran)
 """
 
 
-@pytest.mark.long("magnet", "motor")
+@pytest.mark.long("magnet")
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", FILES)
 def test_a_new_kind_is_a_file_its_keys_and_a_line(kind: str, tmp_path: Path) -> None:
-    package = copy_of_the_package(tmp_path)
+    package = copied(tmp_path) / "gauss_bench"
     name, keys = KEYS[kind]
     (package / "mechanism" / f"{kind}.py").write_text(FILES[kind], encoding="utf-8")
     schema = package / "linkage" / "schema.py"
     table = f"class {name}Table(Table):\n    read: ClassVar = {name}.read\n"
     table += f'    type: Literal["{kind}"]\n    {keys}\n\n\n'
     insert(schema, "class TableOverTime(Table", table)
-    other = '"coulomb_friction": CoulombFrictionTable' if kind in ("magnet", "motor") else '"knife_edge": KnifeEdgeTable'
+    other = '"coulomb_friction": CoulombFrictionTable' if kind == "magnet" else '"knife_edge": KnifeEdgeTable'
     insert(schema, other, f'"{kind}": {name}Table, ')
     insert(schema, "FORMAT = ", f"from gauss_bench.mechanism.{kind} import {name}\n")
     shutil.copy(DATA / "new_kinds" / f"{kind}.toml", tmp_path / "new.toml")
-    assert "gauss-native" in run(tmp_path, f"import sys\nsys.argv = ['', {kind!r}]\n{THROUGH}")
+    assert "gauss-native" in said_by(tmp_path, "-c", THROUGH, kind)

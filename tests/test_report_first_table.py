@@ -1,4 +1,4 @@
-"""The first table: one base for every multiple, own engines marked, both ways of Pinocchio, and why there is no time."""
+"""The first table: multiples of the fastest engine, marks of own engines, both loops of Pinocchio, reasons for missing times."""
 
 import math
 from typing import Any

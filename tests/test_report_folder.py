@@ -1,4 +1,4 @@
-"""A report touches nothing that is not its own, and is not made of nothing."""
+"""A report replaces its own files alone, and a folder without a run has no report."""
 
 from pathlib import Path
 

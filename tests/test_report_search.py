@@ -1,4 +1,4 @@
-"""What the report says of searches, from rows whose answers are known."""
+"""Findings on searches, from rows with known answers."""
 
 from typing import Any
 
@@ -63,7 +63,7 @@ REACHED = winner("jansen", "pinocchio", 1.0) | {"ratio": float("nan")}
         ([*ROWS, LOST, winner("jansen", "pinocchio", None)], "**Our own engines do not reach it on jansen**. "),
         ([*ROWS, LOST, REACHED], "**Our own engines do not reach it on jansen**, `pinocchio` does. "),
         ([*ROWS, LOST, winner("jansen", "lagrange-native", 1.0, own=True)], "The cheaper of"),
-        (AIMED, "**Short of the aim**: `pinocchio` on six_bar 7.00 (6.86..7.14) of 20.0. "),
+        (AIMED, "**Our lead misses its target** over `pinocchio` on six_bar 7.00 (6.86..7.14) instead of 20.0. "),
     ],
 )
 def test_a_defeat_stands_first(rows: list[dict[str, Any]], start: str) -> None:

@@ -1,23 +1,16 @@
-"""The summary beside the rows: short, what is lost first, and nothing in it that the rows do not say."""
+"""The summary beside the rows is short, begins with defeats, and follows from the rows."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import pytest
 
-from gauss_bench.report.build import all_findings, read_run
 from gauss_bench.report.content import Bullets, Finding, Section, Table
 from gauss_bench.report.pages import markdown_page
 from gauss_bench.report.rows import Run
 from gauss_bench.report.summary import summary
+from tests.published import REPORTS, published, published_findings
 
-PUBLISHED = Path(__file__).parents[1] / "reports"
 LIMIT = 30_000  # bytes that a reviewer reads
-
-
-@pytest.fixture(scope="module")
-def run() -> Run:
-    return read_run(PUBLISHED)
 
 
 def tables(sections: Sequence[Section]) -> list[tuple[str, Table]]:
@@ -25,9 +18,9 @@ def tables(sections: Sequence[Section]) -> list[tuple[str, Table]]:
     return inside + [x for s in sections for x in tables(s.parts)]
 
 
-def test_the_published_summary_follows_from_the_published_rows(run: Run) -> None:
-    page = markdown_page(run, summary(run, all_findings(run)))
-    assert (PUBLISHED / "README.md").read_text(encoding="utf-8") == page, "write it again: gauss-bench report --out reports"
+def test_the_published_summary_follows_from_the_published_rows() -> None:
+    page = markdown_page(published(), summary(published(), published_findings()))
+    assert (REPORTS / "README.md").read_text(encoding="utf-8") == page, "write it again: gauss-bench report --out reports"
     assert len(page.encode()) <= LIMIT
 
 
@@ -35,20 +28,20 @@ def test_defeats_come_first_in_the_summary() -> None:
     found = [
         Finding("Fine", "All is well.", "good"),
         Finding("Odd", "Something is odd.", "warn"),
-        Finding("Race", "It is fast. **Slower than `x` on y 0.5.** **Short of the aim**: y 2 of 3. More of it.", "warn"),
+        Finding("Race", "It is fast. **Slower than `x` on y 0.5.** **Our lead misses its target** over y. More of it.", "warn"),
     ]
     _, lost, won = summary(Run(), found)
     (bullets,), (others,) = lost.blocks, won.blocks
     assert isinstance(bullets, Bullets)
     assert isinstance(others, Bullets)
-    assert bullets.items == ["**Race.** Slower than `x` on y 0.5. Short of the aim: y 2 of 3.", "**Odd.** Something is odd."]
+    assert bullets.items == ["**Race.** Slower than `x` on y 0.5. Our lead misses its target over y.", "**Odd.** Something is odd."]
     assert others.items == ["**Fine.** All is well."]
 
 
-def test_every_engine_has_its_least_error_and_every_winner_its_ratio(run: Run) -> None:
-    """Worked out a second time: the least error among usable cases, and times over that of the fastest of all."""
-    sections = summary(run, ())
-    for name, table in tables(sections):
+def test_every_engine_has_its_least_error_and_every_winner_its_ratio() -> None:
+    """Both are computed a second time: the least error of usable cases, and times divided by the smallest time."""
+    run = published()
+    for name, table in tables(summary(run, ())):
         for row in table.rows if table.head[1:2] != ("four_bar: error [m]",) else ():  # tests/test_readme.py holds that one
             if name in run.linkages:
                 cases = [r for r in run.of(name) if (r["engine"], r["settings"]) == (row[0].text, row[1].text)]

@@ -1,4 +1,4 @@
-"""What a run looks like: its curves, its table, the linkage moving, and what is said where it is not to be trusted."""
+"""Pictures of a run: its curves, its table and the moving linkage, with marks on the part that is not trusted."""
 
 import csv
 import io
@@ -63,7 +63,7 @@ def overlaps(boxes: list[tuple[str, Box]]) -> list[tuple[str, str]]:
 
 
 def written(svg: str) -> list[tuple[str, Box]]:
-    """Texts of a drawing with the boxes of their letters, set in a font as wide as Helvetica."""
+    """Return the texts of a drawing with the boxes of their letters, in a font that is as wide as Helvetica."""
     found = []
     for x in ET.fromstring(svg).iter(f"{SVG}text"):
         size = float(x.get("font-size", 13)) * 0.9
@@ -84,7 +84,8 @@ def test_names_in_drawings_neither_meet_nor_leave_the_picture() -> None:
 
 
 def test_springs_motors_and_cylinders_are_drawn() -> None:
-    jansen, excavator = draw(*pose_links("jansen")), draw(*pose_links("excavator"))
+    """They are in the drawings beside the linkage files; another test checks that these are up to date."""
+    jansen, excavator = (built_in()[name].with_suffix(".svg").read_text() for name in ("jansen", "excavator"))
     assert all(f">{name}</text>" in jansen for name in ("cord", "cross", "coil", "motor", "load"))
     assert jansen.count("non-scaling-stroke") > excavator.count("non-scaling-stroke") > 0
     assert "boom.Q-bucket.R" in excavator

@@ -1,4 +1,4 @@
-"""The site in a real browser, opened from a folder and under an address alike; and its numbers, recomputed from the rows."""
+"""The site in a browser, from a folder and under an address; and its numbers, computed from the rows a second time."""
 
 import functools
 import http.server
@@ -6,7 +6,6 @@ import json
 import math
 import os
 import re
-import resource
 import shutil
 import subprocess
 import sys
@@ -25,45 +24,23 @@ import pytest
 from markupsafe import Markup
 
 from gauss_bench.bench.runner import own_files
-from gauss_bench.report.build import all_findings, build_report, read_run
+from gauss_bench.report.build import build_report
 from gauss_bench.report.content import UNMEASURED, Cell, Table, make_cell
-from gauss_bench.report.palette import HUES, PAPERS, SHAPES, slots
+from gauss_bench.report.palette import ENGINES, HUES, PAPERS, SHAPES, slots
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import field
-from gauss_bench.report.site import tables_page
 from gauss_bench.report.site.cards import CARDS, HOLDS
-from gauss_bench.report.site.chapters import method_page
-from gauss_bench.report.site.charts import over_time, points
 from gauss_bench.report.site.engine import engine_page, explain_time, runs_of_engines
 from gauss_bench.report.site.first import pack
 from gauss_bench.report.site.formulas import is_formula, mathml
 from gauss_bench.report.site.linkage import linkage_page
 from gauss_bench.report.site.page import ENVIRONMENT, HEADLINE, headline, rich, script_text, sentence_of, short_label
-from gauss_bench.report.site.settings import all_settings, cheapest, cheapest_stored, describe_setting
+from gauss_bench.report.site.settings import all_settings, cheapest_stored, describe_setting
 from gauss_bench.suites.read import read_suite, restrict
-from gauss_bench.tables import TABLES, read_table
 from tests.conftest import DOCUMENTATION, needs
+from tests.published import REPORTS, published, published_findings
 
-REPORTS = Path(__file__).parents[1] / "reports"
-SHOWN = (
-    "index",
-    "linkage-eight_bar",
-    "engine-mujoco",
-    "papers",
-    "kernel",
-    "method",
-    "findings",
-    "data",
-    "cite",
-    "engines",
-    "engine-bullet",
-)
-BOTH = ("index", "linkage-eight_bar", "papers")  # opened from a folder and under an address; of the others each in one way
-
-MOST_SECONDS = 30  # of processor time to build the site with its documentation
-
-LEAST = {"kernel_steps": "ratio", "kernel_batch": "ratio", "kernel_rhs": "ratio", "kernel_kinematics": "rate"}
-LARGEST = {"kernel_agreement": "error", "kernel_long": "velocity_drift"}
+SERVED = ("index", "papers", "findings", "engine-bullet")  # pages that are opened under an address in every run of the tests
 
 
 @pytest.fixture(scope="module")
@@ -74,16 +51,11 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def run() -> Run:
-    return read_run(REPORTS)
-
-
 # Numbers, a second way
 
 
 def table(name: str) -> pd.DataFrame:
-    """A published table as pandas reads it, its times beside it."""
+    """Return a published table with its times, as pandas reads it."""
     places = [folder / f"{name}.{kind}" for folder in (REPORTS, REPORTS / "times") for kind in ("csv", "parquet")]
     reads = {".csv": lambda p: pd.read_csv(p, keep_default_na=False, na_values=[""]), ".parquet": pd.read_parquet}
     frames = [reads[p.suffix](p) for p in places if p.exists()]
@@ -93,7 +65,8 @@ def table(name: str) -> pd.DataFrame:
     return rows
 
 
-def test_every_number_of_the_cards_follows_from_the_published_files(run: Run) -> None:
+def test_every_number_of_the_cards_follows_from_the_published_files() -> None:
+    run = published()
     said = {card.question: card for make in CARDS if (card := make(run)) is not None}
     results = table("results")
     fine = results[results.status.isin(["ok", "invalid"]) & ~results.control.astype(bool) & (results.settings == "default")]
@@ -120,28 +93,8 @@ def test_every_number_of_the_cards_follows_from_the_published_files(run: Run) ->
     assert f"{len(digits)} scenarios" in said["Why trust this?"].sentence
 
 
-def test_missed_targets_follow_from_the_figures_and_not_from_the_flags_of_rows(run: Run) -> None:
-    aimed = {name: table(name).dropna(subset=["target"]) for name in LARGEST | LEAST}
-    missed = sum(int((aimed[name][column] > aimed[name].target).sum()) for name, column in LARGEST.items())
-    missed += sum(int((aimed[name][column] < aimed[name].target).sum()) for name, column in LEAST.items())
-    total = sum(map(len, aimed.values()))
-    (text,) = (x.text for x in all_findings(run) if x.title == "Targets of the kernel")
-    assert (f"{missed} of {total} targets" if missed else f"All {total} targets") in text
-
-
-def test_the_first_screen_takes_the_cheapest_that_holds(run: Run) -> None:
-    """The setting for MuJoCo's eight-bar within a tenth of a millimetre, looked for in the rows themselves."""
-    settings = all_settings(run)["eight_bar"]
-    one = cheapest(settings, 1e-4)["mujoco"]
-    ladder = table("search_ladder").query("mechanism == 'eight_bar' and engine == 'mujoco' and status == 'ok'")
-    passing = ladder[ladder.position_error <= 1e-4]
-    assert ((passing.settings == one.settings) & np.isclose(passing.step, one.step)).any()
-    rivals = [x for x in settings if x.engine == "mujoco" and x.position <= 1e-4]
-    assert one.seconds == min(x.seconds for x in rivals if math.isfinite(x.seconds))
-    assert not cheapest(settings, 0.0)
-
-
-def test_a_race_at_the_same_accuracy_replaces_the_estimate(run: Run) -> None:
+def test_a_race_at_the_same_accuracy_replaces_the_estimate() -> None:
+    run = published()
     winners = table("search_winners").query("required == 'position' and status == 'ok'")
     for row in winners.dropna(subset=["seconds"]).itertuples():
         one = cheapest_stored(run, row.mechanism, row.accuracy)[row.engine]
@@ -149,7 +102,8 @@ def test_a_race_at_the_same_accuracy_replaces_the_estimate(run: Run) -> None:
         assert one.settings == row.settings
 
 
-def test_the_costs_of_the_field_follow_from_its_files_and_every_engine_of_an_environment_has_a_page(run: Run) -> None:
+def test_the_costs_of_the_field_follow_from_its_files_and_every_engine_of_an_environment_has_a_page() -> None:
+    run = published()
     assert run.beside is not None
     folder = REPORTS / "field"
     times, rows = (
@@ -205,12 +159,14 @@ def test_engines_of_a_figure_share_neither_colour_nor_marker() -> None:
     engines = [*list(HUES)[:7], "mine", "yours"]
     assert len(set(slots(engines).values())) == len(engines)
     assert len(set(SHAPES)) == len(SHAPES) >= len(HUES)
+    assert len(set(ENGINES.values())) == len(ENGINES)
 
 
 # Words
 
 
-def test_a_setting_is_in_the_engines_own_words(run: Run) -> None:
+def test_a_setting_is_in_the_engines_own_words() -> None:
+    run = published()
     every = (x for settings in all_settings(run).values() for x in settings)
     rigid = next(x for x in every if x.engine == "mujoco" and x.settings == "rigid_slower/[0.05, 1.0]/1")
     said = describe_setting(run, rigid)
@@ -222,26 +178,26 @@ def test_a_setting_is_in_the_engines_own_words(run: Run) -> None:
     assert describe_setting(Run(), rigid) == rigid.words
 
 
-def test_a_finding_begins_with_one_sentence_of_bounded_length(run: Run) -> None:
+def test_a_finding_begins_with_one_sentence_of_bounded_length() -> None:
     assert headline("**A is slow.** It is `b`.") == "A is slow."
     assert headline(f"7 of 9 fail: {'x, ' * 200}y.") == "7 of 9 fail."
     assert headline(f"Slower than `a` ({'x, ' * 100}) on b 0.5.") == "Slower than `a` on b 0.5."
-    assert all(len(headline(x)) <= HEADLINE + 1 for x in ("word " * 200, *(x.text for x in all_findings(run))))
+    assert all(len(headline(x)) <= HEADLINE + 1 for x in ("word " * 200, *(x.text for x in published_findings())))
 
 
-def test_each_finding_is_one_sentence_and_opens_rows_with_the_same_numbers(run: Run) -> None:
-    for one in all_findings(run):
+def test_each_finding_is_one_sentence_and_opens_rows_with_the_same_numbers() -> None:
+    for one in published_findings():
         said = sentence_of(one)
         cells = [cell.text for table in one.behind for row in table.rows for cell in row]
         assert cells, f"{one.title}: no rows"
         assert len(re.findall(r"[.!?](?= [A-Z`])", said)) == 0, said
         figures = re.findall(r"\d+(?:\.\d+)?e-?\d+|\d+\.\d+", said)
         assert not [x for x in figures if not any(x in cell for cell in cells)], said
-    counted = {x.title: (int(sentence_of(x).split()[0]), x) for x in all_findings(run) if sentence_of(x)[0].isdigit()}
+    counted = {x.title: (int(sentence_of(x).split()[0]), x) for x in published_findings() if sentence_of(x)[0].isdigit()}
     for title in ("Failed cases", "Ran, but not valid"):
         number, one = counted[title]
         assert number == len(one.behind[0].rows)
-    (targets,) = (x for x in all_findings(run) if x.title == "Targets of the kernel")
+    (targets,) = (x for x in published_findings() if x.title == "Targets of the kernel")
     rows = targets.behind[0].rows
     missed = sum(row[-1].text == "no" for row in rows)
     start = f"{missed} of {len(rows)} targets" if missed else f"All {len(rows)} targets"
@@ -262,46 +218,27 @@ def test_a_long_cell_opens_from_a_short_label_and_no_cell_is_empty() -> None:
     assert short_label("word " * 30) == f"{'word ' * 8}..."
 
 
-@pytest.mark.parametrize(
-    ("text", "made"),
-    [
-        ("J^-1", "<msup><mi>J</mi><mrow><mo>-</mo><mn>1</mn></mrow></msup>"),
-        ("x1'", "<msup><msub><mi>x</mi><mn>1</mn></msub><mrow><mo>\N{PRIME}</mo></mrow></msup>"),
-        ("th1^2", "<msup><msub><mi>θ</mi><mn>1</mn></msub><mrow><mn>2</mn></mrow></msup>"),
-        ("M^(1/2)", "<msup><mi>M</mi><mrow><mn>1</mn><mo>/</mo><mn>2</mn></mrow></msup>"),
-        ("J^- = <", "<msup><mi>J</mi><mrow><mo>-</mo></mrow></msup></math> <math><mo>=</mo><mspace></mspace><mo>&lt;</mo>"),
-    ],
-)
-def test_formulas_are_typeset(text: str, made: str) -> None:
-    plain = str(mathml(text)).replace(' stretchy="false"', "").replace(' width="0.2em"', "").replace("\N{MINUS SIGN}", "-")
-    assert plain == f"<math>{made}</math>"
+FORMULAS = {
+    "J^-1": "<msup><mi>J</mi><mrow><mo>-</mo><mn>1</mn></mrow></msup>",
+    "x1'": "<msup><msub><mi>x</mi><mn>1</mn></msub><mrow><mo>\N{PRIME}</mo></mrow></msup>",
+    "th1^2": "<msup><msub><mi>θ</mi><mn>1</mn></msub><mrow><mn>2</mn></mrow></msup>",
+    "M^(1/2)": "<msup><mi>M</mi><mrow><mn>1</mn><mo>/</mo><mn>2</mn></mrow></msup>",
+    "J^- = <": "<msup><mi>J</mi><mrow><mo>-</mo></mrow></msup></math> <math><mo>=</mo><mspace></mspace><mo>&lt;</mo>",
+}
 
 
-def test_text_with_words_is_no_formula_and_the_published_papers_have_many(run: Run) -> None:
+def test_formulas_are_typeset_and_text_with_words_is_none() -> None:
+    for text, made in FORMULAS.items():
+        plain = str(mathml(text)).replace(' stretchy="false"', "").replace(' width="0.2em"', "").replace("\N{MINUS SIGN}", "-")
+        assert plain == f"<math>{made}</math>"
     assert not is_formula("both as printed")
     assert not is_formula("J as printed, all entries but (6, 6)")
     assert is_formula("a = J^- g + (I - J^- J) h")
-    assert sum(is_formula(str(r["printed"])) for r in run.table("audit")) > 30
+    assert sum(is_formula(str(r["printed"])) for r in published().table("audit")) > 30
 
 
-def test_the_method_begins_with_what_is_compared_what_is_true_and_what_a_time_is(run: Run) -> None:
-    """Each is one short paragraph with its formula, before any list or table."""
-    sections = re.findall(r"<section><h2 id=.(\w+).*?</h2>(.*?)</section>", str(method_page(run).body), re.DOTALL)[:3]
-    assert [name for name, _ in sections] == ["compared", "truth", "measured"]
-    for _, text in sections:
-        assert text.count("<p>") == 1
-        assert "<math>" in text
-        assert 20 < len(Markup(text).striptags().split()) < 100
-    assert "<mi>\N{GREEK SMALL LETTER GAMMA}</mi>" in sections[0][1]
-
-
-def test_an_axis_is_no_longer_than_its_data() -> None:
-    rows = [{"engine": "a", "line": "a", "name": "a", "x": x, "y": 1e-3, "end": x == 2.0, "label_y": 1e-3} for x in (0.0, 2.0)]
-    assert over_time(rows, "y")["encoding"]["x"]["scale"]["domain"] == [0, 2.0]
-    assert not any(points(rows, "x", "y")["encoding"][k]["scale"]["nice"] for k in "xy")
-
-
-def test_why_an_engine_takes_so_long_is_steps_times_time_of_a_step(run: Run) -> None:
+def test_why_an_engine_takes_so_long_is_steps_times_time_of_a_step() -> None:
+    run = published()
     said, shown = explain_time(run, "exudyn") or ("", None)
     assert "times as many steps" in said
     assert shown is not None
@@ -342,15 +279,6 @@ def test_a_users_own_linkage_is_drawn_and_turns_from_what_its_run_kept(tmp_path:
     assert "3 moving links" in page.lead
     for damaged in ({}, {"mine": "not ["}, {"mine": 3}, ["mine"]):
         assert "<svg" not in linkage_page(Run({"linkages": damaged}), "mine", "torque").body
-
-
-def test_a_table_of_more_numbers_than_huge_is_published_as_parquet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = read_table("scaling", Path(__file__).parents[1] / "reports")
-    numbers = len(rows) * len(TABLES["scaling"].columns)
-    for most, files in ((numbers, {"scaling.csv"}), (numbers - 1, {"scaling.parquet"})):
-        monkeypatch.setattr(tables_page, "HUGE", most)
-        (folder := tmp_path / str(most)).mkdir()
-        assert {x.name for x in tables_page.write_data(folder, {"scaling": rows})} == files == {x.name for x in folder.iterdir()}
 
 
 def test_a_dash_has_the_reason_of_its_column_or_of_the_run() -> None:
@@ -397,7 +325,7 @@ def test_sizes_and_addresses(out: Path) -> None:
 
 @pytest.fixture(scope="module")
 def address(out: Path) -> Iterator[str]:
-    """The site under a path prefix on this machine."""
+    """Serve the site on this machine under an address with a path."""
 
     class Quiet(http.server.SimpleHTTPRequestHandler):
         def log_message(self, *_: object) -> None:
@@ -414,7 +342,7 @@ DRAWN = "!document.querySelector('[data-chart]') || document.documentElement.dat
 
 
 def opened(browser: Any, url: str, first: str = "", **look: Any) -> tuple[Any, list[str]]:
-    """A page with everything drawn, and what went wrong or was asked of others."""
+    """Return a page with all figures drawn, and a list of its errors, warnings and requests to other addresses."""
     page = browser.new_page(**({"viewport": {"width": 1440, "height": 900}} | look))
     page.add_init_script(first)
     wrong: list[str] = []
@@ -427,18 +355,14 @@ def opened(browser: Any, url: str, first: str = "", **look: Any) -> tuple[Any, l
 
 
 @pytest.mark.parametrize("every", [pytest.param(False, marks=pytest.mark.slow), pytest.param(True, marks=pytest.mark.long)])
-def test_a_page_opens_from_a_folder_and_under_an_address(browser: Any, address: str, out: Path, every: bool) -> None:
-    """Pages of every kind, or all of them."""
-    names = sorted(p.name for p in (out / "site").glob("*.html"))
+def test_a_page_opens_under_an_address(browser: Any, address: str, out: Path, every: bool) -> None:
+    """Some pages are opened, at night all of them; the next tests open pages from a folder."""
+    names = sorted(p.stem for p in (out / "site").glob("*.html"))
     assert len(names) > 30
-    assert {f"{name}.html" for name in SHOWN} < {*names}
-    folder = (out / "site").as_uri() + "/"
-    for i, name in enumerate(names if every else sorted(f"{name}.html" for name in SHOWN)):
-        bases = (folder, address) if name.removesuffix(".html") in BOTH else ((folder, address)[i % 2],)
-        for base in bases:
-            page, wrong = opened(browser, base + name)
-            assert not wrong, f"{base + name}: {wrong[:3]}"
-            page.close()
+    for name in names if every else SERVED:
+        page, wrong = opened(browser, f"{address}{name}.html")
+        assert not wrong, f"{name}: {wrong[:3]}"
+        page.close()
 
 
 BLANK = """[...document.querySelectorAll("table")].filter(t => t.getClientRects().length).flatMap(t => [...t.rows])
@@ -452,81 +376,62 @@ SMALL = """[...document.querySelectorAll("main button, main select, main summary
   .filter(x => x.getClientRects().length && x.getBoundingClientRect().height < 43.5).map(x => x.outerHTML.slice(0, 80))"""
 OPEN = """for (const x of document.querySelectorAll("main details")) x.open = true;
 for (const x of document.querySelectorAll("button.more")) x.click();"""  # everything that a reader can open
-LOOKS = [pytest.param(*look, False, marks=pytest.mark.slow) for look in ((390, "light"), (1440, "dark"))]
-LOOKS += [pytest.param(w, x, True, marks=pytest.mark.long) for w, x in product((390, 1440), ("light", "dark"))]
-KINDS = (
-    "index",
-    "linkage-eight_bar",
-    "engine-mujoco",
-    "engine-dart",
-    "engines",
-    "findings",
-    "search",
-)  # looked at in each change; the others at length
+SMALL_TEXT = """[...document.querySelectorAll("main *")].filter(x => x.childNodes.length && [...x.childNodes].some(y =>
+  y.nodeType === 3 && y.data.trim()) && x.getClientRects().length && parseFloat(getComputedStyle(x).fontSize)
+  * (x.ownerSVGElement ? Math.hypot(x.getScreenCTM().a, x.getScreenCTM().b) : 1) < 10.99).map(x => x.textContent.slice(0, 30))"""
+HIDDEN = "[...document.querySelectorAll('[hidden]')].filter(x => x.getClientRects().length).length"
+LOOKS = [("index", 390, "light"), ("linkage-eight_bar", 1440, "dark"), ("engine-mujoco", 390, "dark")]
+EVERY_LOOK = [("", *look) for look in product((390, 1440), ("light", "dark"))]  # of all pages, with everything opened
 
 
-@pytest.mark.parametrize(("width", "scheme", "every"), LOOKS)
-def test_no_page_is_wider_than_its_window_and_axe_finds_nothing(
-    browser: Any, out: Path, width: int, scheme: str, every: bool
+@pytest.mark.parametrize(
+    ("name", "width", "scheme"),
+    [*(pytest.param(*x, marks=pytest.mark.slow) for x in LOOKS), *(pytest.param(*x, marks=pytest.mark.long) for x in EVERY_LOOK)],
+)
+def test_a_page_of_a_folder_is_readable_at_any_width_and_axe_finds_nothing(
+    browser: Any, out: Path, name: str, width: int, scheme: str
 ) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
-    looked_at = KINDS if width < 760 else KINDS[:2]
-    for name in sorted(p.stem for p in (out / "site").glob("*.html")) if every else looked_at:
-        page, wrong = opened(
-            browser, (out / "site" / f"{name}.html").as_uri(), viewport={"width": width, "height": 800}, color_scheme=scheme
-        )
-        assert not wrong, name
-        assert page.evaluate("document.documentElement.scrollWidth") <= width, name
-        if every:
+    look = {"viewport": {"width": width, "height": 800}, "color_scheme": scheme}
+    for path in [out / "site" / f"{name}.html"] if name else sorted((out / "site").glob("*.html")):
+        page, wrong = opened(browser, path.as_uri(), **look)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width, path.stem
+        if not name:
             page.evaluate(OPEN)
             page.wait_for_timeout(100)
-            assert page.evaluate("document.documentElement.scrollWidth") <= width, f"{name}, all opened"
-        assert page.evaluate(BLANK) == [], f"{name}: rows of tables with a cell that shows nothing"
+            assert page.evaluate("document.documentElement.scrollWidth") <= width, f"{path.stem}, all opened"
+        assert page.evaluate(BLANK) == [], f"{path.stem}: rows of tables with a cell that shows nothing"
         if width < 760:
-            assert page.evaluate(UNLABELLED) == [], name
-            assert page.evaluate(SMALL) == [], f"{name}: too small for a finger"
-        small = page.evaluate(
-            "[...document.querySelectorAll('main *')].filter(x => x.childNodes.length && [...x.childNodes].some(y =>"
-            " y.nodeType === 3 && y.data.trim()) && x.getClientRects().length && parseFloat(getComputedStyle(x).fontSize)"
-            " * (x.ownerSVGElement ? Math.hypot(x.getScreenCTM().a, x.getScreenCTM().b) : 1) < 10.99)"
-            ".map(x => x.textContent.slice(0, 30))"
-        )
-        assert not small, f"{name}: {small[:5]}"
-        assert not page.evaluate("[...document.querySelectorAll('[hidden]')].filter(x => x.getClientRects().length).length"), name
-        assert not wrong, f"{name}: {wrong[:3]}"
-        faults = axe.run(page).response["violations"]
-        said = [(x["id"], x["nodes"][0]["html"][:160], x["nodes"][0]["failureSummary"][:200]) for x in faults]
-        assert not faults, f"{name} {scheme}: {said}"
+            assert page.evaluate(UNLABELLED) == [], path.stem
+            assert page.evaluate(SMALL) == [], f"{path.stem}: too small for a finger"
+        assert page.evaluate(SMALL_TEXT) == [], path.stem
+        assert not page.evaluate(HIDDEN), path.stem
+        assert not wrong, f"{path.stem}: {wrong[:3]}"
+        faults = [(x["id"], x["nodes"][0]["html"][:160]) for x in axe.run(page).response["violations"]]
+        assert not faults, f"{path.stem} {scheme}: {faults}"
         page.close()
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, float]:
-    """The site as `make report docs report` makes it, with programs and documentation, and its processor time [s]."""
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of the site that `make docs report` builds, with programs and documentation."""
     if find_spec("mkdocs") is None:
         needs("mkdocs")
     folder = tmp_path_factory.mktemp("whole") / "run"
     shutil.copytree(REPORTS, folder, ignore=shutil.ignore_patterns("site", "local", ".run"))
-    root, before = REPORTS.parent, resource.getrusage(resource.RUSAGE_CHILDREN)
+    root = REPORTS.parent
     asked = os.environ | {"PYTHONPATH": str(root)}
     config, docs = root / "gauss_bench" / "docs" / "mkdocs.yml", folder / "site" / "docs"
     build = [sys.executable, "-m", "mkdocs", "build", "--quiet", "-f", str(config), "-d", str(docs)]
     for command in (build, [sys.executable, "-m", "gauss_bench", "report", "--out", str(folder)]):
         subprocess.run(command, check=True, capture_output=True, env=asked)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return folder / "site", after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return folder / "site"
 
 
 @pytest.mark.long
-def test_the_site_with_its_documentation_is_small_and_soon_built(whole: tuple[Path, float]) -> None:
-    site, seconds = whole
+def test_the_site_with_its_documentation_is_small_and_every_link_leads_somewhere(whole: Path) -> None:
+    site = whole
     assert sum(p.stat().st_size for p in site.rglob("*") if p.is_file()) < 8e6
-    assert seconds < MOST_SECONDS
-
-
-@pytest.mark.long
-def test_every_link_of_the_site_and_its_documentation_leads_somewhere(whole: tuple[Path, float]) -> None:
-    site, _ = whole
     texts = {p.resolve(): p.read_text(encoding="utf-8") for p in site.rglob("*.html")}
     anchors = {p: {*re.findall(r"\s(?:id|name)=\"?([^\s\">]+)", text)} for p, text in texts.items()}
     assert any("docs/" in x for x in re.findall(r'href="([^"]+)"', texts[(site / "search.html").resolve()]))
@@ -546,10 +451,8 @@ def test_every_link_of_the_site_and_its_documentation_leads_somewhere(whole: tup
 
 @pytest.mark.long
 @pytest.mark.parametrize(("width", "scheme"), [*product((390, 1440), ("light", "dark"))])
-def test_no_page_of_the_documentation_is_wider_than_its_window(
-    browser: Any, whole: tuple[Path, float], width: int, scheme: str
-) -> None:
-    pages = sorted({*(whole[0] / "docs").glob("*.html")} - {whole[0] / "docs" / "404.html"})  # its addresses begin at the root
+def test_no_page_of_the_documentation_is_wider_than_its_window(browser: Any, whole: Path, width: int, scheme: str) -> None:
+    pages = sorted({*(whole / "docs").glob("*.html")} - {whole / "docs" / "404.html"})  # its addresses begin at the root
     assert len(pages) > 10
     for path in pages:
         look = {"viewport": {"width": width, "height": 800}, "color_scheme": scheme}
@@ -559,62 +462,49 @@ def test_no_page_of_the_documentation_is_wider_than_its_window(
         page.close()
 
 
-@pytest.mark.slow
-def test_search_finds_a_page_and_reads_without_a_script(browser: Any, out: Path) -> None:
-    page, wrong = opened(browser, (out / "site" / "search.html").as_uri())
-    page.fill("#ask", "exudyn why")
-    shown = page.locator(".found li:visible").all_inner_texts()
-    assert shown == ["exudyn: Why it takes this long"]
-    assert not wrong
-    page.close()
-    bare = browser.new_context(java_script_enabled=False).new_page()
-    bare.goto((out / "site" / "index.html").as_uri())
-    assert bare.locator("#answers li").count() >= 5
-    bare.close()
-
-
 def raw_best(mechanism: str) -> Any:
-    """The valid case of a linkage with the least error at the end, as pandas finds it."""
+    """Return the valid case of a linkage with the least error at the end, found by pandas."""
     rows = table("results").query("mechanism == @mechanism and status == 'ok' and not control")
     return rows[rows.valid.astype(bool)].sort_values("measured_error_t2").iloc[0]
 
 
-def expected_answers(run: Run) -> dict[str, tuple[tuple[str, ...], list[str]]]:
-    """Link of each question -> what is clicked after it, and texts that must then be seen, from the rows."""
-    mujoco = describe_setting(run, cheapest_stored(run, "four_bar", 1e-4)["mujoco"])
-    row = "#best ~ .table tr:has-text('four_bar'):has-text('0.1'):has-text('RK4')"
+MUJOCO = "Which settings hold 0.1 mm in MuJoCo?"
+
+
+def expected_answers() -> dict[str, list[str]]:
+    """Return question -> texts, computed from the rows, that the linked page must contain."""
     exact = raw_best("parallelogram")
     claim = table("kernel_claim").dropna(subset=["ratio"])
     engines = {x for name in ("results", "search_ladder", "search_space") for x in table(name).engine}
-    own = len(engines & set(run.own_engines))
-    why = explain_time(run, "exudyn")
+    why = explain_time(published(), "exudyn")
     assert why is not None
     return {
-        "Which settings hold 0.1 mm in MuJoCo?": (("#best ~ .table button.more", f"{row} >> summary"), [mujoco]),
-        "Which engine is the most exact on redundant loops?": (
-            (),
-            [f"Most accurate: {exact.engine}", f"{exact.measured_error_t2:.1e}"],
-        ),
-        "Why is Exudyn slow here?": ((), [why[0], "Most of this comes from the"]),
-        "Is Gauss faster than Lagrange?": ((), [f"faster on {(claim.ratio_low > 1).sum()} of {len(claim)} linkages"]),
-        "Where may this suite be biased?": ((), [f"wrote {own} of its {len(engines)} engines"]),
+        MUJOCO: [describe_setting(published(), cheapest_stored(published(), "four_bar", 1e-4)["mujoco"])],
+        "Which engine is the most exact on redundant loops?": [f"Most accurate: {exact.engine}", f"{exact.measured_error_t2:.1e}"],
+        "Why is Exudyn slow here?": [why[0], "Most of this comes from the"],
+        "Is Gauss faster than Lagrange?": [f"faster on {(claim.ratio_low > 1).sum()} of {len(claim)} linkages"],
+        "Where may this suite be biased?": [f"wrote {len(engines & {*published().own_engines})} of its {len(engines)} engines"],
     }
 
 
 @pytest.mark.slow
-def test_five_questions_are_answered_within_three_clicks_of_the_first_page(browser: Any, out: Path, run: Run) -> None:
-    expected = expected_answers(run)
-    assert len(expected) == 5
-    page, wrong = opened(browser, (out / "site" / "index.html").as_uri())
-    for question, (clicks, texts) in expected.items():
-        page.goto((out / "site" / "index.html").as_uri())
-        assert 1 + len(clicks) <= 3
-        page.get_by_role("link", name=question, exact=True).click()
-        for selector in clicks:
-            page.locator(selector).first.click()
-        seen = " ".join(page.locator("main").inner_text().split())  # hidden rows and closed cells are not in it
-        for text in texts:
-            assert text in seen, f"{question}: {text}"
+def test_five_questions_of_the_first_page_lead_to_their_answers(browser: Any, out: Path) -> None:
+    """For one question a browser finds the answer in three clicks, in a long table with folded cells."""
+    site = out / "site"
+    index = site.joinpath("index.html").read_text(encoding="utf-8")
+    links = {Markup(text).striptags(): target for target, text in re.findall(r'<a href="([^"]+)">(.*?)</a>', index, re.DOTALL)}
+    for question, texts in expected_answers().items():
+        name, _, anchor = links[question].partition("#")
+        text = site.joinpath(name).read_text(encoding="utf-8")
+        assert f'id="{anchor}"' in text
+        seen = " ".join(Markup(re.sub(r"</?code>|</?strong>", "", text)).striptags().split())
+        assert all(" ".join(x.replace("`", "").split()) in seen for x in texts), question
+    page, wrong = opened(browser, (site / "index.html").as_uri())
+    page.get_by_role("link", name=MUJOCO, exact=True).click()
+    row = "#best ~ .table tr:has-text('four_bar'):has-text('0.1'):has-text('RK4')"
+    for selector in ("#best ~ .table button.more", f"{row} >> summary"):
+        page.locator(selector).first.click()
+    assert expected_answers()[MUJOCO][0] in " ".join(page.locator("main").inner_text().split())
     assert not wrong
     page.close()
 
@@ -626,15 +516,15 @@ WATCHED = """new MutationObserver(() => {
 
 
 @pytest.mark.slow
-def test_a_new_user_finds_mujocos_setting_for_the_eight_bar(browser: Any, out: Path, run: Run) -> None:
-    """The answer waits for nothing large: it is there before any figure is drawn."""
+def test_a_new_user_finds_mujocos_setting_for_the_eight_bar(browser: Any, out: Path) -> None:
+    """The answer is there before any figure is drawn, since it needs no large file."""
     page, wrong = opened(browser, (out / "site" / "index.html").as_uri(), first=WATCHED)
     at = {x: page.evaluate("x => performance.getEntriesByName(x)[0].startTime", x) for x in ("answered", "drawn")}
     assert 0 < at["answered"] < at["drawn"]
     page.select_option("#linkage", "eight_bar")
     page.select_option("#position", label="0.1 mm")
     line = page.locator("#answers li", has_text="mujoco")
-    expected = cheapest_stored(run, "eight_bar", 1e-4)["mujoco"]
+    expected = cheapest_stored(published(), "eight_bar", 1e-4)["mujoco"]
     assert f"step {float(f'{1e3 * expected.step:.4g}'):g} ms" in line.inner_text()
     line.get_by_role("button", name="Code").press("Enter")
     assert "mujoco" in line.locator("pre").inner_text()
@@ -646,6 +536,10 @@ def test_a_new_user_finds_mujocos_setting_for_the_eight_bar(browser: Any, out: P
     assert page.locator("#linkage").input_value() == "eight_bar", "an address does not bring its answer back"
     assert not wrong
     page.close()
+    bare = browser.new_context(java_script_enabled=False).new_page()
+    bare.goto((out / "site" / "index.html").as_uri())
+    assert bare.locator("#answers li").count() >= 5
+    bare.close()
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Links to look at: what an address carries, and the page that draws it, whoever made the address."""
+"""Links to look at: the content of an address, and the page that draws it, also for hostile addresses."""
 
 import base64
 import copy
@@ -18,8 +18,7 @@ from gauss_bench.api.kinematics import Kinematics, kinematics
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.report.site.view import ANGLES, INTERVALS, LIMITS, VERSION, TooLarge, pack_poses, pack_view, view_page
-
-LINKAGES = ("four_bar", "jansen", "shaper", "excavator")
+from tests.conftest import exhaustive
 
 
 @cache
@@ -28,25 +27,25 @@ def motion(name: str) -> Kinematics:
 
 
 def packed(name: str, text: str = "the file") -> tuple[str, Kinematics]:
-    """The fragment of a linkage's first driven motion, and the motion."""
+    """Return the fragment of the first driven motion of a linkage, and the motion."""
     made = motion(name)
     return pack_view(text, made.model, made.trajectory.q, float(made.t[-1]))[0], made
 
 
 def content(fragment: str) -> dict[str, Any]:
-    """What a fragment holds, read without the page."""
+    """Return the content of a fragment."""
     body = fragment.removeprefix(VERSION)
     return dict(json.loads(zlib.decompress(base64.urlsafe_b64decode(body + "=" * (-len(body) % 4)))))
 
 
 def poses(held: dict[str, Any]) -> Any:
-    """The states (k, n) that a fragment holds, from its second differences."""
+    """Return the states (k, n) of a fragment, from its second differences."""
     whole = np.cumsum(np.cumsum(np.array(held["poses"]), axis=1), axis=1).T
     return whole * np.tile([held["unit"], held["unit"], 1 / ANGLES], whole.shape[1] // 3)
 
 
 def fragment_of(held: Any) -> str:
-    """The fragment of any content, as somebody else might make it."""
+    """Return the fragment of any content, which may be hostile."""
     return as_fragment(json.dumps(held).encode())
 
 
@@ -54,34 +53,25 @@ def as_fragment(data: bytes) -> str:
     return VERSION + base64.urlsafe_b64encode(zlib.compress(data, 9)).decode().rstrip("=")
 
 
-@pytest.mark.parametrize("name", LINKAGES)
-def test_the_address_holds_the_file_and_every_pose_to_half_a_unit(name: str) -> None:
+@pytest.mark.parametrize("name", exhaustive(["four_bar", "jansen", "shaper", "excavator"], "jansen", "excavator"))
+def test_the_address_holds_the_file_and_every_pose_to_half_a_unit_and_every_point_in_its_place(name: str) -> None:
+    """Points in the fragment, moved by its poses, are compared with the observed points of the suite's own motion."""
     text = Path(load(name).source).read_text()
     fragment, made = packed(name, text)
-    held = content(fragment)
+    held, q = content(fragment), made.trajectory.q
+    states, units = poses(held), [held["unit"], held["unit"], 1 / ANGLES]
     assert held["file"] == text
     assert re.fullmatch(r"v1\.[A-Za-z0-9_-]+", fragment)
     assert len(fragment) <= LIMITS["fragment"]
     assert len(made.t) == INTERVALS + 1 <= LIMITS["poses"]
-    off = np.abs(poses(held) - made.trajectory.q) / np.tile([held["unit"], held["unit"], 1 / ANGLES], len(held["links"]))
-    assert off.max() <= 0.5 + 1e-6
-    places = np.delete(made.trajectory.q, np.s_[2::3], axis=1)
-    assert held["unit"] < 2e-4 * np.ptp(places)
-
-
-@pytest.mark.parametrize("name", LINKAGES)
-def test_points_of_the_shape_lie_where_the_linkage_has_them(name: str) -> None:
-    """Pins and paths of the address, moved by its poses, against the observed points of the suite's own motion."""
-    fragment, made = packed(name)
-    held = content(fragment)
-    states = poses(held)
+    assert (np.abs(states - q) / np.tile(units, len(held["links"]))).max() <= 0.5 + 1e-6
+    assert held["unit"] < 2e-4 * np.ptp(np.delete(q, np.s_[2::3], axis=1))
     for (link, x, y), point in zip(held["paths"], made.model.whole.observed_points, strict=True):
-        at = states[:, 3 * link : 3 * link + 2].view() @ [1, 1j]
-        at = at + complex(x, y) * np.exp(1j * states[:, 3 * link + 2])
-        truth = position(made.trajectory.q, point) @ [1, 1j]
-        assert np.abs(at - truth).max() < 2 * held["unit"] + abs(complex(x, y)) / ANGLES
-    first = {(round(link), x, y) for link, x, y in held["pins"]}
-    assert {pin.a.link for pin in made.model.whole.pins} | {pin.b.link for pin in made.model.whole.pins} == {x[0] for x in first}
+        at = states[:, 3 * link : 3 * link + 2] @ [1, 1j] + complex(x, y) * np.exp(1j * states[:, 3 * link + 2])
+        off = np.abs(at - position(q, point) @ [1, 1j]).max()
+        assert off < 2 * held["unit"] + abs(complex(x, y)) / ANGLES
+    links = {pin.a.link for pin in made.model.whole.pins} | {pin.b.link for pin in made.model.whole.pins}
+    assert links == {round(link) for link, _, _ in held["pins"]}
 
 
 def test_a_longer_file_takes_poses_away_until_none_is_left() -> None:
@@ -103,23 +93,18 @@ def test_a_longer_file_takes_poses_away_until_none_is_left() -> None:
         pack_view(chance.randbytes(12_000).hex(), made.model, made.trajectory.q, 2.0)
     with pytest.raises(TooLarge, match="share the file"):
         pack_view("a" * LIMITS["unpacked"], made.model, made.trajectory.q, 2.0)
+    # of 192 poses of an interrupted motion every fourth is kept: the last of them is at 188/191 of the time
+    fragment, count = pack_view(random.Random(0).randbytes(9500).hex(), made.model, made.trajectory.q[:-1], 1.91)
+    assert (count, content(fragment)["end"]) == (48, pytest.approx(1.88))
 
 
 @pytest.mark.parametrize("place", [(0.5, 0.5), (3e3, 3e3)])
 def test_a_drawing_far_from_the_origin_has_numbers_that_the_page_takes(place: tuple[float, float]) -> None:
-    """A link that hardly moves has no size that could be the unit."""
+    """The motion of this link is too small to define the unit of length."""
     q = np.array([[*place, 0.0], [place[0] + 1e-7, place[1], 0.1]])
     numbers = np.array(pack_poses(q)["poses"])
     assert np.abs(np.cumsum(numbers, axis=1)).max() <= LIMITS["number"]
     assert np.abs(numbers).max() <= LIMITS["number"]
-
-
-def test_a_motion_that_ends_between_two_kept_poses_ends_at_the_last_kept_one() -> None:
-    """Of 192 positions of an interrupted motion every fourth is kept: the last of them is at 188/191 of the time."""
-    made = motion("four_bar")
-    fragment, count = pack_view(random.Random(0).randbytes(9500).hex(), made.model, made.trajectory.q[:-1], 1.91)
-    assert count == 48
-    assert content(fragment)["end"] == pytest.approx(1.88)
 
 
 # In the browser
@@ -133,7 +118,7 @@ def page_file(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def opened(browser: Any, address: str, **look: Any) -> tuple[Any, list[str]]:
-    """The page when it has drawn or refused, and what went wrong or was asked of others."""
+    """Return the page after it has drawn or refused its link, and a list of errors and of requests to other addresses."""
     page = browser.new_page(**({"viewport": {"width": 1200, "height": 900}, "reduced_motion": "reduce"} | look))
     wrong: list[str] = []
     page.on("console", lambda m: wrong.append(m.text))
@@ -149,7 +134,7 @@ def opened(browser: Any, address: str, **look: Any) -> tuple[Any, list[str]]:
 
 
 def drawn_pins(page: Any) -> Any:
-    """The pins on show [px], as complex numbers."""
+    """Return the drawn pins [px] as complex numbers."""
     dots = page.locator("#stage circle.pin").all()
     return np.array([float(x.get_attribute("cx")) - 1j * float(x.get_attribute("cy")) for x in dots])
 
@@ -214,7 +199,7 @@ def test_the_page_of_links_is_readable_by_eye_and_by_machine(browser: Any, page_
 
 
 def change(path: str, value: Any) -> Callable[[dict[str, Any]], str]:
-    """A change of one value of a good link."""
+    """Return a function that changes one value of the content of a link."""
 
     def make(held: dict[str, Any]) -> str:
         *above, last = [int(x) if x.isdigit() else x for x in path.split(".")]
@@ -232,7 +217,7 @@ def without(key: str) -> Callable[[dict[str, Any]], str]:
 
 
 def spelled(old: str, new: str) -> Callable[[dict[str, Any]], str]:
-    """A link whose JSON has one number spelled otherwise."""
+    """Return a function that replaces one number in the JSON of a link."""
     return lambda held: as_fragment(re.sub(old, new, json.dumps(held), count=1).encode())
 
 
@@ -249,14 +234,10 @@ HOSTILE: dict[str, tuple[Callable[[dict[str, Any]], str], str]] = {
     "bomb": (lambda _: BOMB, "unpacks to more"),
     "no UTF-8": (lambda _: as_fragment(b'{"name":"\xff"}'), "cut off"),
     "no object": (lambda _: as_fragment(b"[1]"), "no linkage"),
-    "null": (lambda _: as_fragment(b"null"), "no linkage"),
     "deep": (lambda _: as_fragment(b"[" * 190_000 + b"]" * 190_000), ""),
     "NaN": (spelled(r'"unit": [-\d.e]+', '"unit": NaN'), "changed on its way"),
-    "infinite": (spelled(r'"unit": [-\d.e]+', '"unit": 1e999'), "number"),
     "pose not finite": (change("poses.0.3", 1e300), "number"),
-    "poses that add up": (change("poses.0", [900_000_000] * 190), "number"),
     "half a unit": (change("poses.0.3", 0.5), "whole number"),
-    "text for a number": (change("poses.0.3", "1"), "number"),
     "too many poses": (lambda held: fragment_of(held | {"poses": [[0] * 201 for _ in held["poses"]]}), "too long"),
     "poses of unequal length": (
         lambda held: fragment_of(held | {"poses": [x[: 9 + (i == 2)] for i, x in enumerate(held["poses"])]}),
@@ -264,27 +245,21 @@ HOSTILE: dict[str, tuple[Callable[[dict[str, Any]], str], str]] = {
     ),
     "a link without poses": (lambda held: fragment_of(held | {"poses": held["poses"][:-1]}), "poses"),
     "too many links": (lambda held: fragment_of(held | {"links": held["links"] * 101}), "too long"),
-    "too many points": (change("links.0.points", [[0, 0]] * 2001), "too long"),
     "too many places": (
         lambda held: fragment_of(held | {"links": [x | {"points": [[0, 0]] * 900} for x in held["links"]]}),
         "too many",
     ),
-    "a bar to nowhere": (change("links.0.bars", [[0, 99]]), "does not have"),
     "a bar to a prototype": (change("links.0.bars", [["__proto__", "constructor"]]), "does not have"),
     "a pin of no link": (change("pins.0", [7, 0, 0]), "does not have"),
-    "a pin of half a link": (change("pins.0", [0.5, 0, 0]), "does not have"),
     "a long name": (change("name", "a" * 201), "text"),
-    "a name that is none": (change("links.0.name", {"toString": 1}), "text"),
     "no links": (lambda held: fragment_of(held | {"links": [], "poses": [], "pins": [], "paths": []}), "poses"),
-    **{
-        f"without {key}": (without(key), "") for key in ("file", "links", "poses", "pins", "unit", "end", "slides", "ties", "paths")
-    },
+    **{f"without {key}": (without(key), "") for key in ("file", "poses", "pins", "end")},
 }
 
 
 @pytest.mark.slow
 def test_a_hostile_link_gets_one_sentence_and_draws_nothing(browser: Any, page_file: str) -> None:
-    """All in one page, by its address alone; before each of them a good link is on show."""
+    """All links are opened in one page, and before each of them a good link."""
     good = packed("four_bar")[0]
     page, wrong = opened(browser, f"{page_file}#{good}")
     for what, (make, word) in HOSTILE.items():

@@ -1,1 +1,1 @@
-"""The documentation that lies in the site of a report: pages, and what of them follows from code."""
+"""The documentation inside the site of a report: its pages, and the parts of them that are computed from code."""

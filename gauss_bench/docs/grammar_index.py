@@ -1,4 +1,4 @@
-"""The index of the grammar: every table and key of a linkage file, from the types in `linkage/schema.py`."""
+"""The page with the index of the grammar: every table and key of a linkage file, from the types in `linkage/schema.py`."""
 
 import re
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from pydantic_core import PydanticUndefined
 from gauss_bench.linkage import schema
 
 GUIDE = Path(__file__).parents[2] / "mechanisms" / "README.md"
-TOP = "Top level"  # heading in the guide, of the tables that no other heading names
+TOP = "Top level"  # heading of the guide for tables that no other heading names
 KINDS = ("type", "law")  # keys whose value decides which other keys a table has
 
 
@@ -22,7 +22,8 @@ class Entry:
     """A table of the grammar.
 
     Attributes:
-        places: where it may be in a file, such as `links.*`; * is any name, [*] any entry of a list.
+        table: the class that checks it.
+        places: its places in a file, such as `links.*`; * is any name, [*] any entry of a list.
         edition: the first edition of the grammar that has it.
     """
 
@@ -32,29 +33,29 @@ class Entry:
 
     @property
     def decides(self) -> str:
-        """The key whose value decides which table this is; empty if no other table has its places."""
+        """The key whose value distinguishes this table from others at the same place; empty if there are no others."""
         return next((key for key in KINDS if key in self.table.model_fields), "")
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The values of that key."""
+        """The values that the key `decides` may have in this table."""
         return get_args(self.table.model_fields[self.decides].annotation) if self.decides else ()
 
     @property
     def address(self) -> str:
-        """Its first place without names, with its first kind: such as `forces.torque`."""
+        """The address of the table on the page: its first place without names, and its first kind, such as `forces.torque`."""
         return ".".join(filter(None, (re.sub(r"\.\*|\[\*\]", "", self.places[0]), *self.kinds[:1])))
 
 
 def list_entries() -> list[Entry]:
-    """Return the tables of a linkage file, from the file itself inwards; a table that may be in several places comes once."""
+    """Return the tables of a linkage file from the outside inwards; a table that may be in several places comes once."""
     entries: dict[type[schema.Table], Entry] = {}
     add_entry(entries, schema.LinkageTable, "", edition=1)
     return list(entries.values())
 
 
 def add_entry(entries: dict[type[schema.Table], Entry], table: type[schema.Table], place: str, edition: int) -> None:
-    """Add a table, and those inside it, to `entries`."""
+    """Add a table at a place, and the tables inside it, to `entries`."""
     entry = entries.setdefault(table, Entry(table, [], edition))
     if place in entry.places:
         return
@@ -66,7 +67,7 @@ def add_entry(entries: dict[type[schema.Table], Entry], table: type[schema.Table
 
 
 def join(place: str, key: str) -> str:
-    """Return the place of a key of a table."""
+    """Return the place of a key in the table at `place`, which is empty for the file itself."""
     return f"{place}.{key}".removeprefix(".")
 
 
@@ -76,7 +77,7 @@ def edition_of(entry: Entry, key: str) -> int:
 
 
 def inner_tables(annotation: Any, place: str) -> Iterator[tuple[str, type[schema.Table]]]:
-    """Yield the tables of a value's type, with their places."""
+    """Yield (place, table) for all tables in the type of a value, which is at `place`."""
     origin, of = get_origin(annotation), get_args(annotation)
     if isinstance(annotation, type) and issubclass(annotation, schema.Table):
         yield place, annotation
@@ -90,7 +91,13 @@ def inner_tables(annotation: Any, place: str) -> Iterator[tuple[str, type[schema
 
 
 def print_type(value: dict[str, Any], place: str) -> str:
-    """Return a type of JSON Schema in words; a text that must be a name says of what, by the rules of `grammar.toml`."""
+    """Return a type of JSON Schema in words, such as "[number, number]".
+
+    Names have the kind of the thing that they name, such as "link", from `grammar.toml`.
+
+    Args:
+        value: a schema; place: the place of the value in a file.
+    """
     named = schema.GRAMMAR["named"]
     alternatives = value.get("anyOf", value.get("oneOf", ()))
     if alternatives:  # null stands for a key that is left out
@@ -115,51 +122,53 @@ def print_type(value: dict[str, Any], place: str) -> str:
 
 
 def print_default(default: Any) -> str:
-    """Return the default of a key; a dash for an empty one."""
+    """Return the default of a key as code, "-" if it is empty, or "required"."""
     if default is PydanticUndefined:
         return "required"
     return "-" if default in (None, "", {}, []) or isinstance(default, schema.Table) else f"`{default}`"
 
 
 def explaining_headings() -> dict[str, str]:
-    """Return place of a table -> heading of the guide that explains it; "" -> that of all other tables."""
-    found = {"": TOP}
+    """Return place of a table -> heading of the guide that explains it; the place "" has the heading of all other tables."""
+    headings = {"": TOP}
     for heading in re.findall(r"^### (.+)$", GUIDE.read_text(encoding="utf-8"), re.MULTILINE):
         for name in re.findall(r"`([^`]+)`", heading):
-            found[re.sub(r"\.[A-Z]$|\.[A-Z](?=\.)", ".*", name)] = heading
-    return found
+            # a single capital, as in `links.L`, stands for any name
+            headings[re.sub(r"\.[A-Z](?=\.|$)", ".*", name)] = heading
+    return headings
 
 
 def heading_of(place: str) -> str:
-    """Return the heading of the guide that explains a table: that of the longest beginning of its place."""
+    """Return the heading of the guide that explains the table at a place: that of the longest place around it."""
     headings = explaining_headings()
-    return headings[max((x for x in headings if f"{place}.".startswith(f"{x}." if x else "")), key=len)]
+    around = [outer for outer in headings if not outer or f"{place}.".startswith(f"{outer}.")]
+    return headings[max(around, key=len)]
 
 
 def heading_anchor(heading: str) -> str:
-    """Return the address that MkDocs gives to a heading."""
+    """Return the anchor that MkDocs gives to a heading."""
     return re.sub(r"\s+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
 
 
 def print_place(place: str) -> str:
-    """Return a place with NAME for any name and [] for any entry of a list."""
+    """Return a place for readers, with NAME for any name and [] for any entry of a list."""
     return place.replace("[*]", "[]").replace("*", "NAME")
 
 
 def describe_place(entry: Entry) -> str:
-    """Return the places of a table as a heading, and its `type` or `law` if that decides on it."""
+    """Return the places of a table as a heading, with the values of its `type` or `law` if that distinguishes it."""
     words = " and ".join(f"`{print_place(x)}`" for x in entry.places if x) or "The file"
     return f"{words}, {entry.decides} {', '.join(f'`{x}`' for x in entry.kinds)}" if entry.decides else words
 
 
 def describe_key(entry: Entry, key: str) -> str:
-    """Return a key with its table, as a file has it, such as "links.NAME.mass"; with the table's `type` or `law`."""
+    """Return a key with its place, such as "links.NAME.mass", and with the `type` or `law` of its table."""
     kinds = f" ({entry.decides} {', '.join(entry.kinds)})" if entry.decides else ""
     return join(print_place(entry.places[0]), key) + kinds
 
 
 def list_keys() -> Iterator[tuple[Entry, str, str]]:
-    """Yield every key with its table and its address on the page."""
+    """Yield (table, key, anchor on the page) for every key of the grammar."""
     for entry in list_entries():
         for name in entry.table.model_fields:
             key = schema.key_of(entry.table, name)
@@ -167,7 +176,7 @@ def list_keys() -> Iterator[tuple[Entry, str, str]]:
 
 
 def write_index() -> str:
-    """Return the page: for each table of the grammar a table of its keys, which have anchors such as `links.mass`."""
+    """Return the Markdown of the page: for each table of the grammar a table of its keys, with anchors such as `links.mass`."""
     lines: list[str] = []
     for entry, keys in groupby(list_keys(), key=itemgetter(0)):
         table, place = entry.table, entry.places[0]

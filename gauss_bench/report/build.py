@@ -1,7 +1,7 @@
-"""Build the report of a run: README.md, a summary beside the rows in git, and the site for the browser.
+"""Build the report of a run: a summary in README.md, which is kept in git beside the rows, and a site for the browser.
 
-Both take their content from `sections`, in the order of their PLACE. A section is a file with a function `section(run)`, a function
-`findings(run)`, or both. Equal rows give equal files, byte for byte.
+Summary and site take their content from the modules of `sections`, in the order of their PLACE. Each module has a function
+`section(run)`, a function `findings(run)`, or both. Equal rows give equal files, byte for byte.
 """
 
 from collections.abc import Callable, Iterator
@@ -22,54 +22,52 @@ from gauss_bench.report.summary import summary
 from gauss_bench.tables import TABLES, files_of, read_environment, read_table, refuse_foreign
 from gauss_bench.untrusted import BadInput
 
-HEADING, TITLE = (
-    "# Closed-loop planar linkages, engines side by side",
-    "gauss_bench</title>",
-)  # texts by which pages of this suite are recognised
-FAULTS = "findings"  # folder beside the tables with reports on faults in engines' libraries
+# texts by which a summary and a site of this suite are recognised
+HEADING, TITLE = "# Closed-loop planar linkages, engines side by side", "gauss_bench</title>"
+FAULTS = "findings"  # folder beside the tables, with reports on faults in engines' libraries
 
 
 class NoRun(BadInput, ValueError):
-    """A folder that holds no run."""
+    """A folder holds no run."""
 
 
 def read_run(folder: Path) -> Run:
-    """Read the rows and the environment of a run from a folder, and those of the run of the suite `field` beside it.
+    """Read the run in a folder, and the run of the suite `field` beside it.
 
     Raises:
         NoRun: the folder has no run.
         TableError: a file is damaged, or has a later format than this version reads.
-        ChangedRows: a table is not as the run wrote it.
+        ChangedRows: a table was changed after the run.
     """
     run, *beside = map(read_one, folders_of(folder))
     return replace(run, beside=beside[0]) if beside else run
 
 
 def read_one(folder: Path) -> Run:
-    """Read a run as `read_run`, without the run beside it."""
+    """Read the run in a folder without the run beside it; raises as `read_run`."""
     names = [name for name in TABLES if name != "baseline"]
     if not any(files_of(name, folder) for name in names):
         raise NoRun(f"{folder}: no run there: none of the tables that `gauss-bench run --out {folder}` writes")
     tables = {name: tuple(sorted(read_table(name, folder), key=sort_key)) for name in names}
-    require_unchanged(folder)  # last, as the reader says more of a file that is damaged
-    known = read_checksums(folder)
-    checksum = checksum_of_run(known) if known else ""
+    require_unchanged(folder)  # after reading, because the reader says more about a damaged file
+    checksums = read_checksums(folder)
+    checksum = checksum_of_run(checksums) if checksums else ""
     faults = {path.stem: path.read_text(encoding="utf-8") for path in sorted((folder / FAULTS).glob("*.md"))}
     return Run(read_environment(folder), tables, checksum, read_table("baseline", folder), faults)
 
 
 def all_findings(run: Run) -> Iterator[Finding]:
-    """Yield the findings of all sections, in their order."""
+    """Yield the findings of all sections, in the order of the sections."""
     for module in parts_of(sections):
         if hasattr(module, "findings"):
             yield from module.findings(run)
 
 
 def refuse_pages_of_others(folder: Path) -> None:
-    """Check that a folder has no pages, or only those of an earlier report.
+    """Check that a report would overwrite no page that another program or a person wrote.
 
     Raises:
-        FileExistsError: another page would be overwritten; it is named.
+        FileExistsError: a page there is not one of an earlier report; the message names it.
     """
     refuse_foreign({folder / "README.md": HEADING, folder / SITE / "index.html": TITLE})
 
@@ -80,8 +78,8 @@ def build_report(
     """Write README.md and the site into the folder of a run, and return the written files.
 
     Args:
-        programs: choices -> programs that run them, for the first screen; by default it shows calls of this package.
-        say: called with a sentence when writing begins, after all tables were read.
+        programs: makes the programs of the first screen, as `first_page` takes it.
+        say: function that gets a sentence when writing begins, after all tables were read.
 
     Raises:
         NoRun, TableError: as `read_run`; nothing is written then.

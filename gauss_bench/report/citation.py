@@ -1,6 +1,6 @@
 """The identifiers of the published rows in CITATION.cff: their checksums, and the commits that measured them.
 
-`python -m gauss_bench.report.citation reports CITATION.cff` renews them; `make publish` and `make field` do so.
+`python -m gauss_bench.report.citation reports CITATION.cff` renews the identifiers; `make publish` and `make field` call it.
 """
 
 import re
@@ -16,19 +16,19 @@ IDENTIFIERS = re.compile(r"(?m)^identifiers:\n(?:  .*\n)+")
 
 
 def describe_rows(folder: Path, name: str = "reports") -> str:
-    """Return the identifier of the rows in a folder, as lines of CITATION.cff; `name` is its path in the project."""
-    known = read_environment(folder)
-    version = known["versions"]["gauss-bench"]
-    words = f"rows in {name}/, measured by commit {known['commit']} (version {version}) on {known['date']}, {known['cpu']}"
+    """Return the identifier of the rows in a folder, as lines of CITATION.cff; `name` is the folder's path in the project."""
+    environment = read_environment(folder)
+    commit, date, cpu = (environment[key] for key in ("commit", "date", "cpu"))
+    words = f"rows in {name}/, measured by commit {commit} (version {environment['versions']['gauss-bench']}) on {date}, {cpu}"
     checksum = checksum_of_run(read_checksums(folder))
     words += f"; checksum of the lines of {name}/{FILE}, as sha256sum prints them"
     return f'  - type: other\n    value: "sha256:{checksum}"\n    description: "{words}"\n'
 
 
 def renew(text: str, folder: Path) -> str:
-    """Return the text of CITATION.cff with the identifiers of the rows in a folder, and of those of the run beside them."""
-    described = [describe_rows(x, str(x.relative_to(folder.parent))) for x in folders_of(folder)]
-    renewed, count = IDENTIFIERS.subn(lambda found: "identifiers:\n" + "".join(described), text)
+    """Return the text of CITATION.cff with the identifiers of the rows in a folder and of the run beside them."""
+    identifiers = "identifiers:\n" + "".join(describe_rows(x, str(x.relative_to(folder.parent))) for x in folders_of(folder))
+    renewed, count = IDENTIFIERS.subn(lambda _: identifiers, text)  # a function, since a text would be searched for \1
     assert count == 1, "CITATION.cff has one list of identifiers"
     return renewed
 

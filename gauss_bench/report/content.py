@@ -1,7 +1,6 @@
-"""Content of a report section, for Markdown and for the site: sentences, lists, tables and figures, and the format of numbers.
+"""Content of a report section, for Markdown and for the site: sentences, lists, tables and figures.
 
-The layout of tables is data: `layouts.toml` gives for each column its head, its number format and its key in a row. Formats are
-fixed, so that two reports differ in a line only if a number differs.
+`layouts.toml` gives the columns of each table: the head, the kind of its cells, and the column of the rows that they print.
 """
 
 import math
@@ -13,22 +12,23 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.report.rows import Row, chose_steps, group_by, has_ended, is_known, number
+from gauss_bench.report.cases import chose_steps, has_ended
+from gauss_bench.report.rows import Row, is_known, number
+from gauss_bench.report.words import NOTHING, error_text, ratio_text, round_digits, time_text
 
-NOTHING = "-"
-UNMEASURED = "not measured"  # the reason for a dash that has no other
+UNMEASURED = "not measured"  # reason for a dash if no other is known
 AUTHORS = (
     "This report compares ways to compute the motion of closed-loop planar linkages: the suite's own formulations, and other "
     "engines through adapters. All read the same file and start from the same state. **The authors of the suite also wrote the "
     "`gauss` formulation.** It passes through the same gate, clock and tables as every other engine, and rows in which it loses "
     "are printed like those in which it wins."
 )
-TONES = {
+TONES = {  # text of a verdict or status -> tone of its cell
     **dict.fromkeys(("holds", "pass", "ok"), "good"),
     **dict.fromkeys(("open", "not shown", "degraded", "misprint", "loose", "skip", "control"), "warn"),
     **dict.fromkeys(("reversed", "refuted", "failed", "wrong", "not valid"), "bad"),
 }
-ASIDE = ("text", "engine", "formula", "verdict", "remark", "status")  # kinds of cells whose columns are aligned as text
+TEXT_KINDS = ("text", "engine", "formula", "verdict", "remark", "status")  # kinds of cells that are aligned left
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class Cell:
     """One entry of a table.
 
     Attributes:
-        sort: sort key in the browser; numbers come before text.
-        tone: "", "engine", "below", "bad", "warn", "good", or "formula", which a page typesets.
-        why: for a cell with NOTHING, the reason for which it has no value.
+        sort: sort key in the browser, where numbers come before text.
+        tone: "", "engine", "below", "bad", "warn" or "good", which set the colour, or "formula", which a page typesets.
+        why: the reason for which the cell has no value, if its text is NOTHING.
     """
 
     text: str
@@ -52,10 +52,10 @@ class Table:
     """Rows of cells under a head.
 
     Attributes:
-        title: the line above the table.
-        numeric: indices of right-aligned columns.
-        folded: whether a page hides the table until it is opened.
-        note: explains abbreviations.
+        title: line above the table.
+        numeric: indices of the columns of numbers, which are aligned right.
+        folded: whether a page hides the table until a reader opens it.
+        note: sentences below the table.
     """
 
     title: str
@@ -88,9 +88,10 @@ class Finding:
     """Sentences computed from rows, with a title.
 
     Attributes:
+        text: all sentences.
         tone: "good", "bad", "warn" or "".
-        short: the finding in one sentence, if `text` lists more; the tables have the rest.
-        behind: the rows from which it was computed, with the same numbers.
+        short: the finding in one sentence, for pages that have the tables beside it; empty if the first sentence of `text` serves.
+        behind: tables of the rows from which the sentences were computed.
     """
 
     title: str
@@ -110,13 +111,15 @@ class Chart:
     """A figure with its data.
 
     Attributes:
-        description: one sentence about its content.
+        description: one sentence about the figure.
         spec: Vega-Lite specification, without data.
-        head: column of `rows` -> heading in the table of its numbers.
+        rows: the drawn data.
+        head: column of `rows` -> heading in the table of the drawn numbers.
         toggles: engines that a reader may hide and show.
-        shown: engines that are visible at first.
-        listed: rows of the table of its numbers, if it does not have all.
-        note: below that table.
+        shown: engines that are visible at first; by default all of them.
+        small: whether the figure stands in a card of the first screen.
+        listed: rows of the table of numbers, if it does not have all of `rows`.
+        note: sentence below that table.
     """
 
     name: str
@@ -133,14 +136,14 @@ class Chart:
     kind = "chart"
 
     def table(self) -> Table:
-        """Return the drawn numbers, or some of them, as a table."""
+        """Return the table of the numbers in `listed`, or of all drawn numbers."""
         numeric = {c for c in self.head if any(isinstance(row.get(c), (int, float)) for row in self.rows)}
         columns = [(words, ".4g" if c in numeric else "text", c) for c, words in self.head.items()]
         return make_table(f"{self.title}: numbers", columns, self.rows if self.listed is None else self.listed, note=self.note)
 
     def data(self) -> dict[str, Any]:
-        """Return the data from which the page draws the figure."""
-        return {"spec": self.spec, "lines": pack(self.rows), "shown": list(self.shown)}
+        """Return the data from which a script of the page draws the figure."""
+        return {"spec": self.spec, "lines": pack(self.rows), "shown": list(self.shown or self.toggles)}
 
 
 Block = Text | Bullets | Table | Chart
@@ -157,78 +160,29 @@ class Section:
 
 
 def pack(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Compress rows for a page: consecutive rows that differ in numbers alone share one entry with columns of numbers."""
-    lines: list[dict[str, Any]] = []
+    """Compress rows for a page: consecutive rows that differ in numbers alone share one entry.
+
+    Returns:
+        Entries with `same`, the values that their rows share, and `columns`, which maps a column to its numbers row by row.
+    """
+    entries: list[dict[str, Any]] = []
     for row in rows:
         numbers = {k: to_json(x) for k, x in row.items() if isinstance(x, (int, float)) and not isinstance(x, bool)}
         same = {k: x for k, x in row.items() if k not in numbers}
-        last = lines[-1] if lines else {}
+        last = entries[-1] if entries else {}
         if numbers and last.get("same") == same and last["columns"].keys() == numbers.keys():
-            for k, x in numbers.items():
-                last["columns"][k].append(x)
+            for column, x in numbers.items():
+                last["columns"][column].append(x)
         else:
-            lines.append({"same": same, "columns": {k: [x] for k, x in numbers.items()}})
-    return lines
+            entries.append({"same": same, "columns": {column: [x] for column, x in numbers.items()}})
+    return entries
 
 
 def to_json(x: Any) -> Any:
-    """Return a value for JSON: NaN becomes None, and numbers have five digits, as many as a figure shows."""
+    """Return a value as JSON has it: numbers that are not finite become None, and others have five digits, as figures show."""
     if not isinstance(x, float):
         return x
     return round_digits(x, 5) if math.isfinite(x) else None
-
-
-def round_digits(x: float, digits: int) -> float:
-    """Round a number to significant digits; an integral result becomes an int, which prints without a point."""
-    value = float(f"{x:.{digits}g}")
-    return int(value) if value.is_integer() and abs(value) < 10**digits else value
-
-
-def error_text(x: float) -> str:
-    """Format an error with two digits."""
-    return f"{x:.1e}" if is_known(x) else NOTHING
-
-
-def ratio_text(x: float) -> str:
-    """Format a ratio with three digits."""
-    decimals = sum(x < limit for limit in (0.01, 0.1, 1, 10, 100))
-    return f"{x:.{decimals}f}" if is_known(x) else NOTHING
-
-
-def time_text(seconds: float) -> str:
-    """Format a duration with three digits and a unit."""
-    unit, factor = next(((u, f) for u, f in (("s", 1.0), ("ms", 1e3), ("µs", 1e6)) if seconds * f >= 1), ("ns", 1e9))
-    return f"{ratio_text(seconds * factor)} {unit}" if is_known(seconds) else NOTHING
-
-
-def limit_text(x: float) -> str:
-    """Format a required accuracy with one digit."""
-    return f"{x:.0e}"
-
-
-def itemise(words: Iterable[str]) -> str:
-    """Join words as "a, b and c"."""
-    *first, last = list(words) or [""]
-    return f"{', '.join(first)} and {last}" if first else last
-
-
-def count(n: int, word: str) -> str:
-    """Return a number with its noun, in the plural unless the number is 1."""
-    return f"{n} {word}" if n == 1 else f"{n} {word}s"
-
-
-def range_text(values: Sequence[float], form: Callable[[float], str] = ratio_text) -> str:
-    """Format the range of some numbers as "low to high"."""
-    return " to ".join(dict.fromkeys((form(min(values)), form(max(values)))))
-
-
-def list_unmeasured(rows: Sequence[Row], column: str) -> str:
-    """Return a sentence on the linkages without a number in a column, with their reasons; empty if there are none."""
-    measured = {r.get("mechanism") for r in rows if is_known(r.get(column))}
-    missing = [r for r in rows if r.get("mechanism") and r["mechanism"] not in measured]
-    reasons = group_by(missing, lambda r: r.get("message") or "no reason was told")
-    parts = [f"{itemise(dict.fromkeys(r['mechanism'] for r in some))} ({why})" for why, some in reasons.items()]
-    return f" Left out: {'; '.join(parts)}." if parts else ""
 
 
 def text_cell(value: Any, tone: str = "") -> Cell:
@@ -238,7 +192,11 @@ def text_cell(value: Any, tone: str = "") -> Cell:
 
 
 def print_as(form: str) -> Callable[[float], str]:
-    """Return the function that formats a number: one of FORMS by its name, or a format of Python."""
+    """Return the function that formats a number.
+
+    Args:
+        form: a name in FORMS, or a format of Python such as ".3g".
+    """
     return FORMS.get(form) or (lambda x: format(x, form))
 
 
@@ -254,16 +212,20 @@ FORMS: Mapping[str, Callable[[float], str]] = {
 
 
 def make_cell(row: Row, kind: str, key: str, bar: str = "") -> Cell:
-    """Return the cell of a row's value; arguments as `_print_value`. A cell without a value has the reason for that."""
+    """Return the cell of a row's value, and for a missing value its reason; the arguments are those of `_print_value`."""
     cell = _print_value(row, kind, key, bar)
     return replace(cell, why=missing_reason(row, key)) if cell.text == NOTHING else cell
 
 
 def missing_reason(row: Row, key: str) -> str:
-    """Return why a row has no value in a column, in a few words.
+    """Return why a row has no value in the column `key`, in a few words.
 
-    The reason is that of this very cell, named `why_` and the column; else that of the column, if it never depends on the outcome;
-    else the row's own, named `missing`; else its status, if the case did not end; else that of the column for cases that ended.
+    The first of these reasons that there is counts:
+    1. the row's entry `why_` + `key`, which holds for this cell alone;
+    2. the column's reason in `[reasons.always]` of `layouts.toml`;
+    3. the row's entry `missing`, which holds for all its cells;
+    4. the row's status, if its case did not end;
+    5. the column's reason in `[reasons.ended]`.
     """
     if row.get(f"why_{key}"):
         return str(row[f"why_{key}"])
@@ -279,13 +241,13 @@ def missing_reason(row: Row, key: str) -> str:
 
 
 def _print_value(row: Row, kind: str, key: str, bar: str = "") -> Cell:
-    """Return the cell of a row's value, or NOTHING.
+    """Return the cell of a row's value; its text is NOTHING if the value is missing.
 
     Args:
-        kind: one of ASIDE, "figure" (text in a column of numbers), "met", "step", a number format (`print_as`), or "range " with
-            the format of both ends.
-        key: column of the value in the row.
-        bar: column of the error bar; a smaller value is printed as below it.
+        kind: one of TEXT_KINDS, "figure" (text in a column of numbers), "met", "step", a number format (`print_as`), or "range "
+            with the format of both ends.
+        key: column of the value. `key` + "_tone" may hold its tone.
+        bar: column of the error bar; a value below it is printed as "< " and the bar.
     """
     value = row.get(key)
     match kind.split(maxsplit=1):
@@ -304,15 +266,18 @@ def _print_value(row: Row, kind: str, key: str, bar: str = "") -> Cell:
                 return Cell(NOTHING)
             return text_cell("yes", "good") if value else text_cell("no", "bad")
         case ["step"]:
-            own = key in row and (not number(row, key) > 0 or (has_ended(row) and chose_steps(row)))
-            return Cell("own", 0.0) if own else make_cell(row, "g", key)
+            # an integrator that chose its steps has none of a given length
+            chosen = key in row and (not number(row, key) > 0 or (has_ended(row) and chose_steps(row)))
+            return Cell("own", 0.0) if chosen else make_cell(row, "g", key)
         case ["range", form]:
             low, high = number(row, f"{key}_low"), number(row, f"{key}_high")
-            known = is_known(low) and is_known(high)
-            return Cell(f"{print_as(form)(low)}..{print_as(form)(high)}", low) if known else Cell(NOTHING)
-    x, least = number(row, key), number(row, bar)
-    if abs(x) < least:
-        return Cell(f"< {least:.0e}", least, "below")
+            if not (is_known(low) and is_known(high)):
+                return Cell(NOTHING)
+            printed = print_as(form)
+            return Cell(f"{printed(low)}..{printed(high)}", low)
+    x, error_bar = number(row, key), number(row, bar)
+    if abs(x) < error_bar:
+        return Cell(f"< {error_bar:.0e}", error_bar, "below")
     return Cell(print_as(kind)(x), x) if is_known(x) else Cell(NOTHING)
 
 
@@ -320,31 +285,44 @@ def status_cell(row: Row) -> Cell:
     """Return the cell with the status of a case; an ended case shows whether it is valid."""
     status = row["status"]
     if has_ended(row):
-        status = "control" if row["control"] else "ok" if row["valid"] else "not valid"
+        status = "ok" if row["valid"] else "not valid"
+        if row["control"]:
+            status = "control"
     return text_cell(status, TONES.get(status, "bad"))
 
 
 def remark_cell(row: Row) -> Cell:
-    """Return the cell with a row's message; a row that failed or was skipped names its status first."""
+    """Return the cell with a row's message, after its status if the row failed or was skipped."""
     status, message = row.get("status") or "ok", row.get("message", "")
-    return text_cell(message) if status == "ok" else text_cell(f"{status}: {message}", "warn" if status == "skip" else "bad")
+    if status == "ok":
+        return text_cell(message)
+    return text_cell(f"{status}: {message}", "warn" if status == "skip" else "bad")
 
 
 @cache
 def layouts() -> dict[str, Any]:
-    """Return `layouts.toml`: name of a table -> title, columns, and optional introduction, note and folding."""
+    """Return `layouts.toml`: name of a table -> its title and columns, and perhaps its introduction, note and folding."""
     return tomllib.loads(Path(__file__).with_name("layouts.toml").read_text(encoding="utf-8"))
 
 
 def make_table(title: str, columns: Sequence[Sequence[str]], rows: Iterable[Row], folded: bool = False, note: str = "") -> Table:
-    """Return a table from columns as `layouts.toml` has them: (head, kind of its cells, key, optional key of the error bar)."""
+    """Return the table of rows.
+
+    Args:
+        columns: (head, kind of the cells, column of the rows, perhaps the column of the error bar), as in `layouts.toml`.
+    """
     lines = [[make_cell(row, *column[1:]) for column in columns] for row in rows]
-    numeric = [i for i, (_, kind, *_) in enumerate(columns) if kind not in ASIDE]
+    numeric = [i for i, (_, kind, *_) in enumerate(columns) if kind not in TEXT_KINDS]
     return Table(title, [column[0] for column in columns], lines, numeric, folded, note)
 
 
 def lay_out(name: str, rows: Iterable[Row], /, title: str = "", note: str = "", **more: Any) -> Table:
-    """Return the table of rows with a layout; `more` fills {names} in its title and head, or overrides `folded`."""
+    """Return the table of rows with the layout `name` of `layouts.toml`.
+
+    Args:
+        title, note: replace those of the layout.
+        more: values of the {names} in the layout's title and heads; `folded` replaces the layout's.
+    """
     layout = layouts()[name]
     folded = more.pop("folded", layout.get("folded", False))
     columns = [(head.format(**more), *cell) for head, *cell in layout["columns"]]
@@ -353,7 +331,10 @@ def lay_out(name: str, rows: Iterable[Row], /, title: str = "", note: str = "", 
 
 
 def blocks_of(name: str, rows: Sequence[Row], /, **more: Any) -> list[Block]:
-    """Return the introduction of a table and the table; without rows the layout's sentence for that, or nothing."""
+    """Return the introduction of a table and the table, by the layout `name`; arguments as `lay_out`.
+
+    Without rows it returns the layout's sentence `empty`, or nothing if the layout has none.
+    """
     layout = layouts()[name]
     if not rows:
         return [Text(layout["empty"])] if "empty" in layout else []

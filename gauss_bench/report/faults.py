@@ -1,4 +1,7 @@
-"""Reports on faults in engines' libraries, which lie beside the rows as Markdown, as sections for the pages of these engines."""
+"""Turn reports on faults in engines' libraries into sections for the pages of these engines.
+
+The reports lie beside the rows, in Markdown with paragraphs, lists and tables alone.
+"""
 
 from collections.abc import Mapping
 
@@ -6,18 +9,22 @@ from gauss_bench.report.content import Block, Bullets, Section, Table, Text, tex
 
 
 def faults_of(faults: Mapping[str, str], engine: str) -> list[Section]:
-    """Return the reports on an engine's library; `faults` maps ENGINE_WORDS to a text."""
+    """Return the sections on an engine's library.
+
+    Args:
+        faults: name of a report, ENGINE_WORDS -> its text.
+    """
     return [make_section(name, text) for name, text in sorted(faults.items()) if name.startswith(f"{engine}_")]
 
 
 def make_section(name: str, text: str) -> Section:
-    """Return a report as a section: its first line is the title, empty lines part its paragraphs, lists and tables."""
+    """Return a report as a section; the first line of its text is the title, and empty lines separate its blocks."""
     title, _, rest = text.partition("\n")
     return Section(title.removeprefix("# "), name, [make_block(x) for x in rest.strip().split("\n\n")])
 
 
 def make_block(text: str) -> Block:
-    """Return a paragraph, a list or a table."""
+    """Return the paragraph, list or table of a block in Markdown."""
     if text.startswith("- "):
         return Bullets([" ".join(x.split()) for x in text.removeprefix("- ").split("\n- ")])
     if not text.startswith("|"):

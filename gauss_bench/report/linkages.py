@@ -1,4 +1,4 @@
-"""The linkage files of a run: built-in ones by name, a user's own as stored in the run's environment."""
+"""Read the linkage files of a run: built-in files by name, and files of a user as the run's environment stores them."""
 
 import hashlib
 import tomllib
@@ -14,11 +14,11 @@ from gauss_bench.report.rows import Run
 from gauss_bench.terms import Array
 from gauss_bench.untrusted import parse_toml
 
-KEPT = "linkages"  # key of a run's environment: name -> text of the file
+KEPT = "linkages"  # key of a run's environment, under which it has name -> text of the file
 
 
 def document_in(run: Run, name: str) -> tuple[dict[str, Any], str, Path]:
-    """Return document, digest and path of a linkage of a run.
+    """Return the document, digest and path of a linkage of a run.
 
     Raises:
         LinkageError: the linkage is neither built in nor stored, or is damaged.
@@ -37,7 +37,7 @@ def document_in(run: Run, name: str) -> tuple[dict[str, Any], str, Path]:
 
 @lru_cache(maxsize=64)
 def pose_in(run: Run, name: str, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
-    """Return `pose.pose_document` of a linkage of a run.
+    """Return a linkage of a run, the state q (n,) to draw, and the states (k, n) of a full turn, as `pose_document`.
 
     Raises:
         LinkageError: as `document_in`, or the linkage does not load.

@@ -1,4 +1,4 @@
-"""Find the sections of a package: a new section is a new file, without registration."""
+"""Find the modules of a package, so that a new section is a new file and needs no registration."""
 
 from importlib import import_module
 from pkgutil import iter_modules
@@ -7,5 +7,5 @@ from types import ModuleType
 
 def parts_of(package: ModuleType) -> list[ModuleType]:
     """Return the modules of a package in the order of their PLACE."""
-    names = (module.name for module in iter_modules(package.__path__))
-    return sorted((import_module(f"{package.__name__}.{name}") for name in names), key=lambda m: (m.PLACE, m.__name__))
+    modules = [import_module(f"{package.__name__}.{found.name}") for found in iter_modules(package.__path__)]
+    return sorted(modules, key=lambda module: (module.PLACE, module.__name__))

@@ -1,7 +1,7 @@
 """The two pictures of README as SVG files: one linkage moving in two engines, and error against time in all engines.
 
-Both are made from stored rows alone, follow the dark mode of the reader, and are reproducible byte for byte. `make publish` writes
-them with README's first table; so does `python -m gauss_bench.report.pictures REPORTS README.md`.
+Both are made from stored rows alone, follow the dark mode of the reader, and are reproducible byte for byte.
+`python -m gauss_bench.report.pictures REPORTS README.md` writes them and README's first table; `make publish` calls it.
 """
 
 import math
@@ -19,7 +19,6 @@ from scipy.interpolate import PchipInterpolator
 from gauss_bench.atomic import write_text
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import GROUND, Mechanism
-from gauss_bench.report.content import itemise
 from gauss_bench.report.drawings.animation import STYLE, Film, make_film
 from gauss_bench.report.drawings.canvas import Canvas, make_part
 from gauss_bench.report.drawings.drawing import PIN, canvas_of, link_part, linkage_parts
@@ -33,18 +32,19 @@ from gauss_bench.report.site.linkage import pareto_front
 from gauss_bench.report.site.motion import Turn, find_turn
 from gauss_bench.report.site.playback import StoredRun, read_reference, read_runs
 from gauss_bench.report.site.settings import Setting, all_settings, cheapest
+from gauss_bench.report.words import itemise, length_text
 from gauss_bench.terms import Array
 
 FOLDER = "reports/pictures"  # relative to README
 LINKAGE, SCENARIO = "four_bar", "torque"
-PLAYED = ("gauss-native rk4", "mujoco rk4 (not valid)")  # labels of the runs on the left and on the right, both at a step of 1 ms
-NAMES = ("gauss-native", "MuJoCo, loops as shipped")
-UNTIL = 1.0  # [s] of the stored runs
+PLAYED = ("gauss-native rk4", "mujoco rk4 (not valid)")  # labels of the left and the right run, both at a step of 1 ms
+NAMES = ("gauss-native", "MuJoCo, loops as shipped")  # their names in the picture
+UNTIL = 1.0  # [s] end of the drawn motion
 WIDER = 100.0  # magnification of loop openings, the same in both runs
-SPACING = math.radians(8)  # of the crank between two drawn poses
+SPACING = math.radians(8)  # turn of the crank between two drawn poses
 OPEN = 1.0  # [px] a joint whose ends are farther apart is drawn open
 RED = "#c62828"
-GAP, TOP, LINE, WORDS = 20.0, 20.0, 26.0, 78.0  # [px] between the halves, above them, of a line of text, and of all text
+GAP, TOP, LINE, WORDS = 20.0, 20.0, 26.0, 78.0  # [px] between the halves, above them, height of a line, height of all text
 COARSEST = 1e-2  # [m] larger errors are not drawn: the linkage is half a metre long
 # [px] more on the right, so that the legend fits where Arial is wider than the font in which it was measured
 PADDING = {"left": 16, "top": 16, "right": 52, "bottom": 16}
@@ -61,17 +61,18 @@ def motion_picture(run: Run) -> str:
     assert stored is not None, "no reference motion is stored"
     times, reference = stored
     by_label = {x.label: x for x in read_runs(run, LINKAGE, SCENARIO, links)}
-    chosen = [by_label[x] for x in PLAYED]
+    chosen = [by_label[label] for label in PLAYED]
     t = spread_times(times, crank_angles(mechanism, reference))
-    states = [open_wider(x, turn, times, reference, t) for x in chosen]
-    canvas = canvas_of(mechanism, np.vstack([turn.states, *states]))
+    motions = [open_wider(x, turn, times, reference, t) for x in chosen]
+    canvas = canvas_of(mechanism, np.vstack([turn.states, *motions]))
     still = [*linkage_parts(mechanism, pose_in(run, LINKAGE)[1][None], None, canvas, forces=False)]
     parts = []
-    for i, (one, name, own) in enumerate(zip(chosen, NAMES, states, strict=True)):
-        opens = f"a joint opens by {length_text(largest_gap(mechanism, one, reference, times))} at most"
-        film, slower = make_film(t, own, canvas)
+    for i, (played, name, states) in enumerate(zip(chosen, NAMES, motions, strict=True)):
+        opens = f"a joint opens by {length_text(largest_gap(mechanism, played, reference, times))} at most"
+        film, slower = make_film(t, states, canvas)
         parts += [
             f'<g transform="translate({i * (canvas.width + GAP):.0f} {TOP:.0f})">',
+            # the ground, whose parts neither move nor belong to a link
             *(part.draw() for part in still if part.link == GROUND and part.local is None),
             '<g class="motion-film">',
             *film_parts(mechanism, film, canvas),
@@ -91,71 +92,79 @@ def motion_picture(run: Run) -> str:
 
 
 def spread_times(times: Array, crank: Array) -> Array:
-    """Return times up to UNTIL between which the crank turns by about SPACING, whatever its speed."""
+    """Return times from 0 to UNTIL [s] between which the crank turns by equal angles of at most SPACING.
+
+    Args:
+        times, crank: (k,) times [s] and angles of the crank at them [rad].
+    """
     path: Any = PchipInterpolator(times, crank)
-    fine = np.linspace(0.0, UNTIL, 2001)
-    # the travelled angle grows monotonically: interpolate time at equal parts of it
-    turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path(fine))))])
+    fine = np.linspace(0.0, UNTIL, 2001)  # [s]
+    # the travelled angle grows monotonically, so that time can be interpolated at equal parts of it
+    turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path(fine))))])  # (2001,) [rad]
     return np.interp(np.linspace(0.0, turned[-1], 1 + math.ceil(turned[-1] / SPACING)), turned, fine)
 
 
 def open_wider(run: StoredRun, turn: Turn, times: Array, reference: Array, t: Array) -> Array:
-    """Return states (k, n) of a run at times t (k,) between its stored poses; open joints gape WIDER times as far."""
-    closed, gap = (x.reshape(len(times), -1) for x in (run.ahead, run.gap))
-    crank = PchipInterpolator(times, crank_angles(turn.mechanism, reference + closed))(t)
+    """Return the states (k, n) of a run at times t (k,) [s], with the openings of its joints magnified WIDER times.
+
+    Args:
+        times, reference: (l,) times of the stored poses [s], and reference states (l, n) at them.
+    """
+    ahead, gap = (x.reshape(len(times), -1) for x in (run.ahead, run.gap))  # (l, n) each
+    crank = PchipInterpolator(times, crank_angles(turn.mechanism, reference + ahead))(t)
     states = turn.at(crank)
-    angle = crank_angles(
-        turn.mechanism, states
-    )  # a view, so that the states change; the other links only swing and keep their angles
+    # add the whole turns that `turn` leaves out; the other links only swing. The angle is a view, so that the states change
+    angle = crank_angles(turn.mechanism, states)
     angle += 2 * np.pi * np.round((crank - angle) / (2 * np.pi))
     return np.asarray(states + WIDER * PchipInterpolator(times, gap, axis=0)(t))
 
 
 def largest_gap(mechanism: Mechanism, run: StoredRun, reference: Array, times: Array) -> float:
-    """Return the largest distance [m] between both ends of a joint in the stored poses up to UNTIL."""
+    """Return the largest distance [m] between both ends of a joint, over the stored poses of a run up to UNTIL.
+
+    Args:
+        reference, times: states (l, n) of the reference, and their times (l,) [s].
+    """
     shown = times <= UNTIL
     closed, opened = reference[shown], (reference + run.gap.reshape(len(reference), -1))[shown]
     gaps = []
     for joint in mechanism.joints:
         a, b = joint.ends
-        # the reference is stored with few digits: subtract the openings that this rounding makes
+        # the reference is stored with few digits, which opens its joints a little: subtract these openings
         apart = (position(opened, a) - position(opened, b)) - (position(closed, a) - position(closed, b))
         gaps.append(float(np.hypot(*apart.T).max()))
     return max(gaps)
 
 
 def film_parts(mechanism: Mechanism, film: Film, canvas: Canvas) -> Iterator[str]:
-    """Yield the moving links and joints; an open joint has both of its ends, with a red line between them."""
+    """Yield the SVG of the moving links and joints; of an open joint both ends are drawn, with a red line between them."""
     yield from (film.draw(link_part(mechanism, i, film.states, canvas)) for i in range(len(mechanism.links)))
     for joint in mechanism.joints:
-        a, b = (canvas.at(position(film.states, end)) for end in joint.ends)
+        a, b = (canvas.at(position(film.states, end)) for end in joint.ends)  # (f, 2) pixels each
         ends = [a]
         if np.abs(a - b).max() > OPEN:
             ends.append(b)
-            tracks = zip(("x1", "y1", "x2", "y2"), (*a.T, *b.T), strict=True)
-            moved = "".join(animate_attribute(k, values, film) for k, values in tracks)
+            moved = ""
+            for name, values in zip(("x1", "y1", "x2", "y2"), (*a.T, *b.T), strict=True):  # values (f,) [px]
+                track = ";".join(f"{x:.1f}" for x in values)
+                moved += f'<animate attributeName="{name}" values="{track}" {film.timing}/>'
             yield f'<line stroke="{RED}" stroke-width="5" stroke-linecap="round">{moved}</line>'
         yield from (film.draw(make_part([PIN], end)) for end in ends)
 
 
-def animate_attribute(name: str, values: Array, film: Film) -> str:
-    """Return an SVG element that moves an attribute through values (k,) at the times of a film."""
-    return f'<animate attributeName="{name}" values="{";".join(f"{x:.1f}" for x in values)}" {film.timing}/>'
-
-
 def cost_picture(run: Run) -> str:
-    """Return the figure of error against time of every engine on LINKAGE."""
+    """Return the SVG figure of error against time of every engine on LINKAGE."""
     lines = fronts(run)
     rows: list[dict[str, Any]] = []
-    for loop, some in lines.items():
-        rows += [{"engine": mark_own(run, loop), "line": loop, "x": one.seconds, "y": one.position} for one in some]
-    until = max(one.until for some in lines.values() for one in some)
-    words = f"processor time of {until:g} s of motion [s]", "largest error of any link [m]"
-    spec = points(rows, *words, 430, list(dict.fromkeys(row["engine"] for row in rows)))
+    for loop, settings in lines.items():
+        rows += [{"engine": mark_own(run, loop), "line": loop, "x": x.seconds, "y": x.position} for x in settings]
+    until = max(x.until for settings in lines.values() for x in settings)
+    axes = f"processor time of {until:g} s of motion [s]", "largest error of any link [m]"
+    spec = points(rows, *axes, 430, list(dict.fromkeys(row["engine"] for row in rows)))
     spec |= {"data": {"values": rows}, "width": 900, "padding": PADDING, "config": GRAMMAR["config"] | LOOK}
     drawn = vl_convert.vegalite_to_svg(spec, vl_version=VEGA_LITE)
     width, height = (float(x) for x in re.findall(r'(?:width|height)="([\d.]+)"', drawn)[:2])
-    inside = drawn[drawn.index(">") + 1 : drawn.rindex("</svg>")]
+    inside = drawn[drawn.index(">") + 1 : drawn.rindex("</svg>")]  # without its own <svg> element
     title = (
         "Error against time on the four-bar, of each engine the settings that none of its others beats in both; "
         f"{len(rows)} settings of {len(lines)} engines"
@@ -164,43 +173,44 @@ def cost_picture(run: Run) -> str:
 
 
 def fronts(run: Run) -> dict[str, list[Setting]]:
-    """Return engine (with its kind of loop) -> its Pareto front of time and error; the fastest within FIRST comes first."""
-    settings = group_by_loop(x for x in all_settings(run)[LINKAGE] if 0 < x.position <= COARSEST)
-    lines = {loop: pareto_front(some, lambda x: x.seconds, lambda x: x.position) for loop, some in settings.items()}
+    """Return name of an engine and its loop -> the settings of its Pareto front of time and error.
 
-    def time(loop: str) -> tuple[float, str]:
+    The engine that is the fastest within FIRST comes first.
+    """
+    settings = group_by_loop(x for x in all_settings(run)[LINKAGE] if 0 < x.position <= COARSEST)
+    lines = {loop: pareto_front(group, lambda x: x.seconds, lambda x: x.position) for loop, group in settings.items()}
+
+    def sort_key(loop: str) -> tuple[float, str]:
         within = cheapest(lines[loop], FIRST).values()
         return min((x.seconds for x in within), default=math.inf), loop
 
-    return {loop: lines[loop] for loop in sorted(lines, key=time) if lines[loop]}
+    return {loop: lines[loop] for loop in sorted(lines, key=sort_key) if lines[loop]}
 
 
 def draw_text(x: float, y: float, text: str, colour: str, size: int) -> str:
-    """Return a line of text around a point [px]."""
+    """Return the SVG of a line of text whose middle is at x, y [px]; `size` is the size of its letters [px]."""
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="middle" font-size="{size}" fill="{colour}">{escape(text)}</text>'
 
 
-def length_text(x: float) -> str:
-    """Format a length with two digits and a unit."""
-    unit, factor = next(((u, f) for u, f in (("m", 1.0), ("mm", 1e3), ("µm", 1e6)) if x * f >= 0.1), ("nm", 1e9))
-    return f"{x * factor:.2g} {unit}"
-
-
 def svg(title: str, width: float, height: float, parts: Sequence[str], style: str) -> str:
-    """Return the text of an SVG file whose colours are CSS variables, light or dark as the reader prefers."""
+    """Return the text of an SVG file whose colours are CSS variables, so that they follow the reader's choice of light or dark.
+
+    Args:
+        parts: elements inside the picture.
+        style: further rules of CSS.
+    """
     light = "".join(f"--{name}:{colour};" for colour, name in VARIABLES.items()) + hues(False)
     dark = "".join(f"--{name}:{colour};" for name, colour in DARK.items()) + hues(True)
     size = f'viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}"'
     look = f"svg{{{light}}}@media (prefers-color-scheme:dark){{svg{{{dark}}}}}{style}"
-    text = "\n".join(parts)
     start = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" font-family="Helvetica, Arial, sans-serif">'
-    drawn = f"{start}<title>{escape(title)}</title>\n"
-    drawn += f'<rect width="100%" height="100%" rx="12" fill="{PAPER}"/>\n{text}\n</svg>\n'
+    paper = f'<rect width="100%" height="100%" rx="12" fill="{PAPER}"/>'
+    drawn = "\n".join([f"{start}<title>{escape(title)}</title>", paper, *parts, "</svg>\n"])
     return inline(drawn, "picture").replace("<title>", f"<style>{look}</style><title>", 1)
 
 
 def write_pictures(run: Run, folder: Path) -> list[Path]:
-    """Write both pictures into a folder."""
+    """Write both pictures into a folder, and return their paths."""
     paths = [folder / "two_engines.svg", folder / "error_against_time.svg"]
     for path, text in zip(paths, (motion_picture(run), cost_picture(run)), strict=True):
         write_text(path, text)

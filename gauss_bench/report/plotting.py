@@ -1,4 +1,4 @@
-"""The style of all figures, and output of SVG and PNG that is reproducible byte for byte."""
+"""The style of all Matplotlib figures, and their SVG and PNG, which are reproducible byte for byte."""
 
 import io
 from collections.abc import Mapping
@@ -14,14 +14,18 @@ from matplotlib.lines import Line2D
 from gauss_bench.report.palette import INK
 
 STYLE = rc_params_from_file(Path(__file__).with_name("figure.mplstyle"), use_default_template=False)
-LEGEND = 2.1  # width kept for the legend at the right [inch]
+LEGEND = 2.1  # [inch] width of the legend at the right
 
 
 def panels(columns: int, rows: int = 1, height: float = 3.3) -> tuple[Figure, list[list[Axes]]]:
-    """Make a figure of rows x columns panels of a height [inch], with room for a legend at the right."""
-    left, bottom, top = 0.75, 0.6, 0.4
-    total = left + max(columns * 3.0, 5.2) + LEGEND
-    tall = rows * height + bottom
+    """Return a figure of rows x columns panels with room for a legend at the right, and the axes of its panels row by row.
+
+    Args:
+        height: height of a panel [inch].
+    """
+    left, bottom, top = 0.75, 0.6, 0.4  # [inch] margins
+    total = left + max(columns * 3.0, 5.2) + LEGEND  # [inch] width of the figure
+    tall = rows * height + bottom  # [inch] its height
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(total, tall))
         axes = figure.subplots(rows, columns, squeeze=False)
@@ -47,7 +51,7 @@ def png(figure: Figure) -> bytes:
 
 
 def legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None:
-    """Draw a legend at the right from name -> line style."""
+    """Draw a legend at the right; `entries` maps the name of a line to its style."""
     width, height = figure.get_size_inches()
     corner = (1 - (LEGEND - 0.12) / width, 1 - 0.36 / height)
     handles = [Line2D([], [], label=name, **style) for name, style in entries.items()]

@@ -1,52 +1,25 @@
-"""The summary of a run as a page of Markdown, for reviewers of changed rows: findings, and a small table per linkage.
+"""The summary of a run as a page of Markdown, for reviewers of changed rows: findings, and a small table for each linkage.
 
-The page is kept in git beside the rows; the site has everything else. Defeats come first. Accuracy and times are in separate
-tables, as are the rows, so that a repeated run changes few lines.
+The page is kept in git beside the rows. Defeats come first. Accuracy and times have tables of their own, so that a repeated run
+changes few lines.
 """
 
 import math
 from collections.abc import Iterable, Sequence
 
 from gauss_bench.reach import ERRORS
-from gauss_bench.report.content import (
-    AUTHORS,
-    NOTHING,
-    Block,
-    Bullets,
-    Cell,
-    Finding,
-    Section,
-    Table,
-    Text,
-    count,
-    itemise,
-    lay_out,
-    ratio_text,
-    status_cell,
-    text_cell,
-)
+from gauss_bench.report.cases import end_bar, end_error, has_ended, may_rank, measured_head, setting_words
+from gauss_bench.report.content import AUTHORS, Block, Bullets, Cell, Finding, Section, Table, Text, lay_out, status_cell, text_cell
 from gauss_bench.report.first_table import EXPLAINED, first_table, mark_own
 from gauss_bench.report.pages import SENTENCE
-from gauss_bench.report.rows import (
-    Row,
-    Run,
-    end_bar,
-    end_error,
-    group_by,
-    has_ended,
-    is_known,
-    may_rank,
-    measured_head,
-    search_span,
-    setting_words,
-    with_number,
-)
+from gauss_bench.report.rows import Row, Run, group_by, is_known, search_span, with_number
 from gauss_bench.report.sections.search import TRIED, answer_of
 from gauss_bench.report.site.settings import race_multiples
 from gauss_bench.report.site.write import SITE
+from gauss_bench.report.words import NOTHING, count, itemise, ratio_text
 
 LOST = "**"  # findings print defeats in bold
-SHORT, LONGEST = 40, 800  # characters of a finding
+SHORT, LONGEST = 40, 800  # characters: a first sentence that says too little alone, and the longest summary of a finding
 ACCURACY = (
     "For each engine and setting the table has the error of its accelerations at the same states, and the number of usable cases. "
     "Of those it has the case with the least error at the end of the run, with drift and error of energy. `results.csv` has all "
@@ -60,31 +33,29 @@ SEARCHED = (
 
 
 def summary(run: Run, findings: Iterable[Finding]) -> list[Section]:
-    """Return the sections of the page."""
+    """Return the sections of the page; sections for which the run has no rows are left out."""
     # findings in bold come first, then those on what is slower
     ordered = sorted(findings, key=lambda f: (LOST not in f.text, "slower" not in f.text))
     lost = [shorten(f) for f in ordered if f.tone in ("bad", "warn")]
-    won = [shorten(f) for f in ordered if f.tone not in ("bad", "warn")]
+    others = [shorten(f) for f in ordered if f.tone not in ("bad", "warn")]
     table, cheapest = first_table(run), multiple_tables(run)
-    sections = [Section("What this is", "about", describe_run(run))]
-    if table:
-        sections.append(Section("What holding an accuracy costs", "first", (Text(EXPLAINED), table)))
-    if lost:
-        sections.append(Section("Where it loses, and what failed", "lost", (Bullets(lost),)))
-    if won:
-        sections.append(Section("What else was found", "found", (Bullets(won),)))
-    if cheapest:
-        sections.append(Section("The cheapest setting of each engine", "cheapest", (Text(SEARCHED), *cheapest)))
-    if run.linkages:
-        linkages = [summarise_linkage(run, name) for name in run.linkages]
-        sections.append(Section("Accuracy", "accuracy", (Text(ACCURACY),), linkages))
-    return sections
+    linkages = [summarise_linkage(run, name) for name in run.linkages]
+    sections = [
+        Section("What this is", "about", describe_run(run)),
+        Section("What holding an accuracy costs", "first", (Text(EXPLAINED), table)) if table else None,
+        Section("Where it loses, and what failed", "lost", (Bullets(lost),)) if lost else None,
+        Section("What else was found", "found", (Bullets(others),)) if others else None,
+        Section("The cheapest setting of each engine", "cheapest", (Text(SEARCHED), *cheapest)) if cheapest else None,
+        Section("Accuracy", "accuracy", (Text(ACCURACY),), linkages) if linkages else None,
+    ]
+    return [section for section in sections if section is not None]
 
 
 def describe_run(run: Run) -> list[Block]:
     """Return the paragraphs on who wrote the report, what was run, and where the rows are."""
     ended = sum(has_ended(row) for row in run.results)
-    cases = f"{count(len(run.results), 'case')} on {itemise(f'`{x}`' for x in run.linkages)}; {ended} ended with a motion."
+    linkages = itemise(f"`{name}`" for name in run.linkages)
+    cases = f"{count(len(run.results), 'case')} on {linkages}; {ended} ended with a motion."
     where = (
         "The rows are beside this page, each table in its own file. `times` has the measured times, `tables.json` the unit and "
         "meaning of each column, and `environment.json` date and machine. `gauss-bench report` builds the site, "
@@ -94,10 +65,15 @@ def describe_run(run: Run) -> list[Block]:
 
 
 def shorten(finding: Finding) -> str:
-    """Return a finding's title with its bold sentences, or else with its first sentence that is not very short."""
+    """Return a finding's title with its bold sentences.
+
+    Without bold sentences it has the first sentence, the second one if the first is short, and all sentences with "slower".
+    """
     sentences = SENTENCE.split(finding.text)
-    chosen = [x for x in sentences if LOST in x] or sentences[: 2 if len(sentences[0]) < SHORT else 1]
-    chosen += [x for x in sentences if "slower" in x and x not in chosen and LOST not in finding.text]
+    chosen = [x for x in sentences if LOST in x]
+    if not chosen:
+        first = 2 if len(sentences[0]) < SHORT else 1
+        chosen = sentences[:first] + [x for x in sentences[first:] if "slower" in x]
     text = " ".join(chosen)
     if len(text) > LONGEST:
         text = f"{text[:LONGEST].rpartition('; ')[0] or text[:LONGEST]}; ..."
@@ -105,47 +81,59 @@ def shorten(finding: Finding) -> str:
 
 
 def summarise_linkage(run: Run, name: str) -> Section:
-    """Return the table of a linkage with one row per engine and setting."""
+    """Return the section of a linkage, a table with one row for each engine and setting."""
     rows = run.of(name)
-    least = [least_error(some) for some in group_by(rows, "engine", "settings").values()]
+    least = [least_error(cases) for cases in group_by(rows, "engine", "settings").values()]
     title = ", ".join(sorted({r["scenario"] for r in rows}))
     return Section(name, name, (lay_out("least", least, title, unit=measured_head(rows)),))
 
 
 def least_error(rows: Sequence[Row]) -> Row:
-    """Return the valid case with the least error, with its setting; without a valid case, how the cases ended."""
+    """Return the valid case with the least error, as a row of the layout `least`.
+
+    If no case is valid, the row tells how the cases ended.
+
+    Args:
+        rows: cases of one engine and setting.
+    """
     usable = [r for r in rows if may_rank(r)]
     errors = [r["acceleration_error_median"] for r in with_number(rows, "acceleration_error_median")]
     shared = {"acceleration_error_median": min(errors, default=math.nan), "usable": f"{len(usable)} of {len(rows)}"}
-    known = [r for r in usable if is_known(end_error(r))]
-    if not known:
-        ended = itemise(dict.fromkeys(status_cell(r).text for r in rows))
-        return {k: rows[0][k] for k in ("engine", "settings", "status")} | shared | {"by": ended}
-    best = min(known, key=end_error)
-    choice = setting_words(best, "integrator", "stabilization")
-    return {**best, **shared, "by": choice, "end_error": end_error(best), "end_bar": end_bar(best)}
+    compared = [r for r in usable if is_known(end_error(r))]
+    if not compared:
+        endings = itemise(dict.fromkeys(status_cell(r).text for r in rows))
+        return {k: rows[0][k] for k in ("engine", "settings", "status")} | shared | {"by": endings}
+    best = min(compared, key=end_error)
+    method = setting_words(best, "integrator", "stabilization")
+    return {**best, **shared, "by": method, "end_error": end_error(best), "end_bar": end_bar(best)}
 
 
 def multiple_tables(run: Run) -> list[Table]:
-    """Return tables of engines against linkages: the time of each engine's best setting as a multiple of the fastest."""
+    """Return a table for each requirement: the multiple of each engine, row by row, on each linkage, column by column."""
     rows = run.table("search_winners")
     names = sorted({r["mechanism"] for r in rows})
-    over = race_multiples(run)
+    multiples = race_multiples(run)
     tables = []
-    for (required, accuracy, unit), some in sorted(group_by(rows, "required", "accuracy", "unit").items()):
-        races = {(r["mechanism"], r["engine"]): r for r in some}
+    for (required, accuracy, unit), races in sorted(group_by(rows, "required", "accuracy", "unit").items()):
+        race_of = {(r["mechanism"], r["engine"]): r for r in races}
         lines = []
-        for engine in sorted({r["engine"] for r in some if r["status"] != "skip"}):
-            multiples = [over.get((name, required, accuracy, engine)) for name in names]
-            cells = [multiple_cell(run, races.get((name, engine)), x) for name, x in zip(names, multiples, strict=True)]
-            lines.append((text_cell(mark_own(run, engine)), *cells))
+        for engine in sorted({r["engine"] for r in races if r["status"] != "skip"}):
+            cells = [text_cell(mark_own(run, engine))]
+            for name in names:
+                multiple = multiples.get((name, required, accuracy, engine))
+                cells.append(multiple_cell(run, race_of.get((name, engine)), multiple))
+            lines.append(cells)
         title = f"Within {accuracy:.0e} {unit} of {ERRORS.get(required, required)} {search_span(run)}"
         tables.append(Table(title, ("engine", *names), lines, range(1, 1 + len(names))))
     return tables
 
 
 def multiple_cell(run: Run, row: Row | None, multiple: float | None) -> Cell:
-    """Return the cell of an engine on a linkage: its multiple, or why it has none."""
+    """Return the cell with an engine's multiple on a linkage, or with the reason why it has none.
+
+    Args:
+        row: the engine's race; None if it was not raced on the linkage.
+    """
     if row is None:
         return Cell(NOTHING)
     if multiple is None:

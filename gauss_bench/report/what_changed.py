@@ -1,39 +1,46 @@
-"""Sentences on what changed between releases of an engine, from their rows: for a terminal, a file and the report."""
+"""Sentences on the changes between releases of an engine's library, from rows: for a terminal, a file and the report."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
-from gauss_bench.report.rows import is_known
+from gauss_bench.report.rows import is_known, spread
+from gauss_bench.report.words import count
 
 Row = Mapping[str, Any]
 MOST, LONGEST = 3, 80  # names in a sentence, and characters of a reason
-DEFAULT, WORKS, THERE, ABSENT = "default", "works", "there", "not there"  # a quantity, and what was and is of it
+DEFAULT, WORKS, THERE, ABSENT = "default", "works", "there", "not there"  # values of the columns `quantity`, `was` and `now`
 EXCEPTION = re.compile(r"^\w+(Error|Failure|Warning): ")
 PLACE_IN_CODE = re.compile(r" (\(\w+\.py:\d+\)|\[file '[^']*', line \d+\]:?)")
 NAMES = ("releases", "release_changes", "release_costs", "release_cost_changes")  # tables
 TITLE = "# What changed between releases"
 RULE = (
-    "Each release is asked for accelerations at the same states and for a run of 1 s at steps of 1 ms. A difference between "
-    "neighbours is real if it exceeds 50 times what a start changed by 1e-14 makes; else it is rounding. It is real too where "
-    "such a start changes the answers of one of both by more than a thousandth, and those of the other by less than a millionth. "
-    "A cost changed if the range of its ratio lies more than 5 % from 1, and beyond what the newest release shows against itself."
+    "Each release computes accelerations at the same states, and a run of 1 s at steps of 1 ms. Both are repeated from starts "
+    "changed by 1e-14, which shows the effect of rounding. A difference between two neighbouring releases is real if it "
+    "exceeds 50 times that effect; else it is rounding. It is also real if a changed start changes the answers of one of both "
+    "by more than a thousandth, and those of the other by less than a millionth. A cost changed if the range of its ratio lies "
+    "more than 5 % from 1, and beyond the ratios that the newest release has against itself."
 )
 
 
 def describe_changes(tables: Mapping[str, Sequence[Row]]) -> list[tuple[str, list[str]]]:
-    """Return, for each pair of neighbours of the releases that have answers, a heading and its sentences."""
-    pages = []
+    """Return (heading, sentences) for each two neighbours among the releases that have answers.
+
+    Args:
+        tables: rows of the tables NAMES.
+    """
+    parts = []
     usable = [row for row in tables["releases"] if row["status"] == "ok"]
     for before, after in pairwise(usable):
         if before["engine"] != after["engine"]:
             continue
         pair = {"engine": after["engine"], "before": before["version"], "after": after["version"]}
-        found = [x for name in ("release_changes", "release_cost_changes") for x in tables[name] if pair.items() <= x.items()]
+        changes = [*tables["release_changes"], *tables["release_cost_changes"]]
+        found = [row for row in changes if pair.items() <= row.items()]
         heading = f"{pair['engine']} {pair['before']} -> {pair['after']}"
-        pages.append((heading, [*describe_quantities(found), describe_rounding(after), *describe_left_out((before, after))]))
-    return pages
+        parts.append((heading, [*describe_quantities(found), describe_rounding(after), *describe_left_out((before, after))]))
+    return parts
 
 
 def describe_unusable(rows: Iterable[Row]) -> list[str]:
@@ -42,7 +49,7 @@ def describe_unusable(rows: Iterable[Row]) -> list[str]:
 
 
 def describe_quantities(changes: Iterable[Row]) -> list[str]:
-    """Return a sentence for each quantity that changed, each reason for which answers came or went, and each kind of default."""
+    """Return a sentence for each quantity that changed, each reason for a new or missing answer, and each kind of default."""
     figures: dict[str, list[Row]] = {}
     answers: dict[tuple[str, str], list[Row]] = {}
     defaults: dict[str, list[Row]] = {}
@@ -50,7 +57,9 @@ def describe_quantities(changes: Iterable[Row]) -> list[str]:
         if is_known(row.get("difference")) or is_known(row.get("ratio")):
             figures.setdefault(row["quantity"], []).append(row)
         elif row["quantity"] == DEFAULT:
-            kind = "new" if row["was"] == ABSENT else "gone" if row["now"] == ABSENT else "changed"
+            kind = "changed"
+            if ABSENT in (row["was"], row["now"]):
+                kind = "new" if row["was"] == ABSENT else "gone"
             defaults.setdefault(kind, []).append(row)
         else:
             answers.setdefault((shorten(row["was"]), shorten(row["now"])), []).append(row)
@@ -60,9 +69,10 @@ def describe_quantities(changes: Iterable[Row]) -> list[str]:
 
 
 def describe_figures(quantity: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on the figures of one quantity that differ between neighbours: each ratio, or the largest difference."""
+    """Return a sentence on one quantity that differs between two releases: all its ratios, or its largest difference."""
     if is_known(rows[0].get("ratio")):
-        return f"{quantity}: " + "; ".join(f"{place_of(row)} times {ratio_text(row)}" for row in rows)
+        ratios = (spread(row, "ratio").print_with("{:.2f}".format).replace("..", " to ") for row in rows)
+        return f"{quantity}: " + "; ".join(f"{place_of(row)} times {ratio}" for row, ratio in zip(rows, ratios, strict=True))
     worst = max(rows, key=lambda row: float(row["difference"]))
     errors = f"error against the truth {worst['error_before']:.1e} -> {worst['error_after']:.1e}"
     size = f"by up to {worst['difference']:.2g} of their size, where rounding makes {worst['rounding']:.0e}"
@@ -70,15 +80,18 @@ def describe_figures(quantity: str, rows: Sequence[Row]) -> str:
 
 
 def describe_answers(was: str, now: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on questions of which one neighbour alone has an answer; `was` and `now` are reasons, or WORKS."""
-    named = name_some(sorted({place_of(row) for row in rows}), "; ")
-    asked = f"{len(rows)} question" + "s" * (len(rows) > 1)
-    told = f"answered since then, before: {was}" if now == WORKS else f"no longer answered: {now}"
-    return f"{asked} {told} ({named})"
+    """Return a sentence on the questions that one of two releases alone answers.
+
+    Args:
+        was, now: WORKS, or the reason for which the earlier and the later release has no answer.
+    """
+    cases = name_some(sorted({place_of(row) for row in rows}), "; ")
+    change = f"answered since then, before: {was}" if now == WORKS else f"no longer answered: {now}"
+    return f"{count(len(rows), 'question')} {change} ({cases})"
 
 
 def describe_defaults(kind: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on defaults and names of the library that are new, gone or changed."""
+    """Return a sentence on names and defaults of the library; `kind` is "new", "gone" or "changed"."""
     places = [place_of(row) for row in rows]
     if kind == "new":
         places = [x if row["now"] == THERE else f"{x} ({row['now']})" for x, row in zip(places, rows, strict=True)]
@@ -88,7 +101,7 @@ def describe_defaults(kind: str, rows: Sequence[Row]) -> str:
 
 
 def name_some(names: Sequence[str], between: str) -> str:
-    """Return at most MOST names, and how many more there are."""
+    """Return the first MOST names, joined by `between`, and the number of the others."""
     more = f"{between}and {len(names) - MOST} more" if len(names) > MOST else ""
     return between.join(names[:MOST]) + more
 
@@ -100,29 +113,25 @@ def shorten(answer: str) -> str:
 
 
 def describe_rounding(after: Row) -> str:
-    """Return a sentence on what is equal."""
+    """Return a sentence on the figures that differ by rounding alone between a release and the one before it."""
     figures = f"{int(after['rounding'])} of {int(after['compared'])} figures"
-    off = after["largest_rounding"]
-    return f"equal but for rounding: {figures}, which differ by at most {off:.1e}" if off else f"equal to the last bit: {figures}"
+    if after["largest_rounding"] == 0:
+        return f"equal to the last bit: {figures}"
+    return f"equal but for rounding: {figures}, which differ by at most {after['largest_rounding']:.1e}"
 
 
 def describe_left_out(releases: Iterable[Row]) -> list[str]:
-    """Return a sentence for each release of which not all was asked."""
+    """Return a sentence for each release that was not asked all questions."""
     return [f"{int(x['left_out'])} cases of {x['version']} were not asked within the time" for x in releases if x["left_out"]]
 
 
 def place_of(row: Row) -> str:
-    """Return case and setting in words."""
+    """Return the case and the setting of a row, separated by a comma."""
     return ", ".join(filter(None, (row["case"], row["setting"])))
 
 
-def ratio_text(row: Row) -> str:
-    """Return a ratio with its range."""
-    return f"{row['ratio']:.2f} ({row['ratio_low']:.2f} to {row['ratio_high']:.2f})"
-
-
 def write_page(tables: Mapping[str, Sequence[Row]]) -> str:
-    """Return the page in Markdown."""
+    """Return the page in Markdown, from the rows of the tables NAMES."""
     lines = [TITLE, "", RULE, ""]
     for heading, sentences in describe_changes(tables):
         lines += [f"## {heading}", "", *(f"- {x}" for x in sentences), ""]

@@ -1,1 +1,1 @@
-"""Drawings of linkages: still with names, animated, and curves of points."""
+"""Drawings of linkages: still pictures with names, animations, and curves of runs and points."""

@@ -4,10 +4,10 @@ A link is drawn once, in its own frame, and moved by its centre of mass z and it
 
     x = z + R(theta) local   as   translate(z) rotate(-theta), since y points down on the page,
 
-with linear interpolation in time. A point at a distance r from z then leaves its circle by at most r d_theta^2 / 8, so that joints
-look closed as long as no link turns much from one kept state to the next.
+with linear interpolation in time. If a link turns by d_theta between two kept states, a point at a distance r from z leaves its
+circle by at most r d_theta^2 / 8. Joints look closed as long as d_theta is small.
 
-Readers who ask for reduced motion, and printers, get the start instead, with the names of its parts.
+Readers who ask for reduced motion, and printers, get a still picture of the start with the names of its parts.
 """
 
 from collections.abc import Sequence
@@ -25,11 +25,11 @@ from gauss_bench.report.palette import INK, MUTED, PAPER
 from gauss_bench.terms import Array
 
 TURN = np.radians(4.0)  # largest turn of a link between two kept states: 0.1 px off the circle at a radius of 170 px
-FRAMES = 60  # smallest number of kept steps, if there are as many
+FRAMES = 60  # smallest number of kept steps, if the motion has as many
 SLOWEST = 4.0  # [s] length of the shortest film; a shorter motion is slowed down
-REST = 0.8  # [s] of rest at the end of a motion that does not return to its beginning
-SAME = 0.5  # [px, degrees] difference below which the end of a motion counts as its beginning
-HELD = 0.005  # [px, degrees] a part that moves less, which is below the written digits, is drawn at rest
+REST = 0.8  # [s] rest at the end of a motion that does not return to its beginning
+SAME = 0.5  # [px, degrees] smaller differences between beginning and end do not count
+HELD = 0.005  # [px, degrees] a part that moves less is drawn at rest, since the file has no more digits
 STYLE = "@media print,(prefers-reduced-motion:reduce){.motion-film{display:none}.motion-still{display:inline}}"
 HALO = f'paint-order="stroke" stroke="{PAPER}" stroke-width="3" stroke-linejoin="round"'  # keeps a name legible over bars
 
@@ -69,11 +69,14 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
 
 
 def thin(t: Array, q: Array) -> list[int]:
-    """Return indices of the states q (k, n) to keep, with both ends: as few as TURN and FRAMES allow."""
-    theta = np.unwrap(q[:, 2::3], axis=0)
-    longest = (
-        (t[-1] - t[0]) / FRAMES * (1 + 1e-9)
-    )  # margin for rounding, so that states at equal intervals are kept at equal intervals
+    """Return indices of the states q (k, n) to keep, with both ends: as few as TURN and FRAMES allow.
+
+    Args:
+        t: times (k,) of the states [s].
+    """
+    theta = np.unwrap(q[:, 2::3], axis=0)  # (k, links)
+    # the margin for rounding keeps states at equal intervals if they are given at equal intervals
+    longest = (t[-1] - t[0]) / FRAMES * (1 + 1e-9)
     kept = [0]
     for i in range(1, len(t) - 1):
         turned = np.abs(theta[i + 1] - theta[kept[-1]]).max(initial=0.0)
@@ -84,9 +87,10 @@ def thin(t: Array, q: Array) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """Kept states (f, n), angles unwrapped, and the timing of all animated attributes.
+    """Kept states of a motion, and the timing of all animated attributes.
 
     Attributes:
+        states: (f, n) with continuous angles.
         timing: duration, repetition and times of the states as SVG attributes.
     """
 
@@ -94,7 +98,7 @@ class Film:
     timing: str
 
     def draw(self, part: Part) -> str:
-        """Return a part with its animated translation, rotation and stretch, applied in this order from the outside."""
+        """Return the SVG of a part with its animated translation, rotation and stretch, applied in this order from the outside."""
         tracks = []
         for kind, values, digits in (("translate", part.place, 2), ("rotate", part.turn, 2), ("scale", part.stretch, 4)):
             if np.ptp(values, axis=0).max() > (1e-4 if kind == "scale" else HELD) or (part.title and kind != "scale"):
@@ -120,7 +124,7 @@ def make_film(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
 
 
 def _returns(states: Array, canvas: Canvas) -> bool:
-    """Tell whether every link ends where it began, up to whole turns."""
+    """Tell whether every link ends where it began, apart from whole turns, over states (f, n)."""
     change = (states[-1] - states[0]).reshape(-1, 3)
     turn = np.degrees(change[:, 2])
     shift = np.hypot(change[:, 0], change[:, 1]) * canvas.scale
@@ -128,13 +132,17 @@ def _returns(states: Array, canvas: Canvas) -> bool:
 
 
 def _letter(point: Point) -> str:
-    """Return the name of a point, to be drawn beside it."""
+    """Return the SVG of the name of a point, beside the origin; empty for a point without a name."""
     name = escape(point.name.partition(".")[2] or point.name)
     return f'<text x="8" y="-8" fill="{INK}" font-style="italic" {HALO}>{name}</text>' if name else ""
 
 
 def draw_pace(slower: float, canvas: Canvas, avoid: Array) -> list[str]:
-    """Return the caption "slowed x times", in the corner with most room; nothing for a film in real time."""
+    """Return the SVG of the caption "slowed x times" in the corner with most room; an empty list for a film in real time.
+
+    Args:
+        avoid: segments (k, 2, 2) [px] from which the caption keeps away.
+    """
     if slower < 1.05:
         return []
     text = f"slowed {slower:.2g} times"

@@ -1,4 +1,4 @@
-"""Canvas and parts of drawings: the map from metres to pixels, and shapes that are drawn once in their own frame and then moved."""
+"""The canvas of a drawing, which maps metres to pixels, and its parts, which are drawn once in their own frames and then moved."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -15,7 +15,13 @@ NO_LINES = np.zeros((0, 2, 2))
 
 @dataclass(frozen=True, eq=False)
 class Canvas:
-    """The map from metres to pixels: x to the right; y up in metres, down in pixels."""
+    """The map from metres to pixels: x to the right; y up in metres, down in pixels.
+
+    Attributes:
+        low: (2,) smallest x and y of the drawing [m].
+        scale: pixels in a metre.
+        width, height: size of the picture [px].
+    """
 
     low: Array
     scale: float
@@ -28,23 +34,24 @@ class Canvas:
         return np.stack((shift[..., 0], self.height - shift[..., 1]), axis=-1)
 
     def offset(self, x: Array) -> Array:
-        """Return pixels (..., 2) of vectors (..., 2) [m], such as positions in a link's own frame."""
+        """Return pixels (..., 2) of vectors (..., 2) [m] that do not start at the origin, such as positions in a link's frame."""
         return np.asarray(x * (self.scale, -self.scale))
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Shapes around their own origin, with the motion of that origin.
+    """Shapes around an origin of their own, and the motion of this origin over k states.
 
     Attributes:
         shapes: SVG elements in pixels.
-        place: (k, 2) pixels of the origin at each state.
-        turn: (k,) [deg], clockwise as in SVG; zeros for a part that stays upright.
-        stretch: (k,) factors along its x axis.
-        reach: (l, 2, 2) lines in pixels around the origin that names keep clear of.
-        name: of a force or driver, drawn beside it.
-        title: of a link, shown as a tooltip.
-        link, local: index of the link that moves the part, -1 for none; a part that stays upright has its place on that link [px].
+        place: (k, 2) pixels of the origin.
+        turn: (k,) angles [deg], clockwise as in SVG; zeros for a part that stays upright.
+        stretch: (k,) factors along the x axis of the part.
+        reach: (l, 2, 2) lines [px] around the origin, from which names keep away.
+        name: name of a force or driver, which is drawn beside the part.
+        title: name of a link, which is shown as a tooltip.
+        link: index of the link that moves the part, -1 for none.
+        local: (2,) place on this link [px], for a part that moves with the link and stays upright.
     """
 
     shapes: tuple[str, ...]
@@ -58,13 +65,18 @@ class Part:
     local: Array | None = None
 
     def lines(self, k: int = 0) -> Array:
-        """Return the lines (l, 2, 2) of `reach` at state k, in pixels of the page."""
+        """Return the lines (l, 2, 2) of `reach` at state k, in pixels of the picture."""
         c, s = np.cos(np.radians(self.turn[k])), np.sin(np.radians(self.turn[k]))
         x, y = self.reach[..., 0] * self.stretch[k], self.reach[..., 1]
         return np.asarray(self.place[k] + np.stack((c * x - s * y, s * x + c * y), axis=-1))
 
     def draw(self, more: str = "", inside: str = "") -> str:
-        """Return the SVG of the part at its first state."""
+        """Return the SVG of the part at its first state.
+
+        Args:
+            more: further attributes, with a space before them.
+            inside: further elements, such as animations.
+        """
         (x, y), turn = self.place[0], self.turn[0]
         tooltip = f"<title>{escape(self.title)}</title>" if self.title else ""
         move = f"translate({x:.2f} {y:.2f})" + (f" rotate({turn:.2f})" if turn else "")
@@ -72,7 +84,7 @@ class Part:
 
 
 def make_part(shapes: Iterable[str], place: Array, turn: Array | float = 0.0, **more: object) -> Part:
-    """Make a part at pixels (k, 2) or (2,), by default upright and without stretch."""
+    """Return a part at pixels (k, 2) or (2,), by default upright and without stretch; `more` has further fields of a part."""
     place = np.atleast_2d(place)
     stretch = more.pop("stretch", np.ones(len(place)))
     return Part(tuple(shapes), place, np.broadcast_to(turn, len(place)), stretch, **more)  # type: ignore[arg-type]
@@ -84,7 +96,7 @@ def path(points: Array, closed: bool = False) -> str:
 
 
 def stroke(style: str, *lines: Array) -> str:
-    """Return one SVG element that draws lines (k, 2) in pixels."""
+    """Return one SVG element that draws polygonal lines, each (k, 2) [px]; `style` has its attributes."""
     return f'<path d="{"".join(map(path, lines))}" {style}/>'
 
 
@@ -99,7 +111,7 @@ def turn_left(vector: Array) -> Array:
 
 
 def page(canvas: Canvas, title: str, parts: Iterable[str]) -> str:
-    """Return the SVG of parts on a background."""
+    """Return the text of an SVG file with a background and `parts`, which are SVG elements."""
     size = f'viewBox="0 0 {canvas.width:.0f} {canvas.height:.0f}" width="{canvas.width:.0f}" height="{canvas.height:.0f}"'
     start = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" font-family="Helvetica, Arial, sans-serif" font-size="13">'
     paper = f'<rect width="100%" height="100%" fill="{PAPER}"/>'

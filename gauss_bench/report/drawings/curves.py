@@ -20,7 +20,11 @@ ARROW = 0.15  # distance of the arrow from the start of a path, as a share of th
 
 
 def curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, points: Sequence[Point]) -> str:
-    """Return the SVG of three panels per point, from states q, v, a (k, n) of a mechanism at times t (k,) [s].
+    """Return the SVG of three panels for each point: its path, its velocity and its acceleration.
+
+    Args:
+        t: times (k,) [s].
+        q, v, a: states (k, n) of the mechanism at these times.
 
     Raises:
         ValueError: there is no point, or the states are not those of the mechanism.
@@ -51,14 +55,14 @@ def draw_path(axes: Axes, points: Array) -> None:
     axes.set_ylabel("y [m]")
     axes.locator_params(nbins=5)
     travelled = np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))  # (k,) [m] arc length
-    head = int(np.searchsorted(travelled, ARROW * np.hypot(*np.ptp(points, axis=0))))
+    head = int(np.searchsorted(travelled, ARROW * np.hypot(*np.ptp(points, axis=0))))  # index of the point at the arrow's head
     if travelled[-1] > 0:  # a point at rest has no direction
         look = {"arrowstyle": "-|>", "color": TRACE, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 14}
         axes.annotate("", points[head], points[head - 1], arrowprops=look)
 
 
 def draw_components(axes: Axes, t: Array, values: Array, label: str) -> None:
-    """Draw both components of a vector (k, 2) against time."""
+    """Draw both components of vectors (k, 2) against times t (k,)."""
     for (_, look), component in zip(COMPONENTS.items(), values.T, strict=True):
         axes.plot(t, component, **look)
     axes.set_xlim(t[0], t[-1])

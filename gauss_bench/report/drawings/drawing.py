@@ -1,7 +1,6 @@
 """Draw a linkage as SVG: links as rounded bars, pins as circles, slides as blocks on their guides, the ground hatched.
 
-A link is drawn once, in its own frame, with its guides and blocks. Lengths are rounded in pixels, so that equal states give equal
-files.
+A link is drawn once, in its own frame, with its guides and blocks. Pixels are rounded, so that equal states give equal files.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -27,7 +26,7 @@ WIDTH, LONGEST = 640.0, 500.0  # page width and largest drawing height [px]
 BAR = 13.0  # width of a link [px]
 BEYOND = 36.0  # length of a guide beyond the travel of its block [px]
 FLAT = 1e-6  # relative to a link's length: points that are closer to one line have no hull
-ON_PIN = 0.5  # [px] a point that stays this near to a pin is drawn inside the pin
+ON_PIN = 0.5  # [px] an observed point that stays this near to a pin gets a smaller dot, inside the pin
 ROUND = (1e-3, 1e-2, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # lengths of the scale bar [m]
 PIN = f'<circle r="4.5" fill="{PAPER}" stroke="{INK}" stroke-width="1.6"/>'
 BLOCK = f'<rect x="-19" y="-11" width="38" height="22" rx="3" fill="{BODY}" stroke="{BODY_EDGE}" stroke-width="1.5"/>'
@@ -36,7 +35,12 @@ GUIDE = f'stroke="{MUTED}" stroke-dasharray="9 3 2 3"'
 
 
 def draw(mechanism: Mechanism, q: Array | None = None, trace: Array | None = None) -> str:
-    """Return the SVG of a linkage at q (n,), by default its start, with the paths of observed points over `trace` (k, n)."""
+    """Return the SVG of a linkage with the names of its parts.
+
+    Args:
+        q: state (n,) to draw; by default the start.
+        trace: states (k, n) over which the paths of observed points are drawn.
+    """
     q = mechanism.q0 if q is None else q
     canvas = fit(mechanism, q[None] if trace is None else np.vstack([q[None], trace]))
     parts = [*linkage_parts(mechanism, q[None], trace, canvas)]
@@ -46,26 +50,31 @@ def draw(mechanism: Mechanism, q: Array | None = None, trace: Array | None = Non
 
 
 def draw_at(mechanism: Mechanism, q: Array, trace: Array, canvas: Canvas) -> str:
-    """Return one picture of a film: state q (n,) on a shared canvas, with paths over `trace` (k, n), without names."""
+    """Return the SVG of one picture of a film: state q (n,) without names, and paths of observed points over `trace` (k, n)."""
     parts = linkage_parts(mechanism, q[None], trace, canvas)
     return page(canvas, mechanism.title or mechanism.name, draw_shapes(mechanism, trace, canvas, parts))
 
 
 def draw_shapes(mechanism: Mechanism, trace: Array | None, canvas: Canvas, parts: Iterable[Part]) -> list[str]:
-    """Return the SVG of the paths of observed points, if there is a trace, and of all parts over them."""
+    """Return the SVG elements of the paths of observed points over `trace` (k, n), if it is given, and of all parts above them."""
     tracks = [] if trace is None else draw_paths(mechanism.observed_points, trace, canvas)
     return [*tracks, *(part.draw() for part in parts)]
 
 
 @dataclass(frozen=True, eq=False)
 class ScaleBar:
-    """A bar of a round length [m] between two pixels (2, 2)."""
+    """A scale bar.
+
+    Attributes:
+        length: its length [m].
+        ends: its two ends (2, 2) [px].
+    """
 
     length: float
     ends: Array
 
     def draw(self) -> list[str]:
-        """Return the SVG of the bar and its length."""
+        """Return the SVG elements of the bar and its length."""
         (a, y), (b, _) = self.ends
         bar = f'<path d="M{a:.1f} {y - 4:.1f}V{y:.1f}H{b:.1f}V{y - 4:.1f}" fill="none" stroke="{MUTED}"/>'
         style = f'text-anchor="middle" font-size="11" fill="{MUTED}"'
@@ -73,7 +82,7 @@ class ScaleBar:
 
 
 def place_scale(canvas: Canvas, avoid: Array) -> ScaleBar:
-    """Return a scale bar in the corner with most room beside the segments `avoid` (k, 2, 2) [px]."""
+    """Return a scale bar in the corner of the picture that is farthest from the segments `avoid` (k, 2, 2) [px]."""
     length = max(x for x in ROUND if x * canvas.scale < 120 or x == ROUND[0])
     half = np.array([length * canvas.scale / 2, 0.0])
     middle = free_corner(canvas, float(half[0]), avoid)
@@ -81,7 +90,12 @@ def place_scale(canvas: Canvas, avoid: Array) -> ScaleBar:
 
 
 def free_corner(canvas: Canvas, half: float, avoid: Array) -> Array:
-    """Return the middle (2,) [px] of a line of half length `half` in the corner farthest from the segments `avoid` (k, 2, 2)."""
+    """Return the middle (2,) [px] of a horizontal line in the corner of the picture that is farthest from given segments.
+
+    Args:
+        half: half the length of the line [px].
+        avoid: segments (k, 2, 2) [px].
+    """
     corners = [np.array([x, y]) for y in (canvas.height - 18, 26) for x in (canvas.width - 20 - half, 20 + half)]
     line = np.array([[-half, 0.0], [0.0, 0.0], [half, 0.0]])  # around its middle
 
@@ -93,13 +107,13 @@ def free_corner(canvas: Canvas, half: float, avoid: Array) -> Array:
 
 
 def draw_names(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Part], scale: ScaleBar) -> list[str]:
-    """Return the names of all parts at q (n,), placed clear of the scale bar."""
+    """Return the SVG elements of the names of all parts at state q (n,), placed apart from the scale bar."""
     taken = box_of(f"{scale.length:g} m", scale.ends.mean(axis=0) - np.array([0.0, 10.0]), 11.0)
     return lettering(mechanism, q, canvas, parts, taken, scale.ends)
 
 
 def fit(mechanism: Mechanism, states: Array, points: Sequence[Point] = ()) -> Canvas:
-    """Return a canvas that contains all named points, and the given points, at all states (k, n)."""
+    """Return a canvas that contains all named points, and `points`, at all states (k, n)."""
     named = [mechanism.point(i, name) for i, link in enumerate(mechanism.links) for name in link.points]
     ends = [p for j in mechanism.joints for p in j.ends]
     ground = [p for p in (*ends, *attachments(mechanism)) if p.link == GROUND]
@@ -124,12 +138,14 @@ def linkage_parts(
     """Yield all parts of a linkage at states (k, n), from the background to the front.
 
     Args:
-        trace: states (l, n) that give the length of guides on the ground, if they differ from the drawn states.
-        letters: observed point -> an SVG text that moves with it.
+        trace: states (l, n) over which blocks travel along guides on the ground; by default `states`.
+        forces: whether forces and drivers are drawn.
+        letters: name of an observed point -> an SVG text that moves with it.
     """
     yield from ground_parts(mechanism, states if trace is None else trace, canvas)
     blocks = {joint.block.link for joint in mechanism.joints if isinstance(joint, Prismatic)}
-    for i in sorted(range(len(mechanism.links)), key=lambda i: (i not in blocks, i)):  # a block lies under the bar it slides on
+    # links with a block come first, so that a block lies under the bar on which it slides
+    for i in sorted(range(len(mechanism.links)), key=lambda i: (i not in blocks, i)):
         yield link_part(mechanism, i, states, canvas)
     if forces:
         yield from force_parts(mechanism, states, canvas)
@@ -138,8 +154,8 @@ def linkage_parts(
 
 def ground_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterator[Part]:
     """Yield the feet of pins on the ground, and guides on the ground along the travel of their blocks over states (k, n)."""
-    pins = [joint for joint in mechanism.joints if isinstance(joint, Revolute)]
-    held = [p for p in (*(p for j in pins for p in (j.a, j.b)), *attachments(mechanism)) if p.link == GROUND]
+    ends = [end for joint in mechanism.joints if isinstance(joint, Revolute) for end in (joint.a, joint.b)]
+    held = [point for point in (*ends, *attachments(mechanism)) if point.link == GROUND]
     for where in dict.fromkeys(tuple(p.local.tolist()) for p in held):
         shapes = (FOOT, *hatch(np.array([-20.0, 22.0]), np.array([20.0, 22.0])))
         yield make_part(shapes, canvas.at(np.array(where)), reach=np.array([[(0.0, 0.0), (x, 26.0)] for x in (-14.0, 0.0, 14.0)]))
@@ -150,7 +166,7 @@ def ground_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterato
 
 
 def point_parts(mechanism: Mechanism, states: Array, canvas: Canvas, letters: Mapping[str, str]) -> Iterator[Part]:
-    """Yield pins and observed points with their letters at states (k, n)."""
+    """Yield pins and observed points at states (k, n); `letters` as `linkage_parts`."""
     pins = [joint.a for joint in mechanism.joints if isinstance(joint, Revolute)]
     tracks = [canvas.at(position(states, pin)) for pin in pins]  # pixels (k, 2) of each pin
     # a pin through several links consists of several joints at one place: draw it once
@@ -165,7 +181,7 @@ def point_parts(mechanism: Mechanism, states: Array, canvas: Canvas, letters: Ma
 
 
 def link_part(mechanism: Mechanism, i: int, states: Array, canvas: Canvas) -> Part:
-    """Return a link: its guides and blocks, the faint hull of its points, and its bars with round ends."""
+    """Return link i at states (k, n): its guides and blocks, the faint hull of its points, and its bars with round ends."""
     link = mechanism.links[i]
     shapes, reach = [], []
     for joint in (j for j in mechanism.joints if isinstance(j, Prismatic)):
@@ -174,6 +190,7 @@ def link_part(mechanism: Mechanism, i: int, states: Array, canvas: Canvas) -> Pa
             shapes.append(stroke(GUIDE, line))
             reach += [*lines_beside(line)]
         if joint.block.link == i:
+            # direction of the guide in the frame of the block's link
             (x, y), turn = canvas.offset(joint.block.local), -np.degrees(joint.angle - joint.turn)
             shapes.append(BLOCK.replace("<rect ", f'<rect transform="translate({x:.1f} {y:.1f}) rotate({turn:.2f})" '))
             reach += [[(x - 18, y + side), (x + 18, y + side)] for side in (-14, 0, 14)]
@@ -184,6 +201,7 @@ def link_part(mechanism: Mechanism, i: int, states: Array, canvas: Canvas) -> Pa
     if len(outline):
         shape = f'd="{path(outline, closed=True)}" stroke-linejoin="round"'
         shapes.append(f'<path {shape} fill="{fill}" fill-opacity="0.45" stroke="{edge}" stroke-opacity="0.35"/>')
+    # a bar is a wide line in the colour of its edge with a narrower line over it
     for width, colour in ((BAR, edge), (BAR - 3, fill)) if bars else ():
         shapes.append(stroke(f'fill="none" stroke="{colour}" stroke-width="{width:g}" stroke-linecap="round"', *bars))
     place, turn = canvas.at(states[:, 3 * i : 3 * i + 2]), -np.degrees(states[:, 3 * i + 2])
@@ -191,18 +209,18 @@ def link_part(mechanism: Mechanism, i: int, states: Array, canvas: Canvas) -> Pa
 
 
 def hull(points: Array) -> Array:
-    """Return the corners (k, 2) of the convex hull, in order; none if all points lie on a line."""
+    """Return the corners (k, 2) of the convex hull of points (l, 2), in order; no corners if all points lie on a line."""
     flat = len(points) < 3 or np.linalg.matrix_rank(points[1:] - points[0], tol=FLAT * np.ptp(points)) < 2
     return np.zeros((0, 2)) if flat else points[ConvexHull(points).vertices]
 
 
 def bar_ends(link: Link) -> list[tuple[str, str]]:
-    """Return the pairs of points to join: the bars, or consecutive points of a link without bars."""
+    """Return the names of the points that each bar of a link joins; a link without bars has one between consecutive points."""
     return list(link.bars) or list(pairwise(link.points))
 
 
 def guide_ends(joint: Prismatic, states: Array, more: float) -> tuple[Point, Point]:
-    """Return both ends of a guide on its link: the travel of the block over states (k, n), extended by `more` [m] at each end."""
+    """Return both ends of a guide on its link: the block's travel over states (k, n), longer by `more` [m] at each end."""
     travel = value(joint.motion, states)
     axis = direction(joint.angle)
     start = joint.guide.local + joint.offset * turn_left(axis)
@@ -211,13 +229,13 @@ def guide_ends(joint: Prismatic, states: Array, more: float) -> tuple[Point, Poi
 
 
 def lines_beside(line: Array) -> Array:
-    """Return two lines (2, 2, 2) to the right of a guide (2, 2), where hatching is drawn."""
+    """Return two lines (2, 2, 2) beside a guide (2, 2) [px], on the side of its hatching."""
     along = (line[1] - line[0]) / max(float(np.hypot(*(line[1] - line[0]))), 1e-9)
     return np.array([line + side * turn_left(along) for side in (11, 17)])
 
 
 def hatch(a: Array, b: Array) -> list[str]:
-    """Return a ground line from a to b with hatching on its right, in pixels."""
+    """Return the SVG elements of a ground line from a to b (2,) [px], with hatching on its right."""
     length = float(np.hypot(*(b - a)))
     along = (b - a) / length
     slant = 7 * turn_left(along) - 5 * along
@@ -227,13 +245,13 @@ def hatch(a: Array, b: Array) -> list[str]:
 
 
 def draw_paths(points: Iterable[Point], trace: Array, canvas: Canvas) -> list[str]:
-    """Return the SVG of the paths of points over the states of `trace` (k, n)."""
+    """Return the SVG elements of the paths of points over states `trace` (k, n)."""
     style = f'fill="none" stroke="{TRACE}" stroke-width="1.4" stroke-dasharray="1.5 4" stroke-linecap="round"'
     return [stroke(style, canvas.at(position(trace, p))) for p in points if p.link != GROUND]
 
 
 def write_drawings(folder: Path) -> list[Path]:
-    """Draw every built-in linkage into `folder`/NAME.svg."""
+    """Draw every built-in linkage to `folder`/NAME.svg, and return the paths."""
     files = [folder / f"{name}.svg" for name in built_in()]
     for file in files:
         write_text(file, draw(*pose_links(file.stem)))

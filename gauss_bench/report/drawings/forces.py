@@ -1,4 +1,4 @@
-"""Symbols of forces and drivers: springs, dampers, motors, prescribed motions and loads, as parts that move and turn.
+"""Symbols of forces and drivers, as parts that move and turn with the linkage.
 
 spring                zigzag between its points; with a damper both side by side
 damper                dashpot between its points; a dotted ring around a pin whose turning is damped
@@ -45,13 +45,9 @@ KEPT = 'vector-effect="non-scaling-stroke"'
 LINE = f'fill="none" stroke="{INK}" stroke-width="1.4" stroke-linejoin="round" stroke-linecap="round" {KEPT}'
 PUSH = f'fill="none" stroke="{CRANK_EDGE}" stroke-width="2" stroke-linecap="round"'
 LEAD = 0.14  # share of the length at either end before spring and damper separate
-COILS = np.stack(
-    [np.linspace(0.2, 0.8, 29)[1::2], WIDE * (-1.0) ** np.arange(14)], axis=-1
-)  # (14, 2) points as (part of the length, px)
-POT = (
-    ((0.62, -6), (0.4, -6), (0.4, 6), (0.62, 6)),
-    ((0.52, -4), (0.52, 4)),
-)  # the pot of a damper: points as (part of the length, px)
+# points of a spring and of a damper's pot and piston are (share of the length, px beside the line)
+COILS = np.stack([np.linspace(0.2, 0.8, 29)[1::2], WIDE * (-1.0) ** np.arange(14)], axis=-1)  # (14, 2)
+POT = (((0.62, -6), (0.4, -6), (0.4, 6), (0.62, 6)), ((0.52, -4), (0.52, 4)))
 RING = f'<circle r="9" fill="none" stroke="{BODY_EDGE}" stroke-width="2.4" stroke-dasharray="2.2 2.5"/>'
 MOTOR = f'<circle r="9" {PUSH}/>'
 SPIRAL = np.linspace(6.5, 13.5, 40)[:, None] * direction(-np.linspace(0, 4.5 * np.pi, 40))  # radius from 6.5 to 13.5 px
@@ -72,7 +68,7 @@ def attachments(mechanism: Mechanism) -> list[Point]:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Positions in pixels at states (k, n) on a canvas."""
+    """Positions and angles of a linkage at states (k, n), as drawn on a canvas."""
 
     states: Array
     canvas: Canvas
@@ -132,20 +128,26 @@ def _sense(driver: AngleDriver | SlideDriver) -> float:
 
 
 def _pin(mechanism: Mechanism, a: int, b: int) -> Point:
-    """Return the pin of two links; without one, a pin of b on the ground, else b's centre of mass."""
+    """Return a point around which torques between links a and b are drawn.
+
+    That is the pin of both links, without one a pin of b on the ground, else the centre of mass of b.
+    """
     pins = {frozenset((j.a.link, j.b.link)): j.a for j in reversed(mechanism.joints) if isinstance(j, Revolute)}
     centre = Point(b if b != GROUND else a, np.zeros(2), "")
     return pins.get(frozenset((a, b))) or pins.get(frozenset((GROUND, b)), centre)
 
 
 def ring_part(name: str, shapes: Iterable[str], centre: Array, radius: float = 24.0, turn: Array | float = 0.0) -> Part:
-    """Return a symbol of fixed size; names keep clear of a circle of this radius [px]."""
+    """Return a symbol of fixed size around a centre (k, 2) [px]; names keep away from a circle of this radius [px]."""
     corners = radius * direction(np.linspace(0, 2 * np.pi, 7))
     return make_part(shapes, centre, turn, name=name, reach=np.stack([corners[:-1], corners[1:]], axis=1))
 
 
 def motion_along(a: Array, b: Array) -> tuple[float, dict[str, Array]]:
-    """Return the first length [px] of the line between pixels a and b (k, 2), and place, turn and stretch of a symbol along it."""
+    """Return the length [px] of the line from a to b (k, 2) [px] at the first state, and the motion of a symbol along the line.
+
+    The motion is `place`, `turn` and `stretch` of a part.
+    """
     line = b - a
     length = np.maximum(np.hypot(*line.T), 1.0)
     turn = np.degrees(np.unwrap(np.arctan2(line[:, 1], line[:, 0])))
@@ -153,10 +155,10 @@ def motion_along(a: Array, b: Array) -> tuple[float, dict[str, Array]]:
 
 
 def spring_damper(name: str, a: Array, b: Array, k: float, c: float) -> Iterator[Part]:
-    """Yield a spring (if k) and a damper (if c) between pixels a and b (n, 2)."""
+    """Yield a spring (if k is not 0) and a damper (if c is not 0) between a and b (n, 2) [px]."""
     length, motion = motion_along(a, b)
     side, ends = (SIDE, (LEAD, 1 - LEAD)) if k and c else (0.0, (0.0, 1.0))
-    lines = []  # points as (part of the length, px beside the line)
+    lines = []  # points as (share of the length, px beside the line)
     if k:
         lines.append([(ends[0], -side), (0.2, -side), *(COILS - (0, side)), (0.8, -side), (ends[1], -side)])
     if c:
@@ -171,7 +173,7 @@ def spring_damper(name: str, a: Array, b: Array, k: float, c: float) -> Iterator
 
 
 def cylinder(name: str, a: Array, b: Array) -> Iterator[Part]:
-    """Yield a rod between pixels a and b (n, 2), and around its first part a barrel of constant length."""
+    """Yield a rod between a and b (n, 2) [px], and around its first part a barrel of constant length."""
     length, motion = motion_along(a, b)
     rod = f'<path d="M0 0H{length:.1f}" fill="none" stroke="{CRANK_EDGE}" stroke-width="4" {KEPT}/>'
     yield make_part([rod], **motion, name=name, reach=np.array([[(0.0, 0.0), (length, 0.0)]]))
@@ -182,7 +184,7 @@ def cylinder(name: str, a: Array, b: Array) -> Iterator[Part]:
 
 
 def arrow(start: float, end: float, sense: float = 1.0) -> list[str]:
-    """Return an arrow along the x axis from `start` to `end` [px]; a negative sense reverses it."""
+    """Return the SVG elements of an arrow along the x axis from `start` to `end` [px]; a negative sense mirrors it."""
     line = f'<path d="M{sense * start:.1f} 0H{sense * (end - 8):.1f}" {PUSH}/>'
     head = path(np.array([(end, 0), (end - 9, 4.5), (end - 9, -4.5)]) * (sense, 1), closed=True)
     return [line, f'<path d="{head}" fill="{CRANK_EDGE}"/>']

@@ -1,4 +1,4 @@
-"""Plot a run as a column of panels over time: lines are named at their ends, and the part that is not trusted is shaded."""
+"""Plot a run as a column of panels over time. Lines have names at their ends; the part that is not trusted is shaded."""
 
 import textwrap
 from collections.abc import Iterable, Sequence
@@ -19,7 +19,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Caption, Curve, Group, History
 
 WIDTH, PANEL, HEAD, FOOT = 6.0, 1.12, 0.38, 0.5  # [inch]: width; heights of a panel, its title, the time axis
-MORE, FEW = 0.13, 4  # [inch] of further height for each line beyond FEW
+MORE, FEW = 0.13, 4  # [inch] further height of a panel for each line beyond FEW
 LEFT, RIGHT = 0.72, 1.5  # [inch] at the sides of the panels, for numbers and names
 NAMED = 8  # lines of a panel that have a colour and a name; the others are grey
 SAMPLES = 800  # largest number of drawn samples of a curve, more than its width in pixels
@@ -29,7 +29,7 @@ GAP = 10.5  # [pt] smallest distance of two names
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A line of a panel: its name, its values (k,) and the index of its colour; the y component of a vector is dashed."""
+    """A line of a panel: its name, its values (k,), the index of its colour, and whether it is dashed, as y components are."""
 
     name: str
     values: Array
@@ -39,7 +39,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Lines with one unit; `limits` fixes the range of the axis."""
+    """Lines with one unit; `limits` is the range of the axis if it is fixed."""
 
     title: str
     lines: tuple[Line, ...]
@@ -47,12 +47,12 @@ class Panel:
 
     @property
     def height(self) -> float:
-        """Height [inch], title included."""
+        """Height [inch] with the title."""
         return HEAD + PANEL + MORE * max(0, min(len(self.lines), NAMED) - FEW)
 
 
 def panels_of(history: History) -> list[Panel]:
-    """Return the panels of a history; speeds and joint forces are drawn as magnitudes."""
+    """Return the panels of a history that have lines; speeds and joint forces are drawn as magnitudes."""
     energies = history.of(Group.ENERGY)
     joints, motors = history.of(Group.JOINT), history.of(Group.MOTOR)
     torques = [x for x in motors if x.unit == "N m"] + [x for x in joints if x.key == "moment"]
@@ -76,54 +76,59 @@ def _lines(curves: Iterable[Curve], by_key: bool = False) -> tuple[Line, ...]:
 
 
 def _components(curves: Sequence[Curve]) -> tuple[Line, ...]:
-    """Return both coordinates of each point, in one colour."""
+    """Return the lines of both coordinates of each point, in one colour."""
     names = list(dict.fromkeys(x.of for x in curves))
     places = [x for x in curves if x.key in ("x", "y")]
     return tuple(Line(f"{x.of} {x.key}", x.values, names.index(x.of), x.key == "y") for x in places)
 
 
 def _magnitudes(curves: Sequence[Curve], first: str, second: str) -> tuple[Line, ...]:
-    """Return the magnitude of each vector with the components `first` and `second`."""
+    """Return the line of the magnitude of each vector, whose components have the keys `first` and `second`."""
     values = {(x.of, x.key): x.values for x in curves}
     names = dict.fromkeys(x.of for x in curves)
     return tuple(Line(name, np.hypot(values[name, first], values[name, second]), i) for i, name in enumerate(names))
 
 
-def plot(history: History, told: Caption, head: bool = True) -> Figure:
+def plot(history: History, caption: Caption, head: bool = True) -> Figure:
     """Return the figure of a history with at least one sample.
 
     Args:
-        told: the texts of the head, the end of the time axis, and the start of the shaded part, which does not affect axis limits.
-        head: whether to write the texts of the head.
+        caption: the texts above the panels, the end of the time axis, and the time until which the run is trusted.
+        head: whether to write the texts above the panels.
     """
     panels = panels_of(history)
-    texts = [(line, MUTED) for line in textwrap.wrap(told.how, LETTERS)]
-    texts += [(line, CRANK_EDGE) for line in textwrap.wrap(told.verdict, LETTERS)]
-    top = 0.36 + 0.165 * len(texts) if head else 0.0
-    tall = top + sum(panel.height for panel in panels) + FOOT
+    texts = [(line, MUTED) for line in textwrap.wrap(caption.how, LETTERS)]
+    texts += [(line, CRANK_EDGE) for line in textwrap.wrap(caption.verdict, LETTERS)]
+    top = 0.36 + 0.165 * len(texts) if head else 0.0  # [inch] height of the texts
+    tall = top + sum(panel.height for panel in panels) + FOOT  # [inch]
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, tall))
         if head:
-            figure.text(0.12 / WIDTH, 1 - 0.25 / tall, told.title, fontsize=12, fontweight="bold", color=INK)
+            figure.text(0.12 / WIDTH, 1 - 0.25 / tall, caption.title, fontsize=12, fontweight="bold", color=INK)
             for i, (line, colour) in enumerate(texts):
                 figure.text(0.12 / WIDTH, 1 - (0.45 + 0.165 * i) / tall, line, fontsize=8.5, color=colour)
         low = tall - top
         for panel in panels:
             low -= panel.height
             axes = figure.add_axes((LEFT / WIDTH, low / tall, (WIDTH - LEFT - RIGHT) / WIDTH, (panel.height - HEAD) / tall))
-            _draw_panel(axes, panel, history.t, told)
+            _draw_panel(axes, panel, history.t, caption)
             axes.tick_params(labelbottom=panel is panels[-1], labelsize=8, length=2)
         axes.set_xlabel("time [s]", fontsize=9)
     return figure
 
 
-def _draw_panel(axes: Axes, panel: Panel, t: Array, told: Caption) -> None:
-    """Draw the lines of a panel with their names, and mark the part of the run that is not trusted or missing."""
-    until, trusted = told.until, told.trusted
-    sure = t <= (until if trusted is None else max(trusted, float(t[0])))
+def _draw_panel(axes: Axes, panel: Panel, t: Array, caption: Caption) -> None:
+    """Draw the lines of a panel with their names, and mark the part of the run that is not trusted and the part that is missing.
+
+    Args:
+        t: times (k,) of the samples [s].
+    """
+    until, trusted = caption.until, caption.trusted
+    sure = t <= (until if trusted is None else max(trusted, float(t[0])))  # (k,) whether a sample is trusted
+    # values that are not trusted do not affect the limits of the axis
     low, high = panel.limits or _limits([x.values[sure] for x in panel.lines])
     colours = _choose_colours(panel, sure)
-    shown = np.unique(np.linspace(0, len(t) - 1, SAMPLES).round().astype(int))
+    shown = np.unique(np.linspace(0, len(t) - 1, SAMPLES).round().astype(int))  # indices of the drawn samples
     ends = []
     for x in panel.lines:
         colour = CURVES[colours[x] % len(CURVES)] if x in colours else GRID
@@ -152,15 +157,19 @@ def _draw_panel(axes: Axes, panel: Panel, t: Array, told: Caption) -> None:
 
 
 def _choose_colours(panel: Panel, sure: NDArray[np.bool_]) -> dict[Line, int]:
-    """Return the index of a colour for each line; of many lines, only for those that are largest at the trusted samples (k,)."""
+    """Return line -> index of its colour; among more than NAMED lines, only those with the largest trusted values have one.
+
+    Args:
+        sure: (k,) whether a sample is trusted.
+    """
     if len(panel.lines) <= NAMED:
         return {x: x.colour for x in panel.lines}
     largest = sorted(panel.lines, key=lambda x: -float(np.abs(x.values[sure]).max(initial=0.0)))[:NAMED]
-    return {x: i for i, x in enumerate(x for x in panel.lines if x in largest)}
+    return {x: i for i, x in enumerate(sorted(largest, key=panel.lines.index))}
 
 
 def _limits(values: Sequence[Array]) -> tuple[float, float]:
-    """Return axis limits around all finite values, with a margin; a constant gets a wide margin, so that it looks constant."""
+    """Return the limits (low, high) of an axis around all finite values, with a margin that is wide for constant values."""
     every = np.concatenate([np.ravel(x) for x in values])
     every = every[np.isfinite(every)]
     low, high = (float(every.min()), float(every.max())) if len(every) else (0.0, 1.0)
@@ -169,9 +178,10 @@ def _limits(values: Sequence[Array]) -> tuple[float, float]:
 
 
 def label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
-    """Write names beside the ends of lines, given as (name, colour, y).
+    """Write names beside the ends of lines; names that would overlap are moved apart and joined to their ends by thin lines.
 
-    Names that would overlap are moved apart and joined to their ends by thin lines.
+    Args:
+        ends: name, colour and last value of each line.
     """
     figure = axes.get_figure(root=True)
     assert figure is not None
@@ -186,8 +196,11 @@ def label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
 
 
 def move_apart(wanted: Array, gap: float, tall: float) -> Array:
-    """Return places (k,) nearest to the wanted ones in least squares, in the same order and at least `gap` apart."""
-    # for x_i = y_i + i gap, the distance of the x_i means that the y_i increase: this is isotonic regression
+    """Return places (k,) between 0 and `tall` that are nearest to the wanted ones in least squares, and at least `gap` apart.
+
+    The order of the places does not change. If there is too little room for all, they are centred.
+    """
+    # with x_i = y_i + i gap, places x_i are at least `gap` apart if the y_i do not decrease: this is isotonic regression
     order = np.argsort(wanted, kind="stable")
     offsets = gap * np.arange(len(wanted))
     flat = isotonic_regression(wanted[order] - offsets).x if len(wanted) else np.zeros(0)

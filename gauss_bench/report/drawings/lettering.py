@@ -1,4 +1,4 @@
-"""Place the names of links, points and forces in a drawing, as far from lines as possible and never over another name."""
+"""Place the names of links, points and forces in a drawing, as far from lines as possible and not over other names."""
 
 from collections.abc import Sequence
 from xml.sax.saxutils import escape
@@ -11,36 +11,35 @@ from gauss_bench.report.drawings.canvas import Canvas, Part, direction
 from gauss_bench.report.palette import CRANK_EDGE, INK, MUTED
 from gauss_bench.terms import Array
 
-LETTER = 6.6  # mean width of a letter at 13 px
-WIDTHS = {
-    "il.,'|j": 3.6,
-    "frtI-()": 5.0,
-    "mwMW_": 11.0,
-}  # letters -> width [px] at 13 px in the widest of the fonts; others have 8.3
+LETTER = 6.6  # [px] mean width of a letter at a size of 13 px
+# letter -> its width [px] at a size of 13 px, in the widest of the fonts
+WIDTHS = {letter: width for letters, width in (("il.,'|j", 3.6), ("frtI-()", 5.0), ("mwMW_", 11.0)) for letter in letters}
+OTHERS = 8.3  # [px] width of all other letters
 TALL = 13.0  # [px] height of a name
-FAR = 22.0  # [px] clearance of a link's name beyond which no place is better
-NEAR = 8.0  # [px] the same for names of points and forces, which must stay near them
+FAR = 22.0  # [px] distance of a link's name from lines beyond which no place is better
+NEAR = 8.0  # [px] the same distance for names of points and forces, which must stay near their parts
 EDGE = 3.0  # [px] smallest distance of a name from the edge of the picture, or from another name
 AROUND = direction(-np.linspace(0, 2 * np.pi, 24, endpoint=False))  # (24, 2) unit vectors
 
 
 def width_of(name: str, size: float = 13.0) -> float:
-    """Estimate the width [px] of a name, rather too large than too small."""
-    return size / 13 * sum(next((width for letters, width in WIDTHS.items() if x in letters), 8.3) for x in name)
+    """Return an estimate of the width [px] of a name in letters of a size [px]; it is rather too large than too small."""
+    return size / 13 * sum(WIDTHS.get(letter, OTHERS) for letter in name)
 
 
 def box_of(name: str, middle: Array, size: float = 13.0) -> Array:
-    """Return left, top, right and bottom (4,) [px] of a name around its middle (2,)."""
+    """Return left, top, right and bottom (4,) [px] of a name whose middle is at `middle` (2,) [px]."""
     half = np.array([width_of(name, size) / 2, TALL / 2 * size / 13])
     return np.concatenate([middle - half, middle + half])
 
 
 def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Part], taken: Array, bar: Array) -> list[str]:
-    """Return the SVG texts of all names at state q (n,).
+    """Return the SVG texts of all names at state q (n,); a force without room beside it gets no name.
 
     Args:
-        parts: all drawn parts; a force without room beside it gets no name.
-        taken: box (4,) of a text that is placed already; bar: a further line (2, 2) to avoid.
+        parts: all drawn parts.
+        taken: box (4,) [px] of a text that is placed already.
+        bar: a further line (2, 2) [px] from which names keep away.
     """
     boxes, size = [taken], (canvas.width, canvas.height)
     segments = np.vstack([*(part.lines() for part in parts), bar[None]])
@@ -67,7 +66,8 @@ def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Pa
 
 
 def _beside_lines(name: str, lines: Array) -> list[Array]:
-    """Return candidate places around several points of each line (l, 2, 2)."""
+    """Return candidate places (2,) [px] for a name around several points of each of the lines (l, 2, 2) [px]."""
+    # a name beside a point keeps its whole width away from it, a name above it does not
     wide = np.array([width_of(name) / 2, 0.0])
     spots = [a + part * (b - a) for part in (0.5, 0.35, 0.65, 0.2, 0.8) for a, b in lines]
     return [spot + reach * way + wide * way for reach in (13.0, 19.0, 27.0) for spot in spots for way in AROUND[::2]]
@@ -80,7 +80,7 @@ def _text(name: str, place: Array, colour: str, style: str) -> str:
 
 
 def _points(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[tuple[str, Array]]:
-    """Return names and pixels of joints and observed points, one name per place."""
+    """Return (name, pixels (2,)) of joints and observed points; of several at one place the first has a name."""
     named = [(j.joint, j.a if isinstance(j, Revolute) else j.block) for j in mechanism.joints]
     named += [(p.name.partition(".")[2], p) for p in mechanism.observed_points]
     once: dict[tuple[float, float], str] = {}
@@ -93,7 +93,15 @@ def _points(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[tuple[str, A
 def _best(
     places: Sequence[Array], name: str, segments: Array, boxes: list[Array], size: tuple[float, float], enough: float = FAR
 ) -> tuple[Array, float]:
-    """Return the place with most room for a name, and that room [px]; the first wins a tie."""
+    """Return the place with most room for a name, the first of equal ones, and this room [px].
+
+    Args:
+        places: candidates (2,) [px].
+        segments: lines (l, 2, 2) [px] from which the name keeps away.
+        boxes: boxes (4,) [px] of the names that are placed already.
+        size: width and height of the picture [px].
+        enough: room beyond which no place is better [px].
+    """
     half = width_of(name) / 2
     samples = np.linspace(-half, half, max(3, len(name)))  # along the middle of the name
     spread = np.stack([samples, np.zeros_like(samples)], axis=-1)

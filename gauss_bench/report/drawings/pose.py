@@ -18,17 +18,18 @@ TURN = 120  # states of a full turn
 
 
 def pose_links(name_or_path: str | Path, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
-    """Return `pose_document` of a file or a built-in linkage."""
+    """Return a linkage, the state q (n,) to draw, and the states (k, n) of a full turn, as `pose_document`."""
     return pose_document(*document_of(name_or_path), crank_deg)
 
 
 def pose_document(
     document: dict[str, Any], digest: str, path: Path, crank_deg: float = POSE_DEG
 ) -> tuple[Mechanism, Array, Array | None]:
-    """Return a linkage, the state q (n,) to draw, and the states (k, n) of a full turn of its crank, None without one.
+    """Return a linkage, the state q (n,) to draw, and the states (k, n) of a full turn of its crank.
 
-    At the crank angle of the pose the linkage has all forces of the file and no driver. If the crank cannot reach it, the linkage
-    is drawn at the start of its default scenario, with the forces and drivers of that scenario.
+    The state has the crank at `crank_deg`, and the linkage has all forces of the file and no driver. If the crank cannot reach this
+    angle, the linkage is at the start of its default scenario, with the forces and drivers of that scenario. If the crank cannot
+    turn fully, None stands for the states.
     """
     crank = document.get("crank")
     driver = {"link": crank, "law": "constant", "start_deg": crank_deg, "speed": 2 * np.pi}
@@ -44,7 +45,7 @@ def pose_document(
 
 
 def full_turn(mechanism: Mechanism) -> Array | None:
-    """Return the states (TURN + 1, n) of a full turn of the driver, or None if the linkage cannot close all the way round."""
+    """Return the states (TURN + 1, n) of a full turn of the driver in 1 s, or None if the linkage does not close everywhere."""
     constraints, still = Constraints(mechanism), np.zeros(mechanism.n)
     q, states = mechanism.q0, [mechanism.q0]
     for t in np.linspace(0.0, 1.0, TURN + 1)[1:]:
@@ -61,7 +62,7 @@ def full_turn(mechanism: Mechanism) -> Array | None:
 
 
 def unwrap_angles(states: Array) -> Array:
-    """Return states (k, n) with continuous angles, unwrapped over time."""
+    """Return states (k, n) with angles that are continuous over time."""
     states = states.copy()
     states[:, 2::3] = np.unwrap(states[:, 2::3], axis=0)
     return states

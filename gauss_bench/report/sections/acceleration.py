@@ -1,33 +1,29 @@
-"""Accelerations at given states: compares the equations of motion of engines, apart from any integrator."""
+"""Accelerations at given states, which compare the equations of motion of engines without any integrator."""
 
 from collections.abc import Iterator, Sequence
 
-from gauss_bench.report.content import Finding, Table, count, error_text, itemise, lay_out, range_text
-from gauss_bench.report.rows import (
-    METHOD,
+from gauss_bench.report.cases import (
     SAME_ACCELERATION,
-    Row,
-    Run,
     acceleration_rows,
     chose_steps,
     end_error,
-    group_by,
     has_ended,
-    is_known,
     measured_name,
     measured_unit,
     setting_words,
-    with_number,
 )
+from gauss_bench.report.content import Finding, Table, lay_out
+from gauss_bench.report.rows import METHOD, Row, Run, group_by, is_known, with_number
 from gauss_bench.report.sections.trajectories import list_cases
+from gauss_bench.report.words import count, error_text, itemise, range_text
 
 PLACE = 11
 SHRINKS = 2.0  # an error that falls by a smaller factor while the step falls 4-fold is not caused by the step
-ERROR = "acceleration_error_median"  # relative
+ERROR = "acceleration_error_median"  # column of the relative error
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield which engines return the reference's acceleration, which do not, and how the negative control ends."""
+    """Yield findings on engines with the reference's acceleration, on engines with another one, and on the negative control."""
     rows = [row for row in acceleration_rows(run.results) if not row["control"]]
     yield from find_same_model(rows)
     yield from find_other_models(run, rows)
@@ -35,12 +31,12 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def find_same_model(rows: Sequence[Row]) -> Iterator[Finding]:
-    """Yield the engines that return the reference's acceleration at the same state, with their errors."""
+    """Yield a finding on the engines that return the reference's acceleration at the same state."""
     engines = group_by(rows, lambda r: f"`{r['engine']}` {setting_words(r, 'settings')}".strip())
     worst = {name: max(r[ERROR] for r in group) for name, group in engines.items()}
-    same = sorted((x, name) for name, x in worst.items() if x <= SAME_ACCELERATION)
+    same = sorted((error, name) for name, error in worst.items() if error <= SAME_ACCELERATION)
     if same:
-        exact = itemise(f"{name} ({error_text(x)})" for x, name in same)
+        exact = itemise(f"{name} ({error_text(error)})" for error, name in same)
         yield Finding(
             "Same state, same acceleration",
             f"Given the same states, {exact} return the reference's acceleration. Brackets have the largest median relative error "
@@ -58,7 +54,7 @@ def list_errors(rows: Sequence[Row]) -> Table:
 
 
 def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
-    """Yield the engines that compute another acceleration, and whether a smaller step helps."""
+    """Yield a finding on each engine and settings with another acceleration, which tells whether a smaller step helps."""
     for (name, settings), group in group_by(rows, "engine", "settings").items():
         off = [row for row in group if row[ERROR] > SAME_ACCELERATION]
         if off:
@@ -72,28 +68,34 @@ def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def _show_flat_error(run: Run, off: Sequence[Row]) -> tuple[str, list[Table]]:
-    """Return the end of a sentence, on the trajectory error that falls least over a 4-fold range of steps, and its cases."""
+    """Return the end of a sentence on the trajectory error that falls least over a 4-fold range of steps, and a table of its cases.
+
+    Args:
+        off: acceleration rows of the engine and settings in question.
+
+    Returns:
+        A full stop and no table if all errors fall with the step.
+    """
     models = {(row["mechanism"], row["engine"], row["settings"]) for row in off}
     rows = [r for r in run.results if has_ended(r) and not chose_steps(r) and is_known(end_error(r))]
-    flat = []
+    flattest, least = [], SHRINKS  # cases from the largest step to the smallest, and the factor by which their error falls
     for (mechanism, _, engine, settings, *_), group in group_by(rows, "mechanism", "scenario", *METHOD).items():
         stepped = sorted(group, key=lambda r: -r["step"])
-        wide = stepped[0]["step"] >= 4 * stepped[-1]["step"]
-        if (mechanism, engine, settings) in models and wide and end_error(stepped[-1]) > 0:
-            ratio = end_error(stepped[0]) / end_error(stepped[-1])
-            if ratio < SHRINKS:
-                flat.append((ratio, stepped))
-    if not flat:
+        is_wide = stepped[0]["step"] >= 4 * stepped[-1]["step"]
+        if (mechanism, engine, settings) in models and is_wide and end_error(stepped[-1]) > 0:
+            factor = end_error(stepped[0]) / end_error(stepped[-1])
+            if factor < least:
+                flattest, least = stepped, factor
+    if not flattest:
         return ".", []
-    _, stepped = min(flat, key=lambda x: x[0])
-    ends = (stepped[0], stepped[-1])
+    ends = (flattest[0], flattest[-1])
     before, after = (f"{error_text(end_error(row))} {measured_unit([row])} at step {row['step']:g} s" for row in ends)
-    place = f"{stepped[0]['mechanism']} {stepped[0]['scenario']}"
-    return f", and does not: on {place} the error of {measured_name(stepped)} is {before} and {after}.", [list_cases(stepped)]
+    place = f"{flattest[0]['mechanism']} {flattest[0]['scenario']}"
+    return f", and does not: on {place} the error of {measured_name(flattest)} is {before} and {after}.", [list_cases(flattest)]
 
 
 def find_controls(run: Run) -> Iterator[Finding]:
-    """Yield for each negative control that it satisfies its constraints, and whether the gate still rejects it."""
+    """Yield a finding on each negative control: its small residuals, its wrong acceleration, and whether the gate rejects it."""
     rows = [row for row in run.results if row["control"] and has_ended(row)]
     for name, group in group_by(rows, "engine").items():
         residuals = [row["acceleration_residual"] for row in with_number(group, "acceleration_residual")]
@@ -102,9 +104,9 @@ def find_controls(run: Run) -> Iterator[Finding]:
             continue
         holds = f"satisfies the constraints of acceleration to {error_text(max(residuals))} and is" if residuals else "is"
         passed = sum(bool(row["valid"]) for row in group)
-        caught = (
-            f"**{passed} of its {len(group)} rows pass the gate: it is too wide.**" if passed else "No row of it passes the gate."
-        )
+        caught = "No row of it passes the gate."
+        if passed:
+            caught = f"**{passed} of its {len(group)} rows pass the gate: it is too wide.**"
         yield Finding(
             "The negative control",
             f"`{name}` {holds} still wrong: the median relative error of its acceleration is {range_text(errors, error_text)}. "

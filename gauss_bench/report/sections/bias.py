@@ -1,9 +1,12 @@
-"""Where the suite may favour its authors' engines: who wrote, tuned and chose what, counted from the rows."""
+"""The ways in which the suite may favour its authors' engines, and the effort spent on each engine, counted from the rows."""
 
+from collections import Counter
 from collections.abc import Mapping
 
-from gauss_bench.report.content import Bullets, Section, blocks_of, count
-from gauss_bench.report.rows import Row, Run, has_ended
+from gauss_bench.report.cases import has_ended
+from gauss_bench.report.content import Bullets, Section, blocks_of
+from gauss_bench.report.rows import Row, Run
+from gauss_bench.report.words import count
 
 PLACE = 91
 TITLE, ANCHOR = "Where this suite may be biased", "bias"
@@ -21,13 +24,13 @@ REASONS = (
 
 
 def section(run: Run) -> Section:
-    """Return the possible biases, and the effort that each engine was given."""
+    """Return the section with the possible biases and the table of effort."""
     lines = list(count_effort(run).values())
     return Section(TITLE, ANCHOR, (Bullets((shorten(run), *REASONS)), *blocks_of("bias", lines)))
 
 
 def shorten(run: Run) -> str:
-    """Return in one sentence what share of the engines the authors of the suite wrote, and who chose settings."""
+    """Return a sentence on the number of engines that the authors of the suite wrote, and on their choices."""
     engines = count_effort(run).values()
     own = sum(row["own"] == "yes" for row in engines)
     return (
@@ -37,12 +40,12 @@ def shorten(run: Run) -> str:
 
 
 def count_effort(run: Run) -> Mapping[str, Row]:
-    """Return engine -> the variants and evaluations that the search spent on it, and its cases; own engines first."""
+    """Return engine -> a row with the numbers of its searched variants, its evaluations, and its cases; own engines first."""
     tables = {"variants": run.table("search_space"), "evaluations": run.table("search_ladder"), "cases": run.results}
-    names = sorted({r["engine"] for rows in tables.values() for r in rows}, key=lambda x: (x not in run.own_engines, x))
+    counts = {column: Counter(row["engine"] for row in rows) for column, rows in tables.items()}
+    counts["valid"] = Counter(r["engine"] for r in run.results if has_ended(r) and r["valid"])
     effort: dict[str, Row] = {}
-    for name in names:
-        counts = {what: sum(r["engine"] == name for r in rows) for what, rows in tables.items()}
-        valid = sum(has_ended(r) and bool(r["valid"]) for r in run.results if r["engine"] == name)
-        effort[name] = {"engine": name, "own": "yes" if name in run.own_engines else "no", **counts, "valid": valid}
+    for name in sorted(set().union(*counts.values()), key=lambda x: (x not in run.own_engines, x)):
+        own = "yes" if name in run.own_engines else "no"
+        effort[name] = {"engine": name, "own": own} | {column: engines[name] for column, engines in counts.items()}
     return effort

@@ -1,39 +1,29 @@
-"""The paper's claim that fewer unknowns are faster: n - m against n + m unknowns with equal code otherwise."""
+"""The paper's claim that fewer unknowns are faster: n - m unknowns raced against n + m, with code that is equal otherwise."""
 
 from collections.abc import Iterator, Sequence
 
-from gauss_bench.report.content import (
-    Finding,
-    Section,
-    Text,
-    blocks_of,
-    count,
-    itemise,
-    lay_out,
-    list_unmeasured,
-    range_text,
-    ratio_text,
-)
-from gauss_bench.report.rows import Row, Run, cost_rows, group_by, is_unstabilised, number, with_number
+from gauss_bench.report.cases import cost_rows, is_unstabilised
+from gauss_bench.report.content import Finding, Section, Text, blocks_of, lay_out
+from gauss_bench.report.rows import Row, Run, group_by, number, with_number
+from gauss_bench.report.words import count, itemise, list_unmeasured, range_text, ratio_text
 
 PLACE = 20
-RACES = {
-    "": "a step",
-    "projected_": "a step with projection",
-    "batch_": "a step in a batch",
-}  # prefix of the columns of a race -> its name
+RACES = {"": "a step", "projected_": "a step with projection", "batch_": "a step in a batch"}  # prefix of a race's columns -> name
 
 
 def section(run: Run) -> Section:
-    """Return the table of races, the linkages with the fewest unknowns first."""
-    unknowns = ("unknowns_gauss", "unknowns_lagrange")
-    rows = sorted(run.table("kernel_claim"), key=lambda r: (*(number(r, x) for x in unknowns), r["mechanism"]))
-    answers = [Text(x.short or x.text) for x in findings(run)]
+    """Return the section with the finding and the table of races, linkages with the fewest unknowns first."""
+
+    def order(row: Row) -> tuple[float, float, str]:
+        return number(row, "unknowns_gauss"), number(row, "unknowns_lagrange"), row["mechanism"]
+
+    answers = [Text(finding.short or finding.text) for finding in findings(run)]
+    rows = sorted(run.table("kernel_claim"), key=order)
     return Section("Is the paper right?", "claim", (*answers, *blocks_of("kernel_claim", rows)))
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield whether fewer unknowns are faster, for linkages with one and with more free coordinates."""
+    """Yield a finding on whether fewer unknowns are faster, on linkages with one and with more free coordinates."""
     by_formula, ratios = compare_formula(run)
     slower = any(x > 1 for x in ratios.values())
     formula = [{"where": name, "ratio": x} for name, x in ratios.items()]
@@ -45,9 +35,9 @@ def findings(run: Run) -> Iterator[Finding]:
             yield Finding("The paper's claim", by_formula, "warn" if slower else "", behind=behind)
         return
     verdicts = {r.get(f"{race}verdict", "") for r in rows for race in RACES} - {""}
-    answer = "Yes" if verdicts == {"holds"} else "In part" if "holds" in verdicts else "No"
+    answer = answer_in_part("holds" in verdicts, verdicts == {"holds"})
     groups = group_by(rows, lambda r: number(r, "unknowns_gauss") > 1)
-    parts = [f"with {_count_freedoms(some)} {_compare_races(some)}" for _, some in sorted(groups.items())]
+    parts = [f"with {_count_freedoms(group)} {_compare_races(group)}" for _, group in sorted(groups.items())]
     processes = range_text([number(r, "processes") for r in rows]).replace(".00", "")
     text = (
         f"{by_formula}{answer}{', by elimination' if by_formula else ''}. "
@@ -64,10 +54,17 @@ def findings(run: Run) -> Iterator[Finding]:
     yield Finding("The paper's claim", text, tone, short, (*behind, lay_out("behind_claim", rows)))
 
 
-def compare_formula(run: Run) -> tuple[str, dict[str, float]]:
-    """Return a sentence on the claim by the paper's own formula, repaired, and linkage -> ratio of times.
+def answer_in_part(holds_once: bool, holds_always: bool) -> str:
+    """Return "Yes" for a claim that always holds, "In part" if it holds at least once, else "No"."""
+    if holds_always:
+        return "Yes"
+    return "In part" if holds_once else "No"
 
-    It compares steps of `gauss_pinv` and `lagrange`, both interpreted in the same loop; without times both are empty.
+
+def compare_formula(run: Run) -> tuple[str, dict[str, float]]:
+    """Return a sentence on the claim by the paper's own formula, with its misprints corrected, and linkage -> ratio of times.
+
+    It compares steps of `gauss_pinv` and `lagrange`, both interpreted in the same loop. Without times both are empty.
     """
     rows = [r for r in cost_rows(run.results) if is_unstabilised(r) and r["integrator"] == "rk4"]
     steps = {(r["engine"], r["mechanism"]): r["step_ratio"] for r in with_number(rows, "step_ratio")}
@@ -75,8 +72,8 @@ def compare_formula(run: Run) -> tuple[str, dict[str, float]]:
     ratios = {x: steps["gauss_pinv", x] / steps["lagrange", x] for x in both}
     if not ratios:
         return "", {}
-    slower = sum(x > 1 for x in ratios.values())
-    answer = "Yes" if not slower else "No" if slower == len(ratios) else "In part"
+    faster = [x <= 1 for x in ratios.values()]
+    answer = answer_in_part(any(faster), all(faster))
     listed = itemise(f"{name} {ratio_text(x)}" for name, x in ratios.items())
     return (
         f"{answer}, by the paper's own formula: a step of `gauss_pinv`, with pseudo-inverses, takes this many times as long as one "
@@ -86,23 +83,23 @@ def compare_formula(run: Run) -> tuple[str, dict[str, float]]:
 
 
 def _count_freedoms(rows: Sequence[Row]) -> str:
-    """Return the range of n - m, the number of free coordinates, in words."""
+    """Return the range of n - m, the number of free coordinates, in words such as "2 to 16 free coordinates"."""
     numbers = sorted({int(r["unknowns_gauss"]) for r in rows})
     return count(numbers[0], "free coordinate") if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]} free coordinates"
 
 
 def _compare_races(rows: Sequence[Row]) -> str:
-    """Return for each kind of step the range of ratios, and the linkages on which fewer unknowns are not faster."""
+    """Return in words, for each kind of step, the range of ratios and the linkages on which fewer unknowns are not faster."""
     parts = []
     for race, words in RACES.items():
         raced = with_number(rows, f"{race}ratio")
         if not raced:
             continue
-        on = group_by(raced, f"{race}verdict")
+        by_verdict = group_by(raced, f"{race}verdict")
         details = [f"ratio {range_text([r[f'{race}ratio'] for r in raced])}"]
-        for verdict, how in (("open", "no difference"), ("reversed", "slower")):
-            if verdict in on:
-                details.append(f"{how} on {itemise(r['mechanism'] for r in on[verdict])}")
-        faster = len(on.get("holds", ()))
+        for verdict, outcome in (("open", "no difference"), ("reversed", "slower")):
+            if verdict in by_verdict:
+                details.append(f"{outcome} on {itemise(r['mechanism'] for r in by_verdict[verdict])}")
+        faster = len(by_verdict.get("holds", ()))
         parts.append(f"{words} is faster on {faster} of {count(len(raced), 'linkage')} ({'; '.join(details)})")
     return itemise(parts)

@@ -1,4 +1,4 @@
-"""The time, the place and the machine of the run."""
+"""The date and machine of a run, and the versions of its packages."""
 
 from gauss_bench.report.content import Section, blocks_of
 from gauss_bench.report.rows import Run
@@ -11,7 +11,7 @@ FACTS = (
 
 
 def section(run: Run) -> Section:
-    """Return the table of the run's facts and the versions of its packages."""
+    """Return the section with the table of facts and versions."""
     facts = {name.replace("_", " "): _print_fact(name, run.environment.get(name)) for name in FACTS}
     facts |= dict(sorted(run.environment.get("versions", {}).items()))
     for name, engine in sorted(run.environment.get("engines", {}).items()):
@@ -22,7 +22,7 @@ def section(run: Run) -> Section:
 
 
 def _print_fact(name: str, value: object) -> object:
-    """Return a fact as it is printed: the time of the run [s] in minutes, a flag as yes or no."""
+    """Return a fact for printing: a truth value as yes or no, the run's time, which is stored in seconds, in minutes."""
     if name == "wall_time" and isinstance(value, (int, float)):
         return f"{value / 60:.1f} min"
     return ("no", "yes")[value] if isinstance(value, bool) else value

@@ -1,59 +1,37 @@
-"""The field: every engine by the same questions, a row for each setting, and a reason in place of each missing answer."""
+"""The field: the answers of every engine to the same questions, a row for each setting, with a reason for each missing answer."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import product
 from typing import Any
 
 from gauss_bench.reach import Requirement
-from gauss_bench.report.content import (
-    Finding,
-    Section,
-    Text,
-    blocks_of,
-    count,
-    itemise,
-    lay_out,
-    ratio_text,
-)
+from gauss_bench.report.cases import SAME_ACCELERATION, chose_steps, error_bar, has_ended
+from gauss_bench.report.content import Finding, Section, Text, blocks_of, lay_out
 from gauss_bench.report.first_table import mark_own
 from gauss_bench.report.pages import facts
-from gauss_bench.report.reaches import answer
-from gauss_bench.report.rows import (
-    METHOD,
-    SAME_ACCELERATION,
-    Row,
-    Run,
-    Spread,
-    chose_steps,
-    error_bar,
-    group_by,
-    has_ended,
-    is_known,
-    number,
-    spread,
-    with_number,
-)
+from gauss_bench.report.reaches import answer, find_race
+from gauss_bench.report.rows import METHOD, Row, Run, group_by, is_known, number, spread, with_number
+from gauss_bench.report.words import count, itemise, itemise_code, ratio_text
 from gauss_bench.trajectory import Status
 
 PLACE = 13
 TITLE, ANCHOR = "The field", "field"
-ACCURACIES = {"coarse": 1e-4, "fine": 1e-6}  # [m] at which the table has the cost of an engine's searched best
+ACCURACIES = {"coarse": 1e-4, "fine": 1e-6}  # [m] at which the table has the cost of an engine's cheapest setting
 WORDS = {"coarse": "a tenth of a millimetre", "fine": "a micrometre"}
-OWN_STEPS, NO_ORDER, UNTOLD, UNTIMED = "own steps", "no order", "none told", "no time"
+NOT_HERE = "not among the cases of this run"
 
 
 def section(run: Run) -> Section | None:
-    """Return the tables of all engines, or None for a run that did not ask them."""
+    """Return the section with the tables of answers and of costs, or None for a run that did not ask the engines."""
     if not run.field_run.table("field"):
         return None
-    return Section(
-        TITLE, ANCHOR, [Text(describe_questions(run)), *blocks_of("field", answers(run)), *blocks_of("field_costs", costs(run))]
-    )
+    tables = (*blocks_of("field", answers(run)), *blocks_of("field_costs", costs(run)))
+    return Section(TITLE, ANCHOR, (Text(describe_questions(run)), *tables))
 
 
 def describe_questions(run: Run) -> str:
-    """Return in words on which linkage and at which step the engines were asked, and in which run if that is another one."""
+    """Return sentences on the linkage and the step of the questions, and on the run that asked them if it lies beside this run."""
     first = run.field_run.table("field")[0]
     words = (
         f"All engines were asked the same on {first['mechanism']} at steps of {1e3 * number(first, 'step'):g} ms. Accuracy is that "
@@ -63,7 +41,7 @@ def describe_questions(run: Run) -> str:
 
 
 def describe_run(run: Run) -> str:
-    """Return in words which run asked the engines, and why its times differ from those of the run beside which it is published."""
+    """Return sentences on the run of the suite `field`, and on why its times differ from those of the run that it lies beside."""
     return (
         f"The rows are of a run of their own ({', '.join(facts(run.field_run))}). Its times are those of a brief search; the suite "
         f"`{run.environment.get('suite', '')}`, whose times stand on the other pages, searched longer and found other settings."
@@ -71,96 +49,96 @@ def describe_run(run: Run) -> str:
 
 
 def answers(run: Run, engine: str = "") -> list[Row]:
-    """Return the rows of the field, or those of one engine, with what other tables of the run know of each setting."""
+    """Return a row of answers for each setting of each engine, or of one engine if it is named; settings as shipped come first."""
     run = run.field_run
     lines: list[Row] = []
-    for group in rows_of_engines(run, engine):
-        shipped = [row for row in group if row["settings"] in ("default", "")]
-        for row in (*shipped, *(row for row in group if row not in shipped)):
-            lines.append({**row, **accuracy_of(run, row), "name": mark_own(run, row["engine"])})
+    for group in group_by(run.table("field"), "mechanism", "engine").values():
+        if engine in ("", group[0]["engine"]):
+            ordered = sorted(group, key=lambda row: row["settings"] not in ("default", ""))
+            lines += [{**row, **accuracy_of(run, row), "name": mark_own(run, row["engine"])} for row in ordered]
     return lines
 
 
-def rows_of_engines(run: Run, engine: str) -> list[list[Row]]:
-    """Return the rows of the field of each engine, or of one engine."""
-    rows = [row for row in run.table("field") if engine in ("", row["engine"])]
-    return list(group_by(rows, "mechanism", "engine").values())
-
-
 def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
-    """Return what the accuracy cases and the two repeated runs say of a setting."""
+    """Return the answers of a setting that follow from accuracy cases and from two repeated runs.
+
+    Args:
+        row: a row of the table `field`.
+
+    Returns:
+        Columns of the layout `field`, with the reasons for missing values as `content.missing_reason` takes them.
+    """
     cases = [r for r in run.results if all(r[k] == row[k] for k in METHOD)]
     here = [r for r in cases if (r["mechanism"], r["scenario"]) == (row["mechanism"], row["scenario"])]
     case = next((r for r in here if math.isclose(r["step"], number(row, "step"))), None)
     if case is None:
-        return {"missing": row["message"] or "not among the cases of this run"}
+        return {"missing": row["message"] or NOT_HERE}
     if not has_ended(case):
         return {"missing": describe_end(case)}
     off = number(case, "acceleration_error_median")
     is_same = off <= SAME_ACCELERATION
-    known: dict[str, Any] = {"same_tone": "good" if is_same else "warn", "why_same": "it was not asked at given states"}
-    known["same"] = "yes" if is_same else f"off by {off:.0e}" if is_known(off) else ""
-    known |= {"order": round(number(case, "observed_order"), 1) + 0.0, "why_order": OWN_STEPS if chose_steps(case) else NO_ORDER}
-    known |= {"error": number(case, "length_error"), "bar": error_bar(case, "position_error")}
-    known |= redundant_rows(cases, row)
-    known["repeats"] = {True: "yes", False: f"no, {number(row, 'difference'):.0e} apart"}.get(row["same_bits"], "")
-    known |= {"repeats_tone": "good" if row["same_bits"] else "warn", "why_repeats": row["message"] or "not run twice"}
-    known["why_force_error"] = row["message"] or "the forces are not determined"
-    known["why_told_force_error"] = row["message"] or UNTOLD
-    return known
+    differs = f"off by {off:.0e}" if is_known(off) else ""
+    repeats = {True: "yes", False: f"no, {number(row, 'difference'):.0e} apart"}
+    return {
+        "same": "yes" if is_same else differs,
+        "same_tone": "good" if is_same else "warn",
+        "why_same": "it was not asked at given states",
+        "order": round(number(case, "observed_order"), 1) + 0.0,  # without a minus sign before zero
+        "why_order": "own steps" if chose_steps(case) else "no order",
+        "error": number(case, "length_error"),
+        "bar": error_bar(case, "position_error"),
+        "repeats": repeats.get(row["same_bits"], ""),
+        "repeats_tone": "good" if row["same_bits"] else "warn",
+        "why_repeats": row["message"] or "not run twice",
+        "why_force_error": row["message"] or "the forces are not determined",
+        "why_told_force_error": row["message"] or "none told",
+        **redundant_rows(cases, row["redundant"]),
+    }
 
 
-def redundant_rows(cases: Sequence[Row], row: Row) -> dict[str, Any]:
-    """Return the error on the linkage with redundant rows, or why there is none; `cases` are those of the row's setting."""
-    others = [r for r in cases if r["mechanism"] == row["redundant"]]
+def redundant_rows(cases: Sequence[Row], linkage: str) -> dict[str, Any]:
+    """Return the error of a setting on the linkage with redundant rows, and the reason if it has none.
+
+    Args:
+        cases: all cases of the setting.
+    """
+    others = [r for r in cases if r["mechanism"] == linkage]
     valid = [r for r in others if has_ended(r) and r["valid"]]
-    reason = next((describe_end(r) for r in others), "not among the cases of this run")
+    reason = describe_end(others[0]) if others else NOT_HERE
     return {"redundant": number(valid[0], "length_error") if valid else math.nan, "why_redundant": reason}
 
 
 def describe_end(row: Row) -> str:
-    """Return why a case gives no error, in a few words; the page of its engine has the whole reason."""
+    """Return in a few words why a case has no error that counts; the page of its engine has the whole reason."""
     if has_ended(row):
         return "not valid"
     return "cannot be modelled" if row["status"] == Status.SKIP else str(row["status"]).replace("_", " ")
 
 
 def costs(run: Run, engine: str = "") -> list[Row]:
-    """Return a row for each engine of the field, or for one: the cost of its searched best at two accuracies, start and size."""
+    """Return a row for each engine, or for one if it is named: its cost at both ACCURACIES, its start and its size."""
     run = run.field_run
     lines: list[dict[str, Any]] = []
-    for row, *_ in rows_of_engines(run, ""):
+    for row, *_ in group_by(run.table("field"), "mechanism", "engine").values():
         line = {**row, "name": mark_own(run, row["engine"]), "why_start": row["message"] or "not timed", "why_size": row["size_of"]}
         for key, limit in ACCURACIES.items():
-            winner = winner_of(run, row, limit)
-            time = spread(winner, "seconds") if winner else Spread(math.nan, math.nan, math.nan)
+            wanted = Requirement("position", limit)
+            race = find_race(run, row["mechanism"], row["engine"], wanted)
+            time = spread(race or {}, "seconds")
             line |= {key: time.value, f"{key}_range_low": time.low, f"{key}_range_high": time.high}
-            line |= {f"why_{key}": why_no_winner(run, row, limit, winner), f"why_{key}_range": UNTIMED, f"why_{key}_over": UNTIMED}
+            reason = row["message"] or "not searched in this run"
+            if race is not None:
+                reason = answer(run, row["mechanism"], row["engine"], [wanted]).words.partition(";")[0] or "not timed"
+            line |= {f"why_{key}": reason, f"why_{key}_range": "no time", f"why_{key}_over": "no time"}
         lines.append(line)
     for line, key in product(lines, ACCURACIES):
         same = [x[key] for x in lines if x["mechanism"] == line["mechanism"] and is_known(x[key])]
-        line[f"{key}_over"] = line[key] / min(same, default=math.nan)
+        line[f"{key}_over"] = line[key] / min(same, default=math.nan)  # multiple of the fastest engine
     return [line for line in lines if engine in ("", line["engine"])]
 
 
-def winner_of(run: Run, row: Row, limit: float) -> Mapping[str, Any] | None:
-    """Return the searched best of a row's engine within a limit [m] on the same linkage, or None if it was not searched."""
-    for r in run.table("search_winners"):
-        same = (r["mechanism"], r["scenario"], r["engine"]) == (row["mechanism"], row["scenario"], row["engine"])
-        if same and r["required"] == "position" and math.isclose(number(r, "accuracy"), limit, rel_tol=1e-6):
-            return r
-    return None
-
-
-def why_no_winner(run: Run, row: Row, limit: float, winner: Mapping[str, Any] | None) -> str:
-    """Return why an engine has no cost within a limit [m]."""
-    if winner is None:
-        return row["message"] or "not searched in this run"
-    return answer(run, row["mechanism"], row["engine"], [Requirement("position", limit)]).words.partition(";")[0] or "not timed"
-
-
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield which engines do not repeat bit by bit and which were not there, and the cost of those of environments."""
+    """Yield a finding on the engines whose runs repeat bit by bit, and one on the costs of engines in environments of their own."""
     run = run.field_run
     rows, lines = run.table("field"), costs(run)
     differing = sorted({r["engine"] for r in rows if r["same_bits"] is False})
@@ -168,10 +146,11 @@ def findings(run: Run) -> Iterator[Finding]:
     if asked:
         missing = sorted({r["engine"] for r in rows} - set(asked))
         text = f"Two runs in two new processes agree bit by bit for {len(asked) - len(differing)} of {count(len(asked), 'engine')}"
-        text += f"; not for {itemise(f'`{x}`' for x in differing)}" if differing else ""
-        text += f". Not asked: {itemise(f'`{x}`' for x in missing)}." if missing else "."
+        text += f"; not for {itemise_code(differing)}" if differing else ""
+        text += f". Not asked: {itemise_code(missing)}." if missing else "."
         yield Finding("Runs that repeat", text, "warn" if differing else "", behind=(lay_out("field", answers(run)),))
-    apart = sorted(x for x, known in run.environment.get("engines", {}).items() if known.get("environment"))
+    installed = run.environment.get("engines", {})
+    apart = sorted(name for name, engine in installed.items() if engine.get("environment"))
     sentences = [compare_costs(lines, apart, key) for key in ACCURACIES]
     if any(sentences):
         text = " ".join(filter(None, sentences))
@@ -179,14 +158,19 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def compare_costs(lines: Sequence[Row], engines: Sequence[str], key: str) -> str:
-    """Return a sentence on the costs of some engines as multiples of the least of all; empty if none of them has a cost."""
-    over = {row["engine"]: row[f"{key}_over"] for row in with_number(lines, f"{key}_over")}
-    timed = sorted((x for x in engines if x in over), key=lambda x: over[x])
+    """Return a sentence on the costs of engines as multiples of the least cost of all; empty if none of the engines has a cost.
+
+    Args:
+        lines: rows of `costs`.
+        key: one of ACCURACIES.
+    """
+    multiples = {row["engine"]: row[f"{key}_over"] for row in with_number(lines, f"{key}_over")}
+    timed = sorted((x for x in engines if x in multiples), key=lambda x: multiples[x])
     if not timed:
         return ""
-    fastest = min(over, key=lambda x: over[x])
-    multiples = itemise(f"`{x}` {ratio_text(over[x])}" for x in timed)
-    none = itemise(f"`{x}`" for x in engines if x not in over)
+    fastest = min(multiples, key=lambda x: multiples[x])
+    listed = itemise(f"`{x}` {ratio_text(multiples[x])}" for x in timed)
+    without = itemise_code(x for x in engines if x not in multiples)
     place = f"To hold {WORDS[key]} on {lines[0]['mechanism']}"
-    words = f"{place}, in multiples of the time of `{fastest}`, the fastest engine asked, it takes {multiples}"
-    return f"{words}; no setting of {none} was found." if none else f"{words}."
+    text = f"{place}, in multiples of the time of `{fastest}`, the fastest engine asked, it takes {listed}"
+    return f"{text}; no setting of {without} was found." if without else f"{text}."

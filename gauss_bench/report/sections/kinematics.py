@@ -1,4 +1,4 @@
-"""Kinematics three independent ways, and the positions at which a linkage reverses."""
+"""Kinematics computed in three independent ways, and the positions at which a linkage reverses."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ TABLES = ("agreement", "singular", "basins", "driving")
 
 
 def section(run: Run) -> Section:
-    """Return the tables of kinematics; they belong to one comparison, so that without it there are none."""
+    """Return the section with the tables of kinematics; one task makes all of them, so that a run has all or none."""
     tables: dict[str, Sequence[Row]] = {name: run.table(name) for name in TABLES}
     if not tables["agreement"]:
         return Section("Kinematics", "kinematics", (Text("The run compared no kinematics."),))

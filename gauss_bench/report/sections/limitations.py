@@ -1,4 +1,4 @@
-"""Known limitations, written once in `layouts.toml`; they hold for every run."""
+"""Known limitations: those of every run, from `layouts.toml`, and the cases that this run left out."""
 
 from gauss_bench.report.content import Bullets, Section, layouts
 from gauss_bench.report.rows import Run
@@ -7,16 +7,17 @@ PLACE = 90
 
 
 def section(run: Run) -> Section:
-    """Return the list of limitations, the last ones being what this run left out."""
+    """Return the section with the list of limitations; cases that the run left out come last."""
     return Section("Known limitations", "limitations", (Bullets((*layouts()["limitations"]["items"], *list_left_out(run))),))
 
 
 def list_left_out(run: Run) -> list[str]:
-    """List what the suite did not run, each with its reason."""
+    """Return a sentence with the reason for each group of cases that the suite left out."""
     sentences = []
     for rule in run.environment.get("left_out", []):
-        lists = [rule[k] for k in rule if k not in ("why", "steps")]
-        words = [", ".join(f"{x:g}" if isinstance(x, float) else f"`{x}`" for x in some) for some in lists]
+        # a rule has lists such as "linkages" and "engines"; each becomes names separated by commas
+        lists = [values for key, values in rule.items() if key not in ("why", "steps")]
+        words = [", ".join(f"{x:g}" if isinstance(x, float) else f"`{x}`" for x in values) for values in lists]
         if rule.get("steps"):
             words.append(f"at steps of {', '.join(f'{x:g}' for x in rule['steps'])} s")
         sentences.append(f"**Left out:** {' '.join(words)}, because {rule['why']}.")

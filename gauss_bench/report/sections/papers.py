@@ -2,8 +2,9 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from gauss_bench.report.content import TONES, Block, Finding, Section, Text, blocks_of, count, error_text, itemise, lay_out, layouts
+from gauss_bench.report.content import TONES, Block, Finding, Section, Text, blocks_of, lay_out, layouts
 from gauss_bench.report.rows import Row, Run, group_by
+from gauss_bench.report.words import count, error_text, itemise
 
 PLACE = 70
 VERDICTS = {
@@ -15,25 +16,25 @@ VERDICTS = {
 
 
 def section(run: Run) -> Section:
-    """Return the tables of causes and lines of each paper."""
+    """Return the section with the tables of causes and lines of each paper."""
     audit = run.table("audit")
     if not audit:
         return Section("The papers, audited", "papers", (Text("The run audited no paper."),))
     blocks: list[Block] = [Text(summarise(audit)), Text(layouts()["audit"]["introduction"])]
     for paper, rows in group_by(audit, "paper").items():
-        fine = [row for row in rows if row["verdict"] == "ok" and row["stands"]]
-        off = [row for row in rows if row not in fine]
+        right = [row for row in rows if row["verdict"] == "ok" and row["stands"]]
+        others = [row for row in rows if row not in right]
         source = [rows[0][key] for key in ("cited", "assumed") if rows[0].get(key)]
         blocks.append(Text(f"**{paper}.** {' '.join(source)}"))
-        blocks += blocks_of("audit_causes", list_causes(off), paper=paper)
-        blocks += blocks_of("audit", [mark_contradiction(row) for row in off], paper=paper)
-        blocks += blocks_of("audit_right", fine, paper=paper)
+        blocks += blocks_of("audit_causes", list_causes(others), paper=paper)
+        blocks += blocks_of("audit", [mark_contradiction(row) for row in others], paper=paper)
+        blocks += blocks_of("audit_right", right, paper=paper)
     blocks += blocks_of("audit_numbers", [row for row in audit if row["example"]])
     return Section("The papers, audited", "papers", blocks)
 
 
 def summarise(rows: Sequence[Row]) -> str:
-    """Count the verdicts of each paper's lines, with their causes; name each verdict that its measurement contradicts."""
+    """Return sentences with the number of lines of each paper by verdict, and with the verdicts that a measurement contradicts."""
     papers = group_by(rows, "paper")
     parts = [f"{paper}: {count(len(group), 'line')}; {count_verdicts(group)}." for paper, group in papers.items()]
     contradicted = [f"{row['paper']} {row['equation']} ({row['name']}: {row['faults']})" for row in rows if not row["stands"]]
@@ -43,27 +44,28 @@ def summarise(rows: Sequence[Row]) -> str:
 
 
 def mark_contradiction(row: Row) -> Row:
-    """Return a row whose verdict says so if its measurement contradicts it."""
+    """Return a row; if its measurement contradicts its verdict, the verdict says so."""
     return row if row["stands"] else {**row, "verdict": f"{row['verdict']}, contradicted: {row['faults']}", "verdict_tone": "bad"}
 
 
 def list_causes(rows: Sequence[Row]) -> list[Row]:
-    """Return each cause once, with the lines that fail for it."""
+    """Return a row for each cause, with the number of the lines that fail for it and with their equations."""
     causes: list[Row] = []
     for group in group_causes(rows).values():
-        verdict, where = group[0]["verdict"], ", ".join(dict.fromkeys(row["equation"] for row in group))
+        verdict = group[0]["verdict"]
         words = {"verdict": VERDICTS.get(verdict, verdict), "verdict_tone": TONES.get(verdict, "")}
-        causes.append({**group[0], **words, "lines": len(group), "where": where})
+        equations = ", ".join(dict.fromkeys(row["equation"] for row in group))
+        causes.append({**group[0], **words, "lines": len(group), "where": equations})
     return causes
 
 
 def group_causes(rows: Iterable[Row]) -> dict[tuple[str, str], list[Row]]:
-    """Return (paper, cause) -> its lines; lines without a cause are left out."""
+    """Return (paper, cause) -> the lines that fail for it; lines without a cause are left out."""
     return group_by((row for row in rows if row.get("cause")), "paper", "cause")
 
 
 def count_verdicts(rows: Iterable[Row]) -> str:
-    """Count lines by verdict, with their causes: "3 right as printed, 4 misprinted (2 causes)"."""
+    """Return the number of lines by verdict, and of their causes, such as "3 right as printed and 4 misprinted (2 causes)"."""
     parts = []
     for verdict, group in group_by(rows, "verdict").items():
         causes = len(group_causes(group))
@@ -72,39 +74,37 @@ def count_verdicts(rows: Iterable[Row]) -> str:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield how many lines hold, and the printed formula whose residuals hide its error."""
+    """Yield a finding on the verdicts, and one on the printed formula whose error no residual shows."""
     yield from find_verdicts(run.table("audit"))
     yield from find_hidden_error(run.table("audit"))
 
 
 def find_verdicts(lines: Sequence[Row]) -> Iterator[Finding]:
-    """Yield how many printed lines hold, the number of causes for which others fail, and the wrong statements."""
+    """Yield a finding on the number of lines by verdict, the wrong statements, and verdicts that a measurement contradicts."""
     if not lines:
         return
-    papers = {row["paper"] for row in lines}
-    wrong = dict.fromkeys(f"{row['equation']} of {row['paper']}" for row in lines if row["verdict"] == "wrong")
+    right = sum(row["verdict"] == "ok" for row in lines)
+    wrong = [f"{row['equation']} of {row['paper']}" for row in lines if row["verdict"] == "wrong"]
     contradicted = [row["name"] for row in lines if not row["stands"]]
-    text = f"Of {count(len(lines), 'line')} of {count(len(papers), 'paper')} that were computed: {count_verdicts(lines)}."
-    text += f" Wrong as statements: {itemise(wrong)}." if wrong else ""
-    text += f" **The measurement contradicts the verdict on {itemise(contradicted)}.**" if contradicted else ""
-    fine = all(row["verdict"] == "ok" for row in lines)
-    right, false = (sum(row["verdict"] == x for row in lines) for x in ("ok", "wrong"))
-    short = (
-        f"Of {count(len(lines), 'line')} of {count(len(papers), 'paper')} that were computed, {right} are right as printed and "
-        f"{false} wrong as statements."
-    )
-    tone = "bad" if contradicted else "good" if fine else "warn"
-    yield Finding("What the papers print", text, tone, "" if contradicted else short, (lay_out("behind_audit", lines),))
+    computed = f"Of {count(len(lines), 'line')} of {count(len({row['paper'] for row in lines}), 'paper')} that were computed"
+    text = f"{computed}: {count_verdicts(lines)}."
+    text += f" Wrong as statements: {itemise(dict.fromkeys(wrong))}." if wrong else ""
+    short = f"{computed}, {right} are right as printed and {len(wrong)} wrong as statements."
+    tone = "good" if right == len(lines) else "warn"
+    if contradicted:
+        text += f" **The measurement contradicts the verdict on {itemise(contradicted)}.**"
+        short, tone = "", "bad"
+    yield Finding("What the papers print", text, tone, short, (lay_out("behind_audit", lines),))
 
 
 def find_hidden_error(lines: Sequence[Row]) -> Iterator[Finding]:
-    """Yield the printed formula that satisfies all constraints and is still wrong."""
+    """Yield a finding on the printed formula that satisfies all constraints and is still wrong."""
     rows = {row["name"]: row for row in lines}
     meets, off = rows.get("meets the constraints"), rows.get("with Moore-Penrose inverses")
     if meets is None or off is None or not (meets["stands"] and off["stands"]):
         return
     yield Finding(
-        "A printed formula that no residual gives away",
+        "A printed formula whose error no residual shows",
         f"Eq. {off['equation']} of {off['paper']}, read with Moore-Penrose inverses, meets every constraint to "
         f"{error_text(meets['printed_off'])} and gives {off['example_printed']:.4g} for the {off['example']}, where the truth is "
         f"{off['example_true']:.4g}.",

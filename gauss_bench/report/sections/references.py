@@ -1,15 +1,17 @@
-"""The references: the motions against which errors are measured, with their error bars and floors."""
+"""The references: motions against which errors are measured, with their error bars and floors."""
 
 from collections.abc import Iterator
 
-from gauss_bench.report.content import Bullets, Finding, Section, Text, blocks_of, count, lay_out
-from gauss_bench.report.rows import Row, Run, is_known, measured_head, number, with_number
+from gauss_bench.report.cases import measured_head
+from gauss_bench.report.content import Bullets, Finding, Section, Text, blocks_of, lay_out
+from gauss_bench.report.rows import Row, Run, is_known, number, with_number
+from gauss_bench.report.words import count
 
 PLACE = 50
 
 
 def section(run: Run) -> Section:
-    """Return the tables of references, certificates, closed forms and published values."""
+    """Return the section with tables of references, certificates, closed forms and published values."""
     certificates = run.table("certificates")
     exact = with_number(certificates, "taylor_off_closed_form")
     early = [_name_end(row) for row in certificates if row["status"] != "ok" or row["complete"] is False]
@@ -30,7 +32,7 @@ def _name_end(row: Row) -> str:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield how many published reference values are wrong beyond their printed digits."""
+    """Yield a finding on the published reference values that are wrong by more than ten times the certificate's error bar."""
     rows = run.table("published")
     off = [row for row in rows if number(row, "difference") > 10 * max(number(row, "floor"), number(row, "error_bar"))]
     if off:

@@ -1,4 +1,4 @@
-"""What changed between the releases of each engine's library."""
+"""The changes between releases of each engine's library."""
 
 from gauss_bench.report.content import Block, Bullets, Section, Text, blocks_of
 from gauss_bench.report.rows import Row, Run, group_by, with_number
@@ -11,7 +11,7 @@ TITLE, ANCHOR = "What changed between releases", "releases"
 
 
 def section(run: Run) -> Section | None:
-    """Return what changed, engine by engine; None if the run compared no releases."""
+    """Return the section with a subsection for each engine, or None if the run compared no releases."""
     rows = run.table("releases")
     if not rows:
         return None
@@ -20,7 +20,7 @@ def section(run: Run) -> Section | None:
 
 
 def engine_section(run: Run, engine: str, releases: list[Row]) -> Section:
-    """Return what changed between the releases of one engine, the newest first, and the tables behind."""
+    """Return the subsection of an engine: sentences on the changes, the newest release first, and the tables behind them."""
     ordered = newest_first(releases)
     tables = {name: [row for row in run.table(name) if row["engine"] == engine] for name in NAMES} | {"releases": ordered[::-1]}
     blocks: list[Block] = []

@@ -1,39 +1,28 @@
-"""The example of Yuan & Ge (2016), a crank-slider, run again; all numbers in the sentences are computed."""
+"""The example of Yuan & Ge (2016), a crank-slider, run again; all numbers in its sentences are computed."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from gauss_bench.report.content import (
-    NOTHING,
-    Block,
-    Bullets,
-    Chart,
-    Finding,
-    Section,
-    Text,
-    blocks_of,
-    error_text,
-    itemise,
-    lay_out,
-    layouts,
-)
+from gauss_bench.report.content import Block, Bullets, Chart, Finding, Section, Text, blocks_of, lay_out, layouts
 from gauss_bench.report.rows import Row, Run, group_by, is_known, number
 from gauss_bench.report.site.charts import over_time, place_names
+from gauss_bench.report.words import NOTHING, error_text, itemise
 
 PLACE = 60
 TITLE, ANCHOR = "The first paper's example, run again", "reproduction"
 DIGITS = 6  # largest number of printed digits
+# caption of the curves
 CAPTION = "The motion that the paper draws in its figures 2 to 9, from the reference: from the printed start with the printed data."
-GROUPS = ("running", "static", "equilibria", "settling", "formulas")
-QUOTED = ("mean", "settles_above", "settles_below", "torque")  # quantities of the finding
-CURVES = (  # column, title of the figure, axis
+GROUPS = ("running", "static", "equilibria", "settling", "formulas")  # groups of rows that have a value
+QUOTED = ("mean", "settles_above", "settles_below", "torque")  # keys of the rows that the finding quotes
+CURVES = (  # column of `paper_motion`, title of the figure, axis
     ("theta1_rate", "The crank's speed", "speed of the crank [rad/s]"),
     ("x3", "The slider", "place of the slider [m]"),
 )
 
 
 def section(run: Run) -> Section:
-    """Return the verdict on the example with its reasons, the curves of the paper, and the tables of all quantities."""
+    """Return the section with the verdict on the example and its reasons, the curves of the paper, and all quantities."""
     table = run.table("reproduction")
     rows = {row["key"]: row for row in table}
     if "stops" not in rows:
@@ -49,13 +38,17 @@ def section(run: Run) -> Section:
 
 
 def list_quantities(rows: Sequence[Row]) -> list[Row]:
-    """Return rows with their values and uncertainties as they are printed."""
+    """Return rows with the texts of their values and uncertainties."""
     bars = [error_text(row["bracket"]) if is_known(row["bracket"]) else "rounding" for row in rows]
     return [{**row, "figure": print_value(row), "uncertainty": bar} for row, bar in zip(rows, bars, strict=True)]
 
 
 def describe_example(rows: Mapping[str, Row]) -> list[Block]:
-    """Return the sentences of `layouts.toml` on whether the linkage stops, filled in with the run's values."""
+    """Return the sentences of `layouts.toml` on whether the linkage stops, with the run's values in place of their names.
+
+    Args:
+        rows: key of a quantity -> its row.
+    """
     values = {key: f"{print_value(row)} {row['unit']}" for key, row in rows.items()}
     at_rest = [row for key, row in rows.items() if key.startswith("rest_at_")]
     values["rests"] = itemise(f"{print_value(row)} rad ({row['quantity'].removeprefix('comes to rest ')})" for row in at_rest)
@@ -78,7 +71,7 @@ def print_value(row: Row) -> str:
 
 
 def paper_figures(rows: Sequence[Row]) -> list[Chart]:
-    """Return the curves that the paper draws of its example, from the reference; none without rows."""
+    """Return the charts of the curves that the paper draws of its example, from rows of `paper_motion`; none without rows."""
     charts = []
     for column, title, axis in CURVES if rows else ():
         line = [{"engine": "reference", "line": "reference", "name": "", "x": r["t"], "y": r[column]} for r in rows]
@@ -89,7 +82,7 @@ def paper_figures(rows: Sequence[Row]) -> list[Chart]:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield the finding on the mechanism that, according to the paper, stops."""
+    """Yield a finding if the paper says that its mechanism stops and the run refutes it."""
     rows = {row["key"]: row for row in run.table("reproduction")}
     if "stops" not in rows or rows["stops"]["verdict"] != "refuted":
         return
@@ -108,7 +101,11 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def list_assumed(rows: Mapping[str, Row]) -> str:
-    """List the numbers that the example needs and the paper does not give, from the reproduction's rows by key."""
+    """Return a sentence on the numbers that the example needs and the paper does not give.
+
+    Args:
+        rows: key of a quantity -> its row.
+    """
     left_out = [rows[key] for key in ("inertias", "gravity") if key in rows]
     assumed = itemise(f"the {row['quantity']} ({row['statement'].partition(';')[0]})" for row in left_out)
     return f"The paper does not give {assumed}."

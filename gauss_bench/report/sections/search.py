@@ -1,7 +1,6 @@
 """The cheapest setting of every engine that holds a requirement over the whole run.
 
-Every figure is for the best setting that the search found; the section lists the searched variants, the budget, and the source of
-each option.
+The section also lists the searched variants, the budget of the search, and the source of each option.
 """
 
 import math
@@ -9,50 +8,27 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from gauss_bench.reach import BY_AUTHORS, ERRORS, Kind, Reach, Requirement
-from gauss_bench.report.content import (
-    Block,
-    Finding,
-    Section,
-    Table,
-    Text,
-    blocks_of,
-    count,
-    itemise,
-    lay_out,
-    layouts,
-    limit_text,
-    range_text,
-    ratio_text,
-)
+from gauss_bench.report.cases import setting_words
+from gauss_bench.report.content import Block, Finding, Section, Text, blocks_of, lay_out, layouts
 from gauss_bench.report.reaches import answer
-from gauss_bench.report.rows import (
-    Row,
-    Run,
-    first_number,
-    group_by,
-    is_known,
-    number,
-    search_span,
-    setting_words,
-    spread,
-    with_number,
-)
+from gauss_bench.report.rows import Row, Run, first_number, group_by, is_known, number, search_span, spread, with_number
 from gauss_bench.report.site.settings import race_multiples
+from gauss_bench.report.words import count, itemise, itemise_code, limit_text, range_text, ratio_text
 
 PLACE = 15
-TRIED = (Kind.TIMED, Kind.UNTIMED, Kind.NOT_REACHED)
-KINDS = ("position", "end", "angle", "force")  # in the order of the findings
+TRIED = (Kind.TIMED, Kind.UNTIMED, Kind.NOT_REACHED)  # kinds of reach of an engine that ran
+KINDS = ("position", "end", "angle", "force")  # kinds of error in the order of the findings
 OK = "ok"
 
 
 def section(run: Run) -> Section | None:
-    """Return the section with the winners, then the searched variants and their options."""
+    """Return the section with the cheapest settings, the searched variants and their options; None for a run without a search."""
     rows = [r for r in run.table("search_winners") if r["required"]]
     if not rows:
         return None
     scope = (
-        f"Each variant had {describe_effort(rows)}; a requirement that was **not reached** was not "
-        "reached within these limits, by these variants and adapters."
+        f"Each variant had {describe_effort(rows)}. **Not reached** means that no variant of these adapters reached the "
+        "requirement within these limits."
     )
     blocks: list[Block] = [Text(layouts()["search"]["words"]), Text(scope)]
     for kind, group in group_by(rows, "required").items():
@@ -66,17 +42,18 @@ def section(run: Run) -> Section | None:
 
 
 def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
-    """Return the rows of winners with their multiples of the fastest, marks of own engines, and remarks."""
-    over = race_multiples(run)
+    """Return rows of `search_winners` as rows of the layout `search`: with multiples, marks of own engines, and remarks."""
+    multiples = race_multiples(run)
     winners = []
     for row in rows:
-        marks = [mark for mark, is_so in (("own", row["engine"] in run.own_engines), ("base", row.get("own"))) if is_so]
+        marks = ["own"] if row["engine"] in run.own_engines else []
+        marks += ["base"] if row.get("own") else []  # the engine to which ratios are relative
         marks += [BY_AUTHORS] if row.get("owner") else []
         more: dict[str, Any] = {
             "within": f"{limit_text(row['accuracy'])} {row['unit']}",
             "name": f"{row['engine']} ({', '.join(marks)})" if marks else row["engine"],
             "size": first_number(number(row, "step"), number(row, "tolerance")),
-            "over": over.get((row["mechanism"], row["required"], row["accuracy"], row["engine"]), math.nan),
+            "over": multiples.get((row["mechanism"], row["required"], row["accuracy"], row["engine"]), math.nan),
         }
         if row["status"] == OK:
             more["remark"] = f"in Python: {row['in_python']}" if row.get("in_python") else ""
@@ -84,16 +61,11 @@ def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
             reach = answer_of(run, row)
             more |= {"remark": reach.words, "remark_tone": "warn", "missing": str(reach.kind)}
         winners.append({**row, **more})
-
-    def order(row: Row) -> tuple[str, float, float]:
-        seconds = number(row, "seconds")
-        return row["mechanism"], -row["accuracy"], seconds if is_known(seconds) else math.inf
-
-    return sorted(winners, key=order)
+    return sorted(winners, key=lambda row: (row["mechanism"], -row["accuracy"], first_number(number(row, "seconds"), math.inf)))
 
 
 def list_owned(rows: Sequence[Row]) -> list[Row]:
-    """Return a row for the settings by an engine's authors and one for ours below it, for each requirement that both tried."""
+    """Return two rows of the layout `search_owned` for each row of that table: the authors' settings, and ours below them."""
     lines: list[Row] = []
     for row in rows:
         place = {k: row[k] for k in ("mechanism", "required")} | {"within": f"{limit_text(row['accuracy'])} {row['unit']}"}
@@ -107,47 +79,45 @@ def list_owned(rows: Sequence[Row]) -> list[Row]:
 
 
 def describe_effort(rows: Sequence[Row]) -> str:
-    """Return the budget and the largest number of steps, as ranges if linkages differ in them."""
-    ranges = []
-    for column in ("budget", "most_steps"):
-        values = sorted({int(r[column]) for r in with_number(rows, column)})
-        ranges.append(" to ".join(str(x) for x in dict.fromkeys((values[0], values[-1]))))
-    return f"{ranges[0]} evaluations and {ranges[1]} steps of a run at most"
+    """Return the largest numbers of evaluations and of steps in words, as ranges if linkages differ in them."""
+    evaluations, steps = (range_text([r[x] for r in with_number(rows, x)], "{:.0f}".format) for x in ("budget", "most_steps"))
+    return f"{evaluations} evaluations and {steps} steps of a run at most"
 
 
 def answer_of(run: Run, row: Row) -> Reach:
-    """Return the reach of the engine of a row of winners."""
+    """Return the reach of the engine of a row of `search_winners`, at the requirement of the row."""
     return answer(run, row["mechanism"], row["engine"], [Requirement(row["required"], row["accuracy"])])
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield at each requirement the speed of our compiled engines relative to each rival's best, defeats first."""
-    rows = run.table("search_winners")
-    lost_races = [f"{r['mechanism']}: {r['message']}" for r in rows if not r["required"]]
-    if lost_races:
-        text = f"The race of {count(len(lost_races), 'linkage')} was lost: {'; '.join(lost_races)}."
-        unsearched = [r for r in rows if not r["required"]]
+    """Yield findings on lost races, on settings by engines' authors, and on our compiled engines against others by requirement."""
+    unsearched = [r for r in run.table("search_winners") if not r["required"]]
+    if unsearched:
+        reasons = "; ".join(f"{r['mechanism']}: {r['message']}" for r in unsearched)
+        text = f"The race of {count(len(unsearched), 'linkage')} was lost: {reasons}."
         yield Finding("Not searched", text, "bad", behind=(lay_out("behind_lost", unsearched),))
     yield from compare_owned(run)
-    groups = group_by((r for r in rows if r["required"]), "required", "accuracy")
+    groups = group_by((r for r in run.table("search_winners") if r["required"]), "required", "accuracy")
+    # kinds in the order of KINDS, other kinds after them; larger errors first
     for kind, accuracy in sorted(groups, key=lambda x: ([*KINDS, x[0]].index(x[0]), -x[1])):
         group = over_the_cheaper(groups[kind, accuracy])
         lost = [*name_faster(run, group), *name_unreached(run, group), *name_missed_targets(run, group)]
         rivals = [r for r in group if r["engine"] not in run.own_engines and answer_of(run, r).kind in TRIED]
-        races = [f"`{engine}` {itemise(_multiple(run, r) for r in some)}" for engine, some in group_by(rivals, "engine").items()]
+        races = [f"`{engine}` {itemise(_multiple(run, r) for r in rows)}" for engine, rows in group_by(rivals, "engine").items()]
         if races:
-            ours = itemise(dict.fromkeys(f"`{r['engine']}`" for r in group if r.get("ours")))
+            ours = itemise_code(r["engine"] for r in group if r.get("ours"))
             text = (
                 f"{''.join(lost)}The cheaper of {ours} is this many times as fast as the searched best of {'; '.join(races)}, "
                 f"where each variant had {describe_effort(group)}, and in brackets "
                 f"the spread of the race.{''.join(name_left_out(run, group))}"
             )
             title = f"Within {limit_text(accuracy)} {group[0]['unit']} of {ERRORS.get(kind, kind)} {search_span(run)}"
-            yield Finding(title, text, "warn" if lost else "", compare_best(run, group), (list_ratios(run, group),))
+            behind = lay_out("behind_search", list_winners(run, group))
+            yield Finding(title, text, "warn" if lost else "", compare_best(run, group), (behind,))
 
 
 def compare_owned(run: Run) -> Iterator[Finding]:
-    """Yield for each engine how long the settings that its authors own take, in times of our cheapest one."""
+    """Yield a finding on each engine with settings by its authors: their times as multiples of that of our cheapest setting."""
     for engine, rows in group_by(run.table("search_owned"), "engine").items():
         races = [f"{_place(r)} {spread(r, 'ratio').print_with(ratio_text)}" for r in with_number(rows, "ratio")]
         missed = [f"{_place(r)} ({r['message']})" for r in rows if r["status"] != OK]
@@ -159,47 +129,52 @@ def compare_owned(run: Run) -> Iterator[Finding]:
 
 
 def _place(row: Row) -> str:
-    """Return the linkage and the requirement of a row in words."""
+    """Return the requirement and the linkage of a row in words, such as "1e-06 m of position on four_bar"."""
     return f"{limit_text(row['accuracy'])} {row['unit']} of {ERRORS.get(row['required'], row['required'])} on {row['mechanism']}"
 
 
 def compare_best(run: Run, group: Sequence[Row]) -> str:
-    """Return in one sentence which engines beat our compiled formulations at a requirement, and how long other engines take."""
-    ahead = list_faster(group)
-    beaten = group_by(ahead, "engine")
+    """Return a sentence on the engines that beat our compiled formulations at a requirement, and on the times of other engines.
+
+    Args:
+        group: rows of `over_the_cheaper` at one requirement.
+    """
     raced = count(len({r["mechanism"] for r in with_number(group, "ratio")}), "linkage")
-    wins = [f"`{x}`{' (own)' if x in run.own_engines else ''} is faster on {len(some)}" for x, some in beaten.items()]
+    faster = group_by(list_faster(group), "engine").items()
+    wins = itemise(f"{_code_own(run, engine)} is faster on {len(rows)}" for engine, rows in faster)
     ratios = [r["ratio"] for r in with_number(group, "ratio") if r["engine"] not in run.own_engines]
-    slower = f"the engines of others take {range_text(ratios)} times as long" if ratios else ""
-    told = "; ".join(filter(None, (itemise(wins) if wins else "", slower)))
-    return f"Against the cheaper of our compiled formulations on {raced}, {told}." if told else ""
+    others = f"the engines of others take {range_text(ratios)} times as long" if ratios else ""
+    outcome = "; ".join(filter(None, (wins, others)))
+    return f"Against the cheaper of our compiled formulations on {raced}, {outcome}." if outcome else ""
 
 
-def list_ratios(run: Run, group: Sequence[Row]) -> Table:
-    """Return the table of a requirement's races, each time over that of the cheaper of our compiled formulations."""
-    return lay_out("behind_search", list_winners(run, group))
+def _code_own(run: Run, engine: str) -> str:
+    """Return the name of an engine as code, marked if the authors of the suite wrote the engine."""
+    return f"`{engine}`{' (own)' if engine in run.own_engines else ''}"
 
 
 def _multiple(run: Run, row: Row) -> str:
-    """Return a rival's time divided by our own on a linkage, with its spread."""
+    """Return a linkage with a rival's time divided by our own there and its spread, or with the reason why there is no ratio."""
     if row["status"] != OK:
         return f"{row['mechanism']} {answer_of(run, row).words}"
-    over = spread(row, "ratio")  # unknown if our own engines do not hold the requirement
-    words = over.print_with(ratio_text) if is_known(over.value) else f"(ours {Kind.NOT_REACHED})"
+    ratio = spread(row, "ratio")  # unknown if our own engines do not hold the requirement
+    words = ratio.print_with(ratio_text) if is_known(ratio.value) else f"(ours {Kind.NOT_REACHED})"
     return f"{row['mechanism']} {words}"
 
 
 def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
-    """Return rows with ratios relative to the cheaper of our compiled engines; stored ratios may refer to one that ties with it."""
+    """Return rows with ratios relative to the cheaper of our compiled engines on each linkage.
+
+    A stored ratio may be relative to another of our engines, which ties with the cheaper one.
+    """
     least: dict[str, float] = {}
     for row in with_number(group, "ratio"):
         if row.get("ours"):
             least[row["mechanism"]] = min(row["ratio"], least.get(row["mechanism"], math.inf))
     rows: list[Row] = []
     for row in group:
-        ours = least.get(row["mechanism"], math.nan)
-        over = spread(row, "ratio")
-        rows.append({**row, "ratio": over.value / ours, "ratio_low": over.low / ours, "ratio_high": over.high / ours})
+        ours, stored = least.get(row["mechanism"], math.nan), spread(row, "ratio")
+        rows.append({**row, "ratio": stored.value / ours, "ratio_low": stored.low / ours, "ratio_high": stored.high / ours})
     return rows
 
 
@@ -209,36 +184,35 @@ def list_faster(group: Sequence[Row]) -> list[Row]:
 
 
 def name_faster(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield the engines that are faster than our compiled formulations, including other own engines."""
-    ahead = list_faster(group)
-    faster = [f"`{r['engine']}`{' (own)' if r['engine'] in run.own_engines else ''} on {_multiple(run, r)}" for r in ahead]
+    """Yield a sentence on the engines that are faster than our compiled formulations, if there are any."""
+    faster = [f"{_code_own(run, r['engine'])} on {_multiple(run, r)}" for r in list_faster(group)]
     if faster:
         yield f"**Slower than {itemise(faster)}.** "
 
 
 def name_unreached(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield the linkages on which none of our compiled engines holds the requirement, and the engines that do."""
-    for place, rows in sorted(group_by(group, "mechanism").items()):
+    """Yield a sentence on each linkage on which none of our compiled engines holds the requirement."""
+    for linkage, rows in sorted(group_by(group, "mechanism").items()):
         ours = [r for r in rows if r.get("ours")]
         if any(r["status"] == OK for r in ours) or all(answer_of(run, r).kind is not Kind.NOT_REACHED for r in ours):
             continue
         others = itemise(f"`{r['engine']}`" for r in rows if r["status"] == OK)
-        yield f"**Our own engines do not reach it on {place}**{f', {others} does' if others else ''}. "
+        yield f"**Our own engines do not reach it on {linkage}**{f', {others} does' if others else ''}. "
 
 
 def name_missed_targets(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield the rivals over which our lead misses its target."""
+    """Yield a sentence on the rivals over which our lead is smaller than its target, if there are any."""
     missed = [r for r in with_number(group, "target") if not r["met"]]
-    near = [f"`{r['engine']}` on {_multiple(run, r)} of {ratio_text(r['target'])}" for r in missed]
+    near = [f"`{r['engine']}` on {_multiple(run, r)} instead of {ratio_text(r['target'])}" for r in missed]
     if near:
-        yield f"**Short of the aim**: {itemise(near)}. "
+        yield f"**Our lead misses its target** over {itemise(near)}. "
 
 
 def name_left_out(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield what the figures leave out: engines that do not run a linkage, and linkages that were not searched."""
+    """Yield sentences on engines that do not run a linkage, by the reason, and on linkages that were not searched."""
     missing = [r for r in group if r["status"] != OK and answer_of(run, r).kind not in TRIED]
     for words, rows in group_by(missing, lambda r: answer_of(run, r).words).items():
-        engines = itemise(dict.fromkeys(f"`{r['engine']}`" for r in rows))
+        engines = itemise_code(r["engine"] for r in rows)
         yield f" Left out: {engines} on {itemise(sorted({r['mechanism'] for r in rows}))} ({words})."
     if rest := sorted(set(run.linkages) - {r["mechanism"] for r in group}):
         yield f" Not searched: {itemise(rest)}."

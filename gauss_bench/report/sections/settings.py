@@ -1,4 +1,4 @@
-"""Every engine's version and settings, in full."""
+"""The version and all settings of every engine."""
 
 from collections.abc import Iterator
 
@@ -9,14 +9,15 @@ PLACE = 100
 
 
 def section(run: Run) -> Section:
-    """Return the table of all options that an adapter sets."""
+    """Return the section with the table of all options that adapters set."""
     return Section("Settings", "settings", blocks_of("settings", list(list_options(run))))
 
 
 def list_options(run: Run, only: str = "") -> Iterator[Row]:
-    """Yield a row for each option of each setting of each engine, or of one engine."""
-    engines = run.environment.get("engines", {})
-    for name, engine in sorted((k, x) for k, x in engines.items() if only in ("", k)):
+    """Yield a row for each option of each setting of each engine, or of the engine `only` if it is named."""
+    for name, engine in sorted(run.environment.get("engines", {}).items()):
+        if only not in ("", name):
+            continue
         place = {"engine": name, "version": engine.get("version", "")}
         for label, options in sorted(engine.get("settings", {}).items()):
             for option, value in sorted(options.items()) or [("", "no options")]:

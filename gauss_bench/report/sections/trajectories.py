@@ -1,31 +1,27 @@
-"""Trajectories: every engine, setting, integrator, stabilisation and step against the reference."""
+"""Trajectories of every engine, setting, integrator, stabilisation and step, compared with the reference."""
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
-from gauss_bench.report.content import Finding, Table, count, error_text, itemise, lay_out, layouts, ratio_text
-from gauss_bench.report.rows import (
-    KEYS,
+from gauss_bench.report.cases import (
     MEASURED_ERRORS,
-    Row,
-    Run,
     describe_case,
     end_bar,
     end_error,
     error_bar,
-    group_by,
     has_ended,
     is_below_reference,
-    is_known,
     is_unstabilised,
     may_rank,
     measured_name,
     measured_unit,
-    number,
     run_time,
-    with_number,
 )
+from gauss_bench.report.content import Finding, Table, lay_out, layouts
+from gauss_bench.report.rows import KEYS, Row, Run, group_by, is_known, number, with_number
+from gauss_bench.report.words import count, error_text, itemise, ratio_text
 
 PLACE = 12
 TARGETS = (1e-3, 1e-6)  # errors of the measured coordinate [rad or m] at which costs are compared
@@ -39,26 +35,31 @@ TIED = 0.05  # relative difference within which engines are equally good
 
 def all_cases(name: str, scenario: str, rows: Sequence[Row]) -> Table:
     """Return the table of every case of a linkage in a scenario, with errors of its measured coordinate."""
+    # the layout has the error bars in columns bar_t05, bar_t1 and bar_t2
     bars = {column: f"bar_{column.rpartition('_')[2]}" for column in MEASURED_ERRORS}
     shown = [{**row, **{bar: error_bar(row, column) for column, bar in bars.items()}} for row in rows]
     return lay_out("trajectories", shown, name=name, scenario=scenario, quantity=measured_name(rows), unit=measured_unit(rows))
 
 
 def best_cases(name: str, scenario: str, rows: Sequence[Row]) -> Table:
-    """Return the most accurate case per engine and settings; of cases below the reference's bar, the one with the largest step."""
+    """Return the table of the most accurate case of each engine and settings.
+
+    Cases below the reference's error bar are equally accurate, and the one with the largest step counts.
+    """
 
     def rank(row: Row) -> tuple[bool, float, float]:
         step = -row["step"] if is_known(row["step"]) else 0.0
         return (False, 0.0, step) if is_below_reference(row) else (True, end_error(row), step)
 
     usable = [row for row in rows if may_rank(row) and is_known(end_error(row))]
-    least = sorted((min(group, key=rank) for group in group_by(usable, "engine", "settings").values()), key=rank)
+    most_accurate = [min(group, key=rank) for group in group_by(usable, "engine", "settings").values()]
+    least = sorted(most_accurate, key=rank)
     title = f"Most accurate case of each engine and setting, {scenario}"
     return replace(all_cases(name, scenario, least), title=title, folded=False, note=layouts()["notes"]["below"])
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield the best of each linkage, wrong motions with closed loops, invalid cases, and the largest drift."""
+    """Yield findings on the best cases of each linkage, wrong motions with closed loops, invalid cases, and the largest drift."""
     for name in run.linkages:
         yield from find_best(run, name)
     yield from find_wrong_motion(run)
@@ -67,20 +68,20 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def find_best(run: Run, name: str) -> Iterator[Finding]:
-    """Yield the most accurate engine of each scenario of a linkage, and the cheapest at each of TARGETS."""
+    """Yield, for each scenario of a linkage, a finding on the most accurate engine and on the cheapest at each of TARGETS."""
     usable = [row for row in run.of(name) if may_rank(row) and is_known(end_error(row))]
     for scenario, rows in group_by(usable, "scenario").items():
         sentences = [name_most_accurate(rows)]
         for target in TARGETS:
             reached = [r for r in rows if max(end_error(r), end_bar(r)) <= target and is_known(run_time(r))]
             # compiled and interpreted loops are not compared with each other
-            for loop, some in sorted(group_by(reached, _name_loop).items()):
-                sentences.append(f"Cheapest within {target:.0e} {measured_unit(some)}: {_name_cheapest(some, loop)}.")
+            for loop, group in sorted(group_by(reached, _name_loop).items()):
+                sentences.append(f"Cheapest within {target:.0e} {measured_unit(group)}: {_name_cheapest(group, loop)}.")
         yield Finding(f"{name}, {scenario}", " ".join(sentences), short=sentences[0], behind=(list_cases(rows),))
 
 
 def list_cases(rows: Sequence[Row]) -> Table:
-    """Return the table of cases with error, drift and time, the most accurate first, with the judge's reason against one."""
+    """Return the table of cases with error, drift, time and the judge's reason for an invalid case, the most accurate first."""
     lines = [
         {**r, "end_error": end_error(r), "end_bar": end_bar(r), "seconds": run_time(r), "flag": r.get("flag") or "none"}
         for r in sorted(rows, key=lambda r: (not is_known(end_error(r)), end_error(r)))
@@ -89,12 +90,16 @@ def list_cases(rows: Sequence[Row]) -> Table:
 
 
 def _name_loop(row: Row) -> str:
-    """Return in words where the loop over the steps of a case runs."""
+    """Return in words whether the steps of a case run in the engine's own loop or are called from Python."""
     return "in its own loop" if is_known(row.get("native_step_time")) else "stepped from Python"
 
 
 def _name_cheapest(rows: Sequence[Row], loop: str) -> str:
-    """Return the cheapest case with its time, and how long `gauss` takes for the same accuracy."""
+    """Return in words the cheapest of some cases with its time, and the time of `gauss` for the same accuracy.
+
+    Args:
+        loop: the text of `_name_loop` for these cases.
+    """
     cheapest = min(rows, key=run_time)
     text = f"{describe_case(cheapest)}, {run_time(cheapest) * 1e3:.3g} ms {loop}"
     own = [row for row in rows if row["engine"] == OWN]
@@ -105,7 +110,7 @@ def _name_cheapest(rows: Sequence[Row], loop: str) -> str:
 
 
 def name_most_accurate(rows: Sequence[Row]) -> str:
-    """Return a sentence on the case with the least error, or on the engines whose error is below the reference's bar."""
+    """Return a sentence on the case with the least error, or on the engines with errors below the reference's bar."""
     below = sorted({row["engine"] for row in rows if is_below_reference(row)})
     if below:
         bar = f"{max(end_bar(row) for row in rows):.0e} {measured_unit(rows)}"
@@ -116,7 +121,11 @@ def name_most_accurate(rows: Sequence[Row]) -> str:
 
 
 def name_tied(rows: Sequence[Row], best: Row, value: Callable[[Row], float]) -> str:
-    """Describe a case, together with the engines that tie with it with the same settings."""
+    """Return in words a case together with the engines that tie with it under the same settings.
+
+    Args:
+        value: number of a row; engines within a share TIED of the case's number tie with it.
+    """
     same = [r for r in rows if all(str(r[k]) == str(best[k]) for k in KEYS if k != "engine")]
     engines = sorted({r["engine"] for r in same if abs(value(r) - value(best)) <= TIED * abs(value(best))})
     setting = describe_case(best).removeprefix(f"`{best['engine']}`")
@@ -124,26 +133,26 @@ def name_tied(rows: Sequence[Row], best: Row, value: Callable[[Row], float]) -> 
 
 
 def find_wrong_motion(run: Run) -> Iterator[Finding]:
-    """Yield the case with the largest error although its model is right and its loops stay closed: residuals do not show it."""
-    fine = [row for row in run.results if has_ended(row) and not row["control"] and number(row, "position_drift") < SHUT]
-    rows = [r for r in fine if number(r, "acceleration_error_median") <= run.acceleration_gate and end_error(r) > LOST]
+    """Yield a finding on the case with the largest error among those with a right model and closed loops."""
+    closed = [row for row in run.results if has_ended(row) and not row["control"] and number(row, "position_drift") < SHUT]
+    rows = [r for r in closed if number(r, "acceleration_error_median") <= run.acceleration_gate and end_error(r) > LOST]
     if rows:
         row = max(rows, key=end_error)
+        loops = f"on {row['mechanism']} keeps its loops within {error_text(row['position_drift'])}"
+        truth = f"{measured_unit([row])} from the true {measured_name([row])}"
         yield Finding(
             "Closed loops, wrong motion",
-            f"{describe_case(row)} on {row['mechanism']} "
-            f"{row['scenario']} keeps its loops within {error_text(row['position_drift'])} and its model right, raises no "
-            f"warning, and ends {end_error(row):.3g} {measured_unit([row])} from the true {measured_name([row])}. "
+            f"In the scenario {row['scenario']}, {describe_case(row)} {loops} and its model right, raises no warning, and ends "
+            f"{end_error(row):.3g} {truth}. "
             f"{count(len(rows), 'row')} of this kind ended more than {LOST:g} {measured_unit(rows)} off.",
             "warn",
-            f"{describe_case(row)} on {row['mechanism']} keeps its loops within {error_text(row['position_drift'])}, raises no "
-            f"warning, and ends {error_text(end_error(row))} {measured_unit([row])} from the true {measured_name([row])}.",
+            f"{describe_case(row)} {loops}, raises no warning, and ends {error_text(end_error(row))} {truth}.",
             (list_cases(rows),),
         )
 
 
 def find_invalid(run: Run) -> Iterator[Finding]:
-    """Yield the number of invalid cases of each engine, with the judge's reasons."""
+    """Yield a finding on the number of invalid cases of each engine, with the judge's reasons."""
     rows = [row for row in run.results if has_ended(row) and not row["valid"] and not row["control"]]
     if rows:
         engines = group_by(rows, "engine").items()
@@ -159,21 +168,21 @@ def find_invalid(run: Run) -> Iterator[Finding]:
 
 
 def _list_flags(group: Sequence[Row]) -> str:
-    """Return the judge's reasons for these rows without numbers, the most frequent first."""
+    """Return the judge's reasons against these cases as a list in words, without numbers, the most frequent first."""
     flags = (re.sub(r" \S+ m from", " away from", row.get("flag") or "no reason given") for row in group)
-    words = [re.sub(NUMBERS, "", flag) for flag in flags]
-    return itemise(sorted(set(words), key=lambda x: (-words.count(x), x)))
+    frequency = Counter(re.sub(NUMBERS, "", flag) for flag in flags)
+    return itemise(sorted(frequency, key=lambda flag: (-frequency[flag], flag)))
 
 
 def find_drift(run: Run) -> Iterator[Finding]:
-    """Yield the valid case without stabilisation that has the largest drift."""
+    """Yield a finding on the valid case without stabilisation that has the largest drift."""
     free = [row for row in with_number(run.results, "position_drift") if may_rank(row) and is_unstabilised(row)]
     if free:
         row = max(free, key=lambda r: r["position_drift"])
         position, velocity = (error_text(number(row, f"{x}_drift")) for x in ("position", "velocity"))
         worst = name_tied(free, row, lambda r: r["position_drift"])
         yield Finding(
-            "Where drift is worst",
+            "The largest drift",
             f"Among valid rows without stabilisation, {worst} has the largest drift, on {row['mechanism']} {row['scenario']}: "
             f"{position} in position and {velocity} in velocity.",
             behind=(list_cases(sorted(free, key=lambda r: -r["position_drift"])[:MOST_DRIFT]),),

@@ -1,4 +1,4 @@
-"""The four questions on the first screen, each with a sentence, a number and a small figure from stored rows as its answer."""
+"""Four questions on the first screen; each is answered by a sentence, a number and a small figure from stored rows."""
 
 import math
 import tomllib
@@ -10,9 +10,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from gauss_bench.report.content import Chart, count, error_text, ratio_text
-from gauss_bench.report.rows import Row, Run, group_by, has_ended, is_unstabilised, with_number
+from gauss_bench.report.cases import has_ended, is_unstabilised
+from gauss_bench.report.content import Chart
+from gauss_bench.report.rows import Row, Run, group_by, with_number
 from gauss_bench.report.site.charts import FLOOR, bars
+from gauss_bench.report.words import count, error_text, ratio_text
 
 HOLDS = 1e-4  # [m, rad] a loop that opens by less, a tenth of a millimetre, counts as closed
 CARD = tomllib.loads((Path(__file__).parent / "assets" / "cards.toml").read_text(encoding="utf-8"))  # name of a card -> its texts
@@ -21,7 +23,12 @@ STEP = 1e-3  # [s] step at which engines are compared as shipped
 
 @dataclass(frozen=True)
 class Card:
-    """A question with its answer, and a link to the page with details."""
+    """A question with its answer, and a link to the page with details.
+
+    Attributes:
+        sentence, number, unit, chart: the answer in words, in a number with its unit, and in a figure.
+        page: address of the page with details; more: text of the link.
+    """
 
     question: str
     sentence: str
@@ -33,7 +40,13 @@ class Card:
 
 
 def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]], unit: str = "", **look: Any) -> Card:
-    """Make a card with the texts of CARD and a figure of rows; without rows it has no figure."""
+    """Return a card with the texts that CARD has for `name`.
+
+    Args:
+        rows: rows of the bar chart, with columns as `charts.bars` takes them; without rows the card has no figure.
+        unit: replaces the unit of CARD.
+        look: further arguments of `charts.bars`.
+    """
     words = CARD[name]
     chart = None
     if rows:
@@ -46,23 +59,20 @@ def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]],
 def drift_as_shipped(run: Run) -> dict[str, Row]:
     """Return engine -> its case with the largest drift, among cases with default settings, no stabilisation and a step of STEP.
 
-    If an engine has several integrators, the one with the smallest largest drift stands for it.
+    An engine with several integrators has the integrator whose largest drift is the smallest.
     """
-    rows = [
-        r
-        for r in with_number(run.results, "position_drift")
-        if has_ended(r) and not r["control"] and r["settings"] == "default" and is_unstabilised(r) and abs(r["step"] - STEP) < 1e-9
-    ]
+    ended = [r for r in with_number(run.results, "position_drift") if has_ended(r) and not r["control"]]
+    shipped = [r for r in ended if r["settings"] == "default" and is_unstabilised(r) and abs(r["step"] - STEP) < 1e-9]
     worst: dict[str, Row] = {}
-    for (engine, _), some in group_by(rows, "engine", "integrator").items():
-        row = max(some, key=itemgetter("position_drift"))
+    for (engine, _), cases in group_by(shipped, "engine", "integrator").items():
+        row = max(cases, key=itemgetter("position_drift"))
         if engine not in worst or row["position_drift"] < worst[engine]["position_drift"]:
             worst[engine] = row
     return worst
 
 
 def loops_card(run: Run) -> Card | None:
-    """Return the card "Do loops hold by default?", or None without cases."""
+    """Return the card "Do loops hold by default?", or None for a run without such cases."""
     worst = drift_as_shipped(run)
     if not worst:
         return None
@@ -80,7 +90,7 @@ def loops_card(run: Run) -> Card | None:
 
 
 def claim_card(run: Run) -> Card | None:
-    """Return the card on the cost of a step by Gauss against Lagrange, both compiled, or None without races."""
+    """Return the card on the time of a compiled step by Gauss against Lagrange, or None for a run without such races."""
     rows = sorted(with_number(run.table("kernel_claim"), "ratio"), key=lambda r: -r["ratio"])
     if not rows:
         return None
@@ -97,7 +107,7 @@ def claim_card(run: Run) -> Card | None:
 
 
 def paper_card(run: Run) -> Card | None:
-    """Return the card "Is the paper right?", or None without an audit."""
+    """Return the card "Is the paper right?", or None for a run without an audit."""
     rows = run.table("audit")
     if not rows:
         return None
@@ -112,7 +122,7 @@ def paper_card(run: Run) -> Card | None:
 
 
 def trust_card(run: Run) -> Card | None:
-    """Return the card "Why trust this?": digits of certificates, or the largest error bar of a run without certificates."""
+    """Return the card "Why trust this?" with digits of certificates, or with the largest error bar of other references."""
     rows = [r for r in with_number(run.table("certificates"), "digits") if r["status"] == "ok"]
     if rows:
         least = min(rows, key=itemgetter("digits"))

@@ -1,4 +1,4 @@
-"""The pages on the papers, the kernel and the method, made of sections, and the page of all findings."""
+"""Pages that are made of sections: papers, kernel, releases and method; and the page of all findings."""
 
 from collections.abc import Iterable, Sequence
 from types import ModuleType
@@ -12,17 +12,17 @@ from gauss_bench.report.sections import bias, claim, field, kernel, limitations,
 from gauss_bench.report.site.page import Page, plain_page, render
 
 PAPERS = (claim, papers, reproduction)
-TONES = ("bad", "warn", "", "good")  # of findings, in the order of their page
+TONES = ("bad", "warn", "", "good")  # tones of findings in the order of their page
 
 
 def make_sections(run: Run, modules: Iterable[ModuleType]) -> list[Section]:
-    """Return the sections of modules, without those that the run has no rows for."""
+    """Return the sections that modules make; a module without a section, or without rows for it, is left out."""
     made = (module.section(run) for module in modules if hasattr(module, "section"))
     return [x for x in made if x is not None]
 
 
 def chart_data(section: Section) -> dict[str, Any]:
-    """Return name -> data of every figure of a section and its subsections."""
+    """Return name of a figure -> its data, for all figures of a section and its subsections."""
     data = {x.name: x.data() for x in section.blocks if isinstance(x, Chart)}
     for part in section.parts:
         data |= chart_data(part)
@@ -30,13 +30,13 @@ def chart_data(section: Section) -> dict[str, Any]:
 
 
 def chapter(name: str, title: str, lead: str, contents: Sequence[Section], **parts: Any) -> Page:
-    """Return a page of sections, which is a group of its own in the table of contents."""
+    """Return a page of sections, with an entry of its own in the table of contents; `parts` as `plain_page`."""
     charts = chart_data(Section(title, name, (), contents))
     return plain_page(name, title, lead, title, charts, sections=contents, **parts)
 
 
 def papers_page(run: Run) -> Page | None:
-    """Return the page on the papers: their claim, their audited lines and the first one's example; None without data."""
+    """Return the page on the papers, with their claim, their audited lines and the first paper's example; None without rows."""
     if not run.table("audit") and not run.table("kernel_claim"):
         return None
     lead = "Three papers claim that fewer unknowns are faster. Each of their lines is computed as printed, and as it should read."
@@ -44,21 +44,21 @@ def papers_page(run: Run) -> Page | None:
 
 
 def kernel_page(run: Run) -> Page | None:
-    """Return the page on speed and accuracy of the compiled formulations; None if the run measured none."""
+    """Return the page on speed and accuracy of the compiled formulations, or None if the run did not measure them."""
     content = kernel.section(run)
     lead = "The compiled formulations: the cost of a step, its accuracy, and its distance from the limit of the processor."
     return chapter("kernel", "Kernel", lead, content.parts) if content else None
 
 
 def releases_page(run: Run) -> Page | None:
-    """Return the page on the releases of engines; None if the run compared none."""
+    """Return the page on the releases of engines' libraries, or None if the run compared none."""
     content = releases.section(run)
     lead = "What changed between the releases of an engine, what is rounding, and what a step costs."
     return chapter("releases", "What changed", lead, content.parts) if content else None
 
 
 def method_page(run: Run) -> Page:
-    """Return the page on the method: its three ideas, limitations and biases, then every section without a page of its own."""
+    """Return the page on the method: its three ideas, limitations and biases, then every section that no other page has."""
     lead = "What is compared, what counts as true, what a time is, and where all of this ends."
     others = [x for x in parts_of(room) if x not in (*PAPERS, kernel, releases, limitations, bias, field)]
     return chapter("method", "Method", lead, make_sections(run, [limitations, bias, *others]), opening=render("method.html"))

@@ -1,7 +1,7 @@
-"""Charts as Vega-Lite specifications, filled in from the templates of `assets/charts.json`.
+"""Charts as Vega-Lite specifications, made from the templates of `assets/charts.json`.
 
-Colours are names of CSS variables, so that dark mode and printing need no second drawing. The rows of a chart are stored beside its
-specification under the name `rows`; the page combines both.
+Colours are names of CSS variables, so that dark mode and printing need no second drawing. A specification has no data; the page
+adds the rows of the chart.
 """
 
 import json
@@ -21,7 +21,7 @@ FLOOR = 1e-17  # a zero error is drawn here, since logarithmic axes have no zero
 
 
 def fill(part: Any, values: Mapping[str, Any]) -> Any:
-    """Return a part of a template with values in place of every "$name"."""
+    """Return a part of a template, with `values[name]` in place of every text "$name"."""
     match part:
         case dict():
             return {k: fill(x, values) for k, x in part.items()}
@@ -33,19 +33,32 @@ def fill(part: Any, values: Mapping[str, Any]) -> Any:
 
 
 def look(engines: Sequence[str]) -> dict[str, Any]:
-    """Return engines with their colours, and with markers that tell them apart without colour."""
+    """Return the values "engines", "colours" and "shapes" of a template; markers distinguish engines without colour."""
     colours = [f"var(--{slot})" for slot in slots(engines).values()]
     return {"engines": list(engines), "colours": colours, "shapes": [SHAPES[i % len(SHAPES)] for i in range(len(engines))]}
 
 
 def points(rows: Sequence[Row], x: str, y: str, height: int = 340, engines: Sequence[str] = ()) -> dict[str, Any]:
-    """Plot rows (x, y, engine, line) on two logarithmic axes; rows with equal `line` are joined. Engines are sorted by default."""
+    """Return the specification of a chart of points on two logarithmic axes, joined by lines.
+
+    Args:
+        rows: points with x, y, engine, and line, which is equal for points that are joined.
+        x, y: titles of the axes.
+        height: height of the chart [px].
+        engines: engines in the order of the legend; by default they are sorted by name.
+    """
     values = look(engines or sorted({str(r["engine"]) for r in rows})) | {"x": x, "y": y, "height": height}
     return dict(fill(GRAMMAR["points"], values))
 
 
 def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int = 300) -> dict[str, Any]:
-    """Plot lines of y against time, each with its name at its end."""
+    """Return the specification of a chart of lines against time, each with its name at its end.
+
+    Args:
+        rows: points as `place_names` returns them.
+        y: title of the vertical axis.
+        height: height of the chart [px].
+    """
     kind = "log" if logarithmic else "linear"
     values = look(list(dict.fromkeys(str(r["engine"]) for r in rows)))
     values |= {"last": max((number(r, "x") for r in rows), default=1.0), "y": y, "height": height}
@@ -56,29 +69,43 @@ def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int
 def place_names(
     lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = True, most: int = MOST_LINES
 ) -> list[dict[str, Any]]:
-    """Return the rows of all lines; the last row of a line gets a height `label_y` for its name, so that names do not overlap."""
+    """Return the rows of all lines; the last row of a line also has `end`, and the height `label_y` of the line's name.
+
+    Args:
+        lines: rows of each line, with x and y.
+        most: number of lines, the first ones, whose names must not overlap.
+    """
+
+    def height(y: float) -> float:
+        return math.log10(max(y, FLOOR)) if logarithmic else y
+
     values = [float(r["y"]) for line in lines[:most] for r in line if is_known(r["y"])]
     if not values:
         return []
-    height = (lambda v: math.log10(max(v, FLOOR))) if logarithmic else (lambda v: v)
     span = max(height(max(values)) - height(min(values)), 1.0 if logarithmic else 1e-12)
-    places = sorted((height(float(line[-1]["y"])), i) for i, line in enumerate(lines[:most]))
-    at = {i: height(float(line[-1]["y"])) for i, line in enumerate(lines)}
+    name_at = [height(float(line[-1]["y"])) for line in lines]  # beside the end of each line
     # from the lowest name upwards, keep each at least APART above the one before
     below = -math.inf
-    for h, i in places:
-        at[i] = below = max(h, below + APART * span)
+    for i in sorted(range(len(lines[:most])), key=lambda i: name_at[i]):
+        name_at[i] = below = max(name_at[i], below + APART * span)
     rows: list[dict[str, Any]] = []
-    for i, line in enumerate(lines):
+    for line, place in zip(lines, name_at, strict=True):
         rows += [dict(r) for r in line]
-        rows[-1] |= {"end": True, "label_y": 10 ** at[i] if logarithmic else at[i]}
+        rows[-1] |= {"end": True, "label_y": 10**place if logarithmic else place}
     return rows
 
 
 def bars(
     rows: Sequence[Row], x: str, logarithmic: bool = False, rule: float | None = None, number_format: str = ""
 ) -> dict[str, Any]:
-    """Plot a bar per name; rows with low and high are drawn as a dot with its range instead."""
+    """Return the specification of a chart with a bar for each row, or with a dot and its range if rows have low and high.
+
+    Args:
+        rows: bars with name and y, and perhaps low and high.
+        x: title of the axis.
+        rule: value at which a line is drawn across all bars.
+        number_format: format of the axis' numbers in D3's notation.
+    """
     ranged = any(is_known(r.get("low")) for r in rows)
     shown = {"rule": rule is not None, "range": ranged, "dots": ranged or logarithmic, "bars": not (ranged or logarithmic)}
     values = {

@@ -1,4 +1,4 @@
-"""An engine's page: its cases, its best settings, its races, its failures, and how to object to the results."""
+"""The page of an engine: its cases, its best settings, its races, its failures, and how to object to the results."""
 
 import math
 import shlex
@@ -7,22 +7,13 @@ from statistics import geometric_mean
 from typing import Any
 
 from gauss_bench.reach import ERRORS
-from gauss_bench.report.content import Table, count, error_text, itemise, lay_out, limit_text, ratio_text
+from gauss_bench.report.cases import SAME_ACCELERATION, has_ended, setting_words
+from gauss_bench.report.content import Table, lay_out
 from gauss_bench.report.faults import faults_of
 from gauss_bench.report.first_table import FIRST
 from gauss_bench.report.pages import facts
 from gauss_bench.report.reaches import engines_of
-from gauss_bench.report.rows import (
-    SAME_ACCELERATION,
-    Row,
-    Run,
-    group_by,
-    has_ended,
-    is_known,
-    number,
-    setting_words,
-    with_number,
-)
+from gauss_bench.report.rows import Row, Run, group_by, is_known, number, of_engine, with_number
 from gauss_bench.report.sections import field
 from gauss_bench.report.sections.search import list_owned
 from gauss_bench.report.sections.settings import list_options
@@ -41,63 +32,65 @@ from gauss_bench.report.site.settings import (
     race_multiples,
     scenarios,
 )
+from gauss_bench.report.words import count, error_text, itemise, limit_text, ratio_text
 
 TABLED = sorted({*POSITIONS[1::2], USUAL, FIRST}, reverse=True)  # [m] accuracies in the table of an engine's best settings
 
 
 def engine_names(run: Run) -> list[str]:
-    """Return the names of the engines that were run or searched, sorted."""
+    """Return the names of all engines in the rows of a run, sorted."""
     rows = (*run.results, *run.table("search_winners"), *run.table("search_ladder"), *run.table("field"))
     return sorted({r["engine"] for r in rows} - {""})
 
 
 def runs_of_engines(run: Run) -> dict[str, Run]:
-    """Return engine -> the run with its rows, sorted by name: the run of the suite `field` for engines that only this one has."""
+    """Return engine -> the run with its rows, sorted by name.
+
+    That is the run itself, or the run of the suite `field` beside it for engines that only the latter has.
+    """
     runs = dict.fromkeys(engine_names(run.field_run), run.field_run) | dict.fromkeys(engine_names(run), run)
     return dict(sorted(runs.items()))
 
 
 def engine_page(run: Run, name: str) -> Page:
-    """Return the page of an engine; its tables appear as far as its run has their rows."""
-    whole, run = run, runs_of_engines(run).get(name, run)
-    rows = [r for r in run.results if r["engine"] == name]
-    installed = run.environment.get("engines", {}).get(name, {})
+    """Return the page of an engine; tables without rows are left out."""
+    its_run = runs_of_engines(run).get(name, run)
+    rows = of_engine(its_run.results, name)
+    installed = its_run.environment.get("engines", {}).get(name, {})
     version = installed.get("version") if isinstance(installed, dict) else ""
-    asked = field.answers(whole, name)
+    asked = field.answers(run, name)
+    options = None  # the method page has the options of this run's own engines
+    if its_run is not run:
+        options = lay_out("settings", list_options(its_run, name), title="Its settings in full", folded=True)
     body = render(
         "engine.html",
         name=name,
         asked=lay_out("field", asked, title="Its answers"),
-        costs=lay_out("field_costs", field.costs(whole, name), title="Its costs"),
-        apart=field.describe_run(whole) if asked and run is not whole.field_run else "",
+        costs=lay_out("field_costs", field.costs(run, name), title="Its costs"),
+        apart=field.describe_run(run) if asked and its_run is not run.field_run else "",
         home=describe_home(name, installed),
-        settings=lay_out("settings", list_options(run, name), title="Its settings in full", folded=True)
-        if run is not whole
-        else None,
-        commands=list_commands(run, name),
+        settings=options,
+        commands=list_commands(its_run, name),
         cases=lay_out("engine_cases", list_cases(rows)),
-        bests=bests(run, name),
-        races=list_races(run, name),
-        why=explain_time(run, name),
-        broken=list_failures(run, name),
-        faults=faults_of(whole.faults, name),
-        atlas=atlas_table([r for r in whole.table("atlas") if r["engine"] == name]),
-        owned=lay_out("search_owned", list_owned([r for r in run.table("search_owned") if r["engine"] == name])),
-        releases=sum(r["engine"] == name for r in whole.table("releases")),
-        history=lay_out("engine_history", list_changes([r for r in whole.accepted if r["engine"] == name])),
-        knobs=lay_out("engine_knobs", [r for r in run.table("search_knobs") if r["engine"] == name]),
+        bests=bests(its_run, name),
+        races=list_races(its_run, name),
+        why=explain_time(its_run, name),
+        broken=list_failures(its_run, name),
+        faults=faults_of(run.faults, name),
+        atlas=atlas_table(of_engine(run.table("atlas"), name)),
+        owned=lay_out("search_owned", list_owned(of_engine(its_run.table("search_owned"), name))),
+        releases=len(of_engine(run.table("releases"), name)),
+        history=lay_out("engine_history", list_changes(of_engine(run.accepted, name))),
+        knobs=lay_out("engine_knobs", of_engine(its_run.table("search_knobs"), name)),
     )
-    wrong = "A negative control, wrong on purpose: it must never pass."
-    lead = (
-        wrong
-        if any(r["control"] for r in rows)
-        else f"{version or name}: as shipped, as set here, and with the best settings found."
-    )
-    return Page(f"engine-{file_name(name)}", name, lead, body, facts=tuple(facts(run)))
+    lead = f"{version or name}: as shipped, as set here, and with the best settings found."
+    if any(r["control"] for r in rows):
+        lead = "A negative control, wrong on purpose: it must never pass."
+    return Page(f"engine-{file_name(name)}", name, lead, body, facts=tuple(facts(its_run)))
 
 
 def describe_home(name: str, installed: Mapping[str, Any]) -> str:
-    """Return in words in which environment an engine lives; empty for one that shares the environment of the suite."""
+    """Return sentences on the environment in which an engine lives; empty for an engine in the environment of the suite."""
     if not installed.get("environment"):
         return ""
     return (
@@ -107,35 +100,35 @@ def describe_home(name: str, installed: Mapping[str, Any]) -> str:
 
 
 def list_commands(run: Run, name: str) -> list[tuple[str, str]]:
-    """Return the engine's cheapest setting within TABLED accuracies, as commands to paste, each with a sentence.
+    """Return (purpose, command to paste) for the engine's cheapest setting on each linkage within TABLED accuracies.
 
-    An engine of which no setting was found has that of a case as shipped.
+    Without any such setting it has the command of a case as shipped. A command with several purposes has the first of them.
     """
-    commands = []
+    purposes: dict[str, str] = {}  # command -> its purpose
     for linkage, scenario in scenarios(run).items():
         for position in TABLED:
-            one = cheapest_stored(run, linkage, position).get(name)
-            if one is not None:
-                commands.append((f"{linkage} within {limit_text(position)} m", command_of(one, scenario)))
-    if not commands:
-        shipped = [r for r in run.results if r["engine"] == name and r["settings"] == "default"]
-        for row in shipped[-1:]:
-            one = make_setting(row, until=row["t_end"])
-            commands.append((f"{row['mechanism']} as shipped", command_of(one, row["scenario"])))
-    return list({command: (words, command) for words, command in reversed(commands)}.values())[::-1]
+            setting = cheapest_stored(run, linkage, position).get(name)
+            if setting is not None:
+                purposes.setdefault(command_of(setting, scenario), f"{linkage} within {limit_text(position)} m")
+    shipped = [r for r in of_engine(run.results, name) if r["settings"] == "default"]
+    if not purposes and shipped:
+        row = shipped[-1]
+        command = command_of(make_setting(row, until=row["t_end"]), row["scenario"])
+        purposes[command] = f"{row['mechanism']} as shipped"
+    return [(purpose, command) for command, purpose in purposes.items()]
 
 
-def command_of(one: Setting, scenario: str) -> str:
+def command_of(x: Setting, scenario: str) -> str:
     """Return the command that runs a setting once."""
-    words = ["gauss-bench", "simulate", one.mechanism, "--scenario", scenario, "--engine", one.engine, "--settings", one.settings]
-    words += ["--integrator", one.integrator, "--stabilization", one.stabilization or "none"]
-    words += ["--step", f"{one.step:.10g}"] if is_known(one.step) else []
-    words += ["--tolerance", f"{one.tolerance:.10g}"] if is_known(one.tolerance) else []
-    return shlex.join([*words, "--at", f"{one.until:g}"])
+    words = ["gauss-bench", "simulate", x.mechanism, "--scenario", scenario, "--engine", x.engine, "--settings", x.settings]
+    words += ["--integrator", x.integrator, "--stabilization", x.stabilization or "none"]
+    words += ["--step", f"{x.step:.10g}"] if is_known(x.step) else []
+    words += ["--tolerance", f"{x.tolerance:.10g}"] if is_known(x.tolerance) else []
+    return shlex.join([*words, "--at", f"{x.until:g}"])
 
 
 def list_cases(rows: Sequence[Row]) -> Iterator[Row]:
-    """Yield the most accurate case of each linkage, setting and integrator, with its outcome."""
+    """Yield the most accurate case of each linkage, setting and integrator, as a row of the layout `engine_cases`."""
     for group in group_by(rows, "mechanism", "settings", "integrator").values():
         row = min(group, key=_inaccuracy)
         outcome = "valid" if row["valid"] else row.get("flag") or row["message"] or row["status"]
@@ -143,48 +136,49 @@ def list_cases(rows: Sequence[Row]) -> Iterator[Row]:
 
 
 def _inaccuracy(row: Row) -> tuple[bool, bool, float]:
-    """Return the sort key of cases: ended ones first, then those with a known error, then by the error."""
+    """Return the sort key of a case: ended cases come first, of these cases with a known error, of these the smallest error."""
     error = number(row, "position_error")
     return not has_ended(row), math.isnan(error), error
 
 
 def bests(run: Run, name: str) -> Table:
-    """Return the engine's cheapest setting per linkage and accuracy, or why none holds it."""
+    """Return the table of the engine's cheapest setting for each linkage and accuracy, or of the reason why no setting holds it.
+
+    An engine without any known setting has an empty table.
+    """
     lines: list[Row] = []
-    searched = [x for x in scenarios(run) if name in engines_of(run, x)]
-    known = [x for x, settings in all_settings(run).items() if any(one.engine == name for one in settings)]
-    # an engine without any known setting has no table
+    searched = [linkage for linkage in scenarios(run) if name in engines_of(run, linkage)]
+    known = [linkage for linkage, settings in all_settings(run).items() if any(x.engine == name for x in settings)]
     for linkage in sorted({*searched, *known}) if known else ():
         for position in TABLED:
             place = {"mechanism": linkage, "within": position}
-            one = cheapest_stored(run, linkage, position).get(name)
-            if one is None:
+            setting = cheapest_stored(run, linkage, position).get(name)
+            if setting is None:
                 reach = answer_of(run, linkage, name, position)
                 lines.append(place | {"words": reach.words, "words_tone": "warn", "missing": str(reach.kind)})
             else:
-                lines.append(vars(one) | place | {"words": describe_setting(run, one), "size": describe_size(one)})
+                lines.append(vars(setting) | place | {"words": describe_setting(run, setting), "size": describe_size(setting)})
     return lay_out("engine_bests", lines)
 
 
 def explain_time(run: Run, name: str) -> tuple[str, Table] | None:
-    """Return the engine's multiple as steps times time of a step, in a sentence and linkage by linkage.
+    """Return sentences that split the engine's multiple into its numbers of steps and times of a step, and a table of linkages.
 
-    It is that within FIRST, or within USUAL for an engine that holds FIRST nowhere.
+    The multiple is that within FIRST, or within USUAL for an engine that holds FIRST nowhere; None if it holds neither.
     """
-    return next(filter(None, (explain_time_within(run, name, position) for position in (FIRST, USUAL))), None)
+    return explain_time_within(run, name, FIRST) or explain_time_within(run, name, USUAL)
 
 
 def explain_time_within(run: Run, name: str, position: float) -> tuple[str, Table] | None:
-    """Return `explain_time` of an accuracy [m]; None if the engine has no timed setting that holds it."""
+    """Return the sentences and the table of `explain_time` at an accuracy [m]; None if no timed setting of the engine holds it."""
     lines: list[Row] = []
     for linkage in scenarios(run):
         timed = [x for x in fastest_first(run, linkage, position) if x.steps > 0]
-        for one in timed:
-            if one.engine == name:
-                best = timed[0]
-                time, steps = one.seconds / best.seconds, one.steps / best.steps
-                ratios = {"time": time, "steps": steps, "each": time / steps}
-                lines.append(ratios | {"mechanism": linkage, "fastest": best.engine, "words": describe_setting(run, one)})
+        for setting in (x for x in timed if x.engine == name):
+            best = timed[0]
+            time, steps = setting.seconds / best.seconds, setting.steps / best.steps
+            ratios = {"time": time, "steps": steps, "each": time / steps}
+            lines.append(ratios | {"mechanism": linkage, "fastest": best.engine, "words": describe_setting(run, setting)})
     if not lines:
         return None
     # geometric means, unlike medians, keep the identity time = steps * time per step
@@ -200,14 +194,14 @@ def explain_time_within(run: Run, name: str, position: float) -> tuple[str, Tabl
 
 
 def list_races(run: Run, name: str) -> Table:
-    """Return the engine's races, each with its time as a multiple of the fastest at the same accuracy."""
-    over = race_multiples(run)
+    """Return the table of the engine's races, each with its time as a multiple of the fastest at the same accuracy."""
+    multiples = race_multiples(run)
     lines = []
-    for r in run.table("search_winners"):
+    for r in of_engine(run.table("search_winners"), name):
         race = (r["mechanism"], r["required"], r["accuracy"], name)
-        if r["engine"] == name and r["required"] and race in over:
+        if r["required"] and race in multiples:
             what = f"{ERRORS.get(r['required'], r['required'])} within {limit_text(r['accuracy'])} {r['unit']}"
-            lines.append({**r, "what": what, "words": describe_setting(run, make_setting(r)), "multiple": over[race]})
+            lines.append({**r, "what": what, "words": describe_setting(run, make_setting(r)), "multiple": multiples[race]})
     inside = itemise(dict.fromkeys(r["in_python"] for r in lines if r.get("in_python")))
     python = f" These times contain Python code of the suite: {inside}." if inside else ""
     note = f"The multiple is the engine's time divided by that of the fastest engine at the same accuracy.{python}"
@@ -215,18 +209,25 @@ def list_races(run: Run, name: str) -> Table:
 
 
 def list_changes(figures: Sequence[Row]) -> list[Row]:
-    """Return a row for each accepted change of the engine's figures, the latest first: its date, its reason, its figures."""
-    groups = group_by(figures, "accepted")
-    dated = [(*accepted.split(" ", 1), len(some)) for accepted, some in groups.items() if " " in accepted]
-    return [{"date": date, "reason": reason, "figures": number_of} for date, reason, number_of in sorted(dated, reverse=True)]
+    """Return a row for each accepted change of the engine's figures, the latest first: date, reason and number of figures.
+
+    Args:
+        figures: rows of the gate's baseline, in which `accepted` is "DATE REASON".
+    """
+    lines: list[Row] = []
+    for accepted, rows in group_by(figures, "accepted").items():
+        date, _, reason = accepted.partition(" ")
+        if reason:
+            lines.append({"date": date, "reason": reason, "figures": len(rows)})
+    return sorted(lines, key=lambda line: (line["date"], line["reason"]), reverse=True)
 
 
 def list_failures(run: Run, name: str) -> list[str]:
-    """Return sentences on where the engine failed, was invalid, or does not model a linkage."""
-    rows = [r for r in run.results if r["engine"] == name]
+    """Return sentences on the engine's failed and invalid cases, its ended evaluations, and linkages that it does not model."""
+    rows = of_engine(run.results, name)
     failed = [r for r in rows if not has_ended(r) and r["status"] != "skip"]
     invalid = [r for r in rows if has_ended(r) and not r["valid"] and not r["control"]]
-    ladder = [r for r in run.table("search_ladder") if r["engine"] == name]
+    ladder = of_engine(run.table("search_ladder"), name)
     early = [r for r in ladder if r["status"] not in ("ok", "skip")]
     sentences = []
     if failed:
@@ -245,11 +246,11 @@ def list_failures(run: Run, name: str) -> list[str]:
             f"In the search {len(early)} of {count(len(ladder), 'evaluation')} ended early, most of them at steps "
             f"that are too large; the smallest such step was {smallest:.2g} s."
         )
-    skips = (r for r in (*run.results, *run.table("search_winners")) if r["engine"] == name and r["status"] == "skip")
-    skipped = sorted({r["message"] for r in skips} - {""})
+    tried = (*rows, *of_engine(run.table("search_winners"), name))
+    skipped = sorted({r["message"] for r in tried if r["status"] == "skip"} - {""})
     sentences += [f"Cannot be modelled: {x.removeprefix('cannot be modelled: ')}." for x in skipped[:4]]
     sentences = [*(sentences or ["No case of this run failed."]), *list_inexact(run, name)]
-    if not any(r["engine"] == name for r in run.table("atlas")):
+    if not of_engine(run.table("atlas"), name):
         sentences.append(f"`gauss-bench atlas --engine {name}` maps where it fails, along stiffness, speed, mass and other axes.")
     return sentences
 
@@ -257,10 +258,10 @@ def list_failures(run: Run, name: str) -> list[str]:
 def list_inexact(run: Run, name: str) -> list[str]:
     """Return a sentence for each setting under which accelerations are not those of the linkage, with the cause if it is known."""
     causes = run.environment.get("engines", {}).get(name, {}).get("soft", {})
-    rows = with_number((r for r in run.results if r["engine"] == name), "acceleration_error_median")
+    rows = with_number(of_engine(run.results, name), "acceleration_error_median")
     sentences = []
-    for settings, some in group_by(rows, "settings").items():
-        off = max(r["acceleration_error_median"] for r in some)
+    for settings, cases in group_by(rows, "settings").items():
+        off = max(r["acceleration_error_median"] for r in cases)
         if off > SAME_ACCELERATION:
             cause = f": {causes[settings]}" if settings in causes else ""
             sentences.append(
@@ -271,7 +272,7 @@ def list_inexact(run: Run, name: str) -> list[str]:
 
 
 def atlas_table(rows: Sequence[Row]) -> Table:
-    """Return the table of the engine's reach along each axis of the atlas."""
+    """Return the table of the engine's reach along each axis of the atlas, from its rows of the table `atlas`."""
     lines = []
     for r in rows:
         ends = {k: f"{r[k]:g} {r['unit']}".strip() if is_known(r.get(k)) else "" for k in ("passes_to", "breaks_at")}
@@ -286,18 +287,16 @@ def atlas_table(rows: Sequence[Row]) -> Table:
 
 
 def engines_page(run: Run) -> Page:
-    """Return the page that lists all engines."""
+    """Return the page that lists all engines, with the answers of the field."""
     lines = []
-    for name, known in runs_of_engines(run).items():
-        rows = [r for r in known.results if r["engine"] == name]
-        valid = sum(bool(r["valid"]) for r in rows)
-        absent = [r["message"] for r in known.table("field") if r["engine"] == name and r["message"]]
-        words = (
-            f"{valid} of {count(len(rows), 'case')} valid"
-            if rows
-            else next(iter(absent), "in the search alone, in no accuracy case")
-        )
-        words += " (suite `field`)" if rows and known is not run else ""
+    for name, its_run in runs_of_engines(run).items():
+        rows = of_engine(its_run.results, name)
+        if rows:
+            valid = sum(bool(r["valid"]) for r in rows)
+            words = f"{valid} of {count(len(rows), 'case')} valid" + ("" if its_run is run else " (suite `field`)")
+        else:
+            reasons = (r["message"] for r in of_engine(its_run.table("field"), name) if r["message"])
+            words = next(reasons, "in the search alone, in no accuracy case")
         lines.append({"page": f"engine-{file_name(name)}.html", "name": name, "said": words})
     lead = "Each engine as shipped, as set here, and with the best settings found."
     asked = field.section(run)

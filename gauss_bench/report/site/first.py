@@ -1,11 +1,11 @@
-"""The first screen: which setting of each engine holds a requirement, the main findings, and four questions with answers."""
+"""The first screen: the setting of each engine that holds a requirement, the main findings, and questions with answers."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from gauss_bench.report.content import AUTHORS, Finding, ratio_text
+from gauss_bench.report.content import AUTHORS, Finding
 from gauss_bench.report.first_table import EXPLAINED, first_table
 from gauss_bench.report.palette import slots
 from gauss_bench.report.rows import Run, is_known
@@ -23,16 +23,21 @@ from gauss_bench.report.site.settings import (
     fastest_first,
     scenarios,
 )
+from gauss_bench.report.words import ratio_text
 
 LEAD = (
     "This page finds the engine and the settings that simulate a closed-loop linkage accurately enough at the least cost. Errors "
     "are measured against a motion that is known to far more digits."
 )
-Programs = Callable[[list[tuple[Any, ...]]], Mapping[tuple[Any, ...], str]]
+Programs = Callable[[list[tuple[Any, ...]]], Mapping[tuple[Any, ...], str]]  # list of `Setting.choice` -> program of each
 
 
 def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None) -> Page:
-    """Return the first screen; `programs` returns choices -> programs, by default it shows calls of this package."""
+    """Return the first screen.
+
+    Args:
+        programs: function that returns a program for each choice of a setting; by default the page shows calls of this package.
+    """
     settings = all_settings(run)
     names = [x for x in scenarios(run) if x in settings]
     preferred = "four_bar" if "four_bar" in names else next(iter(names), "")
@@ -64,7 +69,7 @@ def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None)
 
 
 def first_answers(run: Run, name: str) -> list[dict[str, str]]:
-    """Return the answers for the default choice: the cheapest setting of each engine, fastest first."""
+    """Return the texts of the answers for a linkage within USUAL: the cheapest setting of each engine, the fastest first."""
     timed = fastest_first(run, name, USUAL)
     return [
         {
@@ -79,30 +84,36 @@ def first_answers(run: Run, name: str) -> list[dict[str, str]]:
 
 
 def headlines(findings: Iterable[Finding]) -> list[Finding]:
-    """Return the findings that begin in bold: where the suite's own engines are slower, miss a target, or fail."""
+    """Return the findings that begin in bold, where the suite's own engines are slower, miss a target or fail, without a tone."""
     return [replace(x, tone="") for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")]
 
 
 def program_files(choices: Mapping[str, dict[str, Any]], programs: Programs | None) -> dict[str, Any]:
-    """Return name -> data of the file with each linkage's programs, which a page loads only on demand.
+    """Return name of a file -> the programs of a linkage, which a page loads only on demand.
 
-    The settings of `choices` are taken out, and the name of their file is put in their place.
+    Args:
+        choices: linkage -> `settings.answers`, in which the name of the file replaces the settings `chosen`.
     """
-    chosen: dict[str, list[Setting]] = {name: one.pop("chosen") for name, one in choices.items()}
-    texts = programs([x.choice for some in chosen.values() for x in some]) if programs else {}
+    chosen: dict[str, list[Setting]] = {name: data.pop("chosen") for name, data in choices.items()}
+    texts = programs([x.choice for settings in chosen.values() for x in settings]) if programs else {}
     later = {}
-    for name, some in chosen.items():
-        choices[name]["programs"] = file = f"programs-{file_name(name)}"
-        later[file] = {f"programs of {name}": pack([texts.get(x.choice) or write_call(x) for x in some])}
+    for name, settings in chosen.items():
+        file = f"programs-{file_name(name)}"
+        choices[name]["programs"] = file
+        later[file] = {f"programs of {name}": pack([texts.get(x.choice) or write_call(x) for x in settings])}
     return later
 
 
 def chooser_data(run: Run, choices: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
-    """Return the data of the form from linkage -> `settings.answers`."""
-    for name, one in choices.items():
-        one |= {"page": f"linkage-{file_name(name)}.html", "scenario": scenarios(run)[name]}
-    known = {x.engine for some in all_settings(run).values() for x in some}
-    engines = sorted(known.union(*(one["none"] for one in choices.values())))
+    """Return the data of the form in which a reader chooses a linkage and a requirement.
+
+    Args:
+        choices: linkage -> `settings.answers`, to which the linkage's page and scenario are added.
+    """
+    for name, data in choices.items():
+        data |= {"page": f"linkage-{file_name(name)}.html", "scenario": scenarios(run)[name]}
+    with_settings = {x.engine for settings in all_settings(run).values() for x in settings}
+    engines = sorted(with_settings.union(*(data["none"] for data in choices.values())))
     return {
         "choices": choices,
         "engines": {e: f"engine-{file_name(e)}.html" for e in engines},
@@ -114,14 +125,14 @@ def chooser_data(run: Run, choices: Mapping[str, dict[str, Any]]) -> dict[str, A
 
 
 def pack(texts: Sequence[str]) -> dict[str, Any]:
-    """Store texts as indices into their distinct lines, since programs of one engine share most lines."""
+    """Return the distinct lines of texts, and each text as indices of its lines; programs of one engine share most lines."""
     lines: dict[str, int] = {}
     indices = [[lines.setdefault(line, len(lines)) for line in text.split("\n")] for text in texts]
     return {"lines": list(lines), "texts": indices}
 
 
 def write_call(x: Setting) -> str:
-    """Return a Python call of this package that runs a setting, for settings without a program in the engine's own language."""
+    """Return a Python program that runs a setting by a call of this package."""
     named = {k: getattr(x, k) for k in ("engine", "scenario", "settings", "integrator", "stabilization")}
     given = "".join(f"    {k}={v!a},\n" for k, v in named.items() if v)
     step = f"{x.step:.10g}" if is_known(x.step) else "0.001"

@@ -1,6 +1,6 @@
 """Convert plain-text formulas of tables, such as "J^- g", to MathML, with indices, exponents, primes and Greek letters.
 
-A formula becomes several pieces between which a line may break, so that it fits a phone. A text that contains words stays text.
+A formula becomes several pieces, and a line may break between them, so that it fits a phone. A text that contains words stays text.
 """
 
 import re
@@ -18,18 +18,18 @@ BREAK = re.compile(r" (?=[=+-] )|(?<=,) ")
 
 
 def is_formula(text: str) -> bool:
-    """Tell whether a text is a formula: it has an operator, and no words except functions, Greek letters and short symbols."""
+    """Tell whether a text is a formula: it has an operator, and no words except functions, Greek letters and symbols."""
     words = WORD.findall(text)
     return bool(words and re.search(r"[=^']", text)) and all(x in NAMES or len(x) < 3 for x in words) and "_" not in text[:1]
 
 
 def mathml(text: str) -> Markup:
-    """Return a formula as pieces of MathML."""
+    """Return the MathML of a formula, in pieces between which a line may break."""
     return Markup(" ").join(Markup("<math>{}</math>").format(_piece(x)) for x in BREAK.split(text))
 
 
 def _piece(text: str) -> Markup:
-    """Return the MathML of a formula without line breaks: each symbol with its index, primes and exponent."""
+    """Return the MathML of a piece of a formula: each symbol with its index, primes and exponent, in this order."""
     parts, at = [], 0
     while at < len(text):
         found = TOKEN.match(text, at)
@@ -51,7 +51,7 @@ def _piece(text: str) -> Markup:
 
 
 def _atom(found: re.Match[str]) -> Markup:
-    """Return the MathML of a number, a name or a sign."""
+    """Return the MathML of a token: a number, a name, which may end in an index, or a sign."""
     if found["number"]:
         return Markup("<mn>{}</mn>").format(found["number"])
     if found["name"]:

@@ -1,4 +1,4 @@
-"""A linkage's page: its motion, error against cost, drift and energy over time, and the best setting of each engine."""
+"""The page of a linkage: its motion, error against cost, drift and energy over time, and the best setting of each engine."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -10,24 +10,12 @@ from markupsafe import Markup
 
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.reach import Kind
-from gauss_bench.report.content import Chart, Table, count, lay_out, ratio_text
+from gauss_bench.report.cases import end_error, has_ended, is_unstabilised, may_rank, setting_words
+from gauss_bench.report.content import Chart, Table, lay_out
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.linkages import pose_in
 from gauss_bench.report.palette import inline
-from gauss_bench.report.rows import (
-    Item,
-    Row,
-    Run,
-    end_error,
-    group_by,
-    has_ended,
-    is_known,
-    is_unstabilised,
-    may_rank,
-    number,
-    setting_words,
-    with_number,
-)
+from gauss_bench.report.rows import Item, Row, Run, group_by, is_known, number, with_number
 from gauss_bench.report.sections.trajectories import all_cases, best_cases, name_most_accurate
 from gauss_bench.report.site.charts import FLOOR, MOST_LINES, over_time, place_names, points
 from gauss_bench.report.site.motion import draw_turn
@@ -44,21 +32,29 @@ from gauss_bench.report.site.settings import (
     fastest_first,
     variant_of,
 )
+from gauss_bench.report.words import count, ratio_text
 
 STEP = 1e-3  # [s] of the runs whose drift is drawn
 HELD = 1e-4  # [m] accuracy at which the cheapest engines are named
 SAMPLES = 50  # drawn points of a line in a figure
-LISTED = 7  # one of so many drawn points is in the table of a figure's numbers, the last of a line always
-BETTER = 0.98  # a costlier setting is on the front if its error is smaller than the last one's by this factor
+LISTED = 7  # every 7th drawn point is in the table of a figure's numbers, counted from the last point of a line
+BETTER = 0.98  # a costlier setting is on a Pareto front if its error is smaller by this factor
 TITLES = {"accuracy": "What accuracy costs", "drift": "Do the loops stay closed?", "energy": "Energy", "forces": "Joint forces"}
-FIRST = ("gauss-native", "lagrange-native", "mujoco", "pinocchio", "exudyn", "casadi")
+FIRST = ("gauss-native", "lagrange-native", "mujoco", "pinocchio", "exudyn", "casadi")  # engines whose lines come first
+DRIFT = "Largest residual of the constraints over time, without stabilisation in engines that allow this."
+ENERGY = "Energy gained beyond the work done, over time."
 
 
 def linkage_page(run: Run, name: str, scenario: str) -> Page:
-    """Return the page of a linkage; its parts appear as far as the run has their rows."""
+    """Return the page of a linkage; parts without rows are left out."""
     turn, pair = draw_turn(run, name), play_pair(run, name, scenario)
-    settings = all_settings(run).get(name, [])
-    charts = [x for x in (accuracy_chart(settings), drift_chart(run, name), energy_chart(run, name), force_chart(run, name)) if x]
+    made = (
+        accuracy_chart(all_settings(run).get(name, [])),
+        history_chart(run, name, "position_drift", "drift", "Drift of the loops", DRIFT, "residual [m, rad]"),
+        history_chart(run, name, "energy_error", "energy", "Error of the energy balance", ENERGY, "energy error [J]"),
+        force_chart(run, name),
+    )
+    charts = [chart for chart in made if chart is not None]
     rows = [r for r in run.of(name) if r["scenario"] == scenario]
     usable = [r for r in rows if may_rank(r) and is_known(end_error(r))]
     title = name.replace("_", " ")
@@ -90,7 +86,7 @@ def rows_name(name: str) -> str:
 
 
 def rows_page(run: Run, name: str) -> Page | None:
-    """Return the page with every case of a linkage."""
+    """Return the page with every case of a linkage, or None for a linkage without cases."""
     scenarios = group_by(run.of(name), "scenario")
     if not scenarios:
         return None
@@ -101,7 +97,7 @@ def rows_page(run: Run, name: str) -> Page | None:
 
 
 def describe_linkage(run: Run, name: str, scenario: str) -> str:
-    """Describe the linkage in a sentence."""
+    """Return sentences on the linkage and its scenario, with the numbers of its links, joints and loops."""
     try:
         mechanism, _, _ = pose_in(run, name)
     except LinkageError:
@@ -112,7 +108,7 @@ def describe_linkage(run: Run, name: str, scenario: str) -> str:
 
 
 def draw_still(run: Run, name: str) -> Markup | None:
-    """Return a still drawing, for linkages whose crank cannot turn fully; None if the linkage does not load."""
+    """Return a still drawing of a linkage, or None if its file does not load."""
     try:
         return Markup(inline(draw(*pose_in(run, name)), "still"))
     except LinkageError:
@@ -120,7 +116,7 @@ def draw_still(run: Run, name: str) -> Markup | None:
 
 
 def name_leaders(run: Run, name: str) -> str:
-    """Return a sentence on the cheapest engines within HELD, and on the engines that do not hold it."""
+    """Return sentences on the cheapest engines within HELD, and on the engines that do not hold it."""
     if name not in all_settings(run):
         return ""
     timed = fastest_first(run, name, HELD)
@@ -137,7 +133,7 @@ def name_leaders(run: Run, name: str) -> str:
 
 
 def list_leaders(run: Run, name: str) -> Table | None:
-    """Return the table of each engine's cheapest setting at four accuracies, fastest first."""
+    """Return the table of each engine's cheapest setting at four accuracies, the fastest first; None if there is none."""
     lines = []
     for position in POSITIONS[::2][:4]:
         timed = fastest_first(run, name, position)
@@ -148,10 +144,10 @@ def list_leaders(run: Run, name: str) -> Table | None:
 
 
 def accuracy_chart(settings: Sequence[Setting]) -> Chart | None:
-    """Return the chart of error against time, with the Pareto front of each engine's settings."""
+    """Return the chart of error against time, with the Pareto front of each engine's settings; None without settings."""
     rows = []
-    for some in group_by(settings, lambda x: x.engine).values():
-        for x in pareto_front(some, lambda x: x.seconds, lambda x: x.position):
+    for group in group_by(settings, lambda x: x.engine).values():
+        for x in pareto_front(group, lambda x: x.seconds, lambda x: x.position):
             rows.append(chart_row(x.engine, f"{x.engine} {x.words}", x.seconds, 1e3 * x.position, 1e3 * FLOOR))
     if not rows:
         return None
@@ -162,35 +158,35 @@ def accuracy_chart(settings: Sequence[Setting]) -> Chart | None:
         "of each engine that no other of its settings beats in both, with and without stabilisation."
     )
     head = {"name": "setting", "x": "time [s]", "y": "error [mm]"}
-    return Chart("accuracy", "Error against cost", words, spec, rows, head, *toggles_of(rows))
+    return Chart("accuracy", "Error against cost", words, spec, rows, head, toggles_of(rows))
 
 
 def chart_row(engine: str, name: str, x: float, y: float, least: float = FLOOR) -> dict[str, Any]:
-    """Return the row of a point in a figure, at least `least` high."""
+    """Return a point of a figure as a row of its data; `least` replaces a smaller y."""
     return {"engine": engine, "line": engine, "name": name, "x": x, "y": max(y, least)}
 
 
-def toggles_of(rows: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[str]]:
-    """Return the engines that a reader may hide, and those visible at first; none for a figure of one engine."""
+def toggles_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the engines that a reader of a figure may hide; none for a figure of one engine."""
     engines = list(dict.fromkeys(r["engine"] for r in rows))
-    return (engines, engines) if len(engines) > 1 else ([], [])
+    return engines if len(engines) > 1 else []
 
 
 def pareto_front(items: Iterable[Item], cost: Callable[[Item], float], error: Callable[[Item], float]) -> list[Item]:
     """Return the items that no other beats in both cost and error, cheapest first; items of unknown cost are left out."""
     front: list[Item] = []
-    for one in sorted((x for x in items if is_known(cost(x))), key=lambda x: (cost(x), error(x))):
-        if not front or error(one) < BETTER * error(front[-1]):
-            front.append(one)
+    for item in sorted((x for x in items if is_known(cost(x))), key=lambda x: (cost(x), error(x))):
+        if not front or error(item) < BETTER * error(front[-1]):
+            front.append(item)
     return front
 
 
 def force_chart(run: Run, name: str) -> Chart | None:
-    """Return the chart of joint-force errors against the number of steps, with the Pareto front of each engine."""
+    """Return the chart of joint-force errors against numbers of steps, with the Pareto front of each engine; None without rows."""
     ladder = [r for r in run.table("search_ladder") if r["mechanism"] == name and r["status"] == "ok" and number(r, "steps") > 0]
     rows = []
-    for engine, some in group_by(with_number(ladder, "force_error"), "engine").items():
-        for r in pareto_front(some, itemgetter("steps"), itemgetter("force_error")):
+    for engine, trials in group_by(with_number(ladder, "force_error"), "engine").items():
+        for r in pareto_front(trials, itemgetter("steps"), itemgetter("force_error")):
             rows.append(chart_row(engine, f"{engine} {r['settings']}", r["steps"], r["force_error"]))
     if not rows:
         return None
@@ -200,20 +196,23 @@ def force_chart(run: Run, name: str) -> Chart | None:
     )
     head = {"name": "variant", "x": "steps", "y": "error [N]"}
     spec = points(rows, "steps of the run", "largest error of a joint force [N]")
-    return Chart("forces", "Joint forces", words, spec, rows, head, *toggles_of(rows))
+    return Chart("forces", "Joint forces", words, spec, rows, head, toggles_of(rows))
 
 
 def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
-    """Return one line per engine over time: its plainest case with a step nearest to STEP. Engines in FIRST come first."""
+    """Return the rows of a line over time for each engine: a column of `series`, of its plainest case at a step nearest to STEP.
+
+    Engines in FIRST come first.
+    """
     cases = {_case(r): r for r in run.of(name) if has_ended(r) and not r["control"]}
     of_linkage = [r for r in run.table("series") if r["mechanism"] == name]
     series = group_by(with_number(of_linkage, column), _case)
     chosen = [row for key, row in cases.items() if key in series]
     lines = []
-    places = [*FIRST, *sorted({r["engine"] for r in chosen} - set(FIRST))]
-    engines = group_by(chosen, "engine")
-    for engine in sorted(engines, key=places.index):
-        row = min(engines[engine], key=_plainness)
+    order = [*FIRST, *sorted({r["engine"] for r in chosen} - set(FIRST))]
+    by_engine = group_by(chosen, "engine")
+    for engine in sorted(by_engine, key=order.index):
+        row = min(by_engine[engine], key=_plainness)
         samples = sorted(series[_case(row)], key=itemgetter("t"))
         drawn = sorted({round(float(x)) for x in np.linspace(0, len(samples) - 1, SAMPLES)})
         words = {"said": setting_words(row)}
@@ -222,40 +221,33 @@ def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
 
 
 def _case(row: Row) -> tuple[Any, ...]:
-    """Return the columns that identify a case in tables `results` and `series`."""
+    """Return the values that identify a case in the tables `results` and `series`."""
     return *variant_of(row), row["step"]
 
 
 def _plainness(row: Row) -> tuple[Any, ...]:
-    """Return the sort key of an engine's cases: the step nearest to STEP, then no stabilisation, default settings and RK4."""
+    """Return the sort key of a case: the step nearest to STEP comes first, then no stabilisation, default settings, RK4."""
     apart = abs(math.log10(number(row, "step") / STEP))
     return apart, not is_unstabilised(row), row["settings"] != "default", row["integrator"] != "rk4"
 
 
 def history_chart(run: Run, name: str, column: str, kind: str, title: str, words: str, axis: str) -> Chart | None:
-    """Return the chart of a column of table `series` over time; None without rows."""
+    """Return the chart of a column of the table `series` over time; None without rows.
+
+    Args:
+        kind: name of the chart.
+        words: sentence about the figure.
+        axis: title of the vertical axis.
+    """
     lines = histories(run, name, column)
     if not lines:
         return None
     rows = place_names(lines)
     first = [line[0] for line in lines]
-    toggles, _ = toggles_of(first)
     shown = [x["engine"] for x in first[:MOST_LINES]]
     cases = "; ".join(f"{x['engine']} {x['said']}".strip() for x in first)
     head = {"engine": "engine", "said": "settings", "x": "time [s]", "y": axis}
     words = f"{words} Cases, at a step of {STEP:g} s if there is one: {cases}."
     listed = [row for line in lines for row in line[::-LISTED][::-1]]
     note = f"One of {LISTED} drawn points; `series.parquet` of the data page has all."
-    return Chart(kind, title, words, over_time(rows, axis), rows, head, toggles, shown, listed=listed, note=note)
-
-
-def drift_chart(run: Run, name: str) -> Chart | None:
-    """Return the chart of the constraints' residuals over time."""
-    words = "Largest residual of the constraints over time, without stabilisation in engines that allow this."
-    return history_chart(run, name, "position_drift", "drift", "Drift of the loops", words, "residual [m, rad]")
-
-
-def energy_chart(run: Run, name: str) -> Chart | None:
-    """Return the chart of the error of the energy balance over time."""
-    words = "Energy gained beyond the work done, over time."
-    return history_chart(run, name, "energy_error", "energy", "Error of the energy balance", words, "energy error [J]")
+    return Chart(kind, title, words, over_time(rows, axis), rows, head, toggles_of(first), shown, listed=listed, note=note)

@@ -1,6 +1,6 @@
 """A linkage whose crank a reader turns on the page.
 
-Links are drawn once, in their own frames; a script moves them through the states of a turn of the crank, which the suite's
+Links are drawn once, in their own frames. A script moves them through the states of a turn of the crank, which the suite's
 kinematics computes.
 """
 
@@ -24,24 +24,24 @@ from gauss_bench.terms import Array
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """States (k, n) of a full turn of the crank, angles unwrapped."""
+    """States (k, n) of a linkage over a full turn of its crank, with continuous angles."""
 
     mechanism: Mechanism
     states: Array
 
     def at(self, crank: Array) -> Array:
-        """Return states (k, n) at crank angles (k,) [rad]; angles of links may be off by a whole turn."""
-        own = crank_angles(self.mechanism, self.states)
+        """Return states (l, n) at crank angles (l,) [rad], by linear interpolation; angles of links may be off by whole turns."""
+        own = crank_angles(self.mechanism, self.states)  # (k,)
         sense = np.sign(own[-1] - own[0])
-        place = np.mod((crank - own[0]) * sense, 2 * np.pi)
-        return np.stack([np.interp(place, (own - own[0]) * sense, column) for column in self.states.T], axis=-1)
+        turned = np.mod((crank - own[0]) * sense, 2 * np.pi)  # (l,) [rad] since the first state
+        return np.stack([np.interp(turned, (own - own[0]) * sense, column) for column in self.states.T], axis=-1)
 
 
 def find_turn(run: Run, name: str) -> Turn | None:
-    """Return a full turn of a linkage's crank; None without a file or if the crank cannot turn fully."""
+    """Return a full turn of a linkage's crank; None if the linkage does not load or its crank cannot turn fully."""
     try:
         mechanism, _, trace = pose_in(run, name, 0.0)
-        if trace is None:
+        if trace is None:  # the linkage cannot start at 0 degrees: try the angle of the drawings
             mechanism, _, trace = pose_in(run, name)
     except LinkageError:
         return None
@@ -53,7 +53,7 @@ def find_turn(run: Run, name: str) -> Turn | None:
 
 
 def draw_turn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
-    """Return a linkage's SVG with numbered links, and the places of every link in each state [px, degrees]."""
+    """Return the SVG of a linkage with numbered links, and the data of its motion: places of all links in each state."""
     turn = find_turn(run, name)
     if turn is None:
         return None
@@ -65,18 +65,18 @@ def draw_turn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
 
 
 def in_pixels(canvas: Canvas, states: Array) -> Array:
-    """Return the drawn places of links (k, links, 3) [px, px, degrees] at states (k, n)."""
+    """Return x, y and angle of links as drawn, (k, links, 3) [px, px, degrees], at states (k, n)."""
     links = states.reshape(len(states), -1, 3)
     return np.concatenate((canvas.at(links[..., :2]), -np.degrees(links[..., 2:])), axis=-1)
 
 
 def list_frames(places: Array) -> list[Any]:
-    """Return places (k, links, 3) [px, px, degrees] as lists by link, rounded to what is seen."""
+    """Return places (k, links, 3) [px, px, degrees] as a list of k places for each link, rounded to 0.01."""
     return list(np.round(places, 2).swapaxes(0, 1).tolist())
 
 
 def draw_numbered(mechanism: Mechanism, states: Array, canvas: Canvas) -> str:
-    """Return the SVG of the first state; each moving part has the number of its link as an attribute."""
+    """Return the SVG of the first of states (k, n); each moving part has the number of its link as an attribute."""
     parts = linkage_parts(mechanism, states, None, canvas, forces=False)
     shapes = [*draw_paths(mechanism.observed_points, states, canvas), *(part.draw(_number_link(part)) for part in parts)]
     size = f'viewBox="0 0 {canvas.width:g} {canvas.height:g}"'
@@ -85,7 +85,7 @@ def draw_numbered(mechanism: Mechanism, states: Array, canvas: Canvas) -> str:
 
 
 def _number_link(part: Part) -> str:
-    """Return the attributes by which a script finds a moving part: its link, and its place there if it stays upright."""
+    """Return the attributes by which a script moves a part: its link, and its place on the link if the part stays upright."""
     if part.link < 0:
         return ""
     place = "" if part.local is None else ' data-x="{:.2f}" data-y="{:.2f}"'.format(*part.local)

@@ -1,4 +1,4 @@
-"""The frame that all pages share, with navigation, and the conversion of a section's blocks to HTML by `templates`.
+"""The frame and navigation that all pages share, and the conversion of a section's blocks to HTML by `templates`.
 
 Texts from files are escaped by the templates; data in scripts is escaped by `script_text`.
 """
@@ -12,30 +12,31 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from gauss_bench.report.content import NOTHING, UNMEASURED, Cell, Finding, Table
+from gauss_bench.report.content import UNMEASURED, Cell, Finding, Table
 from gauss_bench.report.pages import MARKED, SENTENCE, make_environment
 from gauss_bench.report.site.formulas import is_formula, mathml
+from gauss_bench.report.words import NOTHING
 
 LONG, LABEL = 60, 40  # characters: a cell longer than LONG is folded behind a label of at most LABEL
-LEAST_LABEL = 12  # characters: shorter beginnings, such as a time, do not say what is behind them
-HEADLINE = 260  # largest number of characters of a finding that is not unfolded
+LEAST_LABEL = 12  # characters: a shorter beginning of a cell, such as a time, says too little for a label
+HEADLINE = 260  # characters of a finding that is shown as one sentence, at most
 NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
 TAGS = {"bad": "where we lose", "warn": "note", "good": "holds"}
 
 
 @dataclass(frozen=True)
 class Page:
-    """One page.
+    """A page of the site.
 
     Attributes:
         name: name of its file, without suffix.
-        lead: the sentence below the title.
+        lead: sentence below the title.
         body: HTML content.
-        data: data of its scripts, such as charts by name.
+        data: name -> data for its scripts, such as charts.
         scripts: further scripts that it needs.
-        later: name -> data that a script loads only on demand.
-        group: its group in the table of contents; empty for pages that are only linked from others.
-        facts: of the run of its rows; empty for that of the site.
+        later: name of a file -> data that a script loads only on demand.
+        group: its group in the table of contents; empty for a page that has no entry there.
+        facts: facts of the run whose rows it has; empty if that is the run of the site.
     """
 
     name: str
@@ -55,13 +56,13 @@ class Page:
 
 
 def file_name(text: str) -> str:
-    """Return a file name that is safe on file systems and in addresses; an altered name gets a checksum, to stay distinct."""
+    """Return a file name that is safe on file systems and in addresses; an altered name gets a checksum, so that it is distinct."""
     plain = re.sub(r"[^a-z0-9_]+", "-", text.lower()).strip("-") or "x"
     return plain if plain == text else f"{plain}-{sum(ord(c) * (i + 7) for i, c in enumerate(text)) % 99991}"
 
 
 def script_text(value: Any) -> str:
-    """Return JSON that is safe inside a script element: it contains no character that could end the element."""
+    """Return a value as JSON without any character that could end a script element."""
     text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"), sort_keys=True)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
@@ -80,17 +81,17 @@ def rich(text: str) -> Markup:
 
 
 def table_class(content: Table) -> str:
-    """Return the CSS class of tables with this head; `table_style` describes it."""
+    """Return the CSS class that tables with this head and these numeric columns share."""
     return f"h{zlib.crc32(repr((*content.head, *sorted(content.numeric))).encode()):x}"
 
 
 def table_style(content: Table) -> Markup:
     """Return the style of a table's class: numbers are aligned right; on phones cells stand below each other, with labels.
 
-    It stands once for a column, since an attribute of each cell would take a tenth of the site.
+    A style for each column is shorter than attributes of each cell, which would take a tenth of the site.
     """
     name = table_class(content)
-    labels = [f".{name} td:nth-child({i})::before{{content:{label(x)}}}" for i, x in enumerate(content.head, 1)]
+    labels = [f".{name} td:nth-child({i})::before{{content:{label(head)}}}" for i, head in enumerate(content.head, 1)]
     cells = ",".join(f".{name} td:nth-child({i + 1})" for i in sorted(content.numeric))
     numbers = f"@media(min-width:761px){{{cells}{{text-align:right;white-space:nowrap}}}}" if cells else ""
     return Markup(f"<style>@media(max-width:760px){{{''.join(labels)}}}{numbers}</style>")
@@ -102,14 +103,14 @@ def label(head: str) -> Markup:
 
 
 def sort_by(cell: Cell) -> Markup:
-    """Return the sort attribute of a cell, unless its text is a number already, with the digits that a reader sees."""
+    """Return the HTML attribute with the sort key of a cell; empty for a text, or if the cell's text is a number itself."""
     if not isinstance(cell.sort, float) or NUMBER.fullmatch(cell.text):
         return Markup("")
     return Markup(' data-sort="{:.7g}"').format(cell.sort)
 
 
 def shown(cell: Cell) -> Markup:
-    """Return the HTML of a cell: formulas are typeset, addresses become links, long texts are folded, a dash has its reason."""
+    """Return the HTML of a cell: a formula is typeset, an address becomes a link, a long text is folded, a dash has its reason."""
     text = cell.text or NOTHING
     if text == NOTHING:
         why = cell.why or UNMEASURED
@@ -128,7 +129,7 @@ def shown(cell: Cell) -> Markup:
 
 
 def short_label(text: str) -> str:
-    """Return the first words of a text, up to a colon or semicolon unless these say too little, as its label."""
+    """Return a label for a long text: its words up to a colon or semicolon, or as many words as fit if these say too little."""
     first = re.split(r"[:;]", text, maxsplit=1)[0].strip()
     if LEAST_LABEL < len(first) <= LABEL:
         return first
@@ -136,18 +137,19 @@ def short_label(text: str) -> str:
 
 
 def sentence_of(finding: Finding) -> str:
-    """Return a finding in one sentence."""
+    """Return a finding in one sentence: its own short form, or the headline of its text."""
     return finding.short or headline(finding.text)
 
 
 def headline(text: str) -> str:
-    """Return the first sentence of a finding; a long one loses its brackets and its list."""
+    """Return the first sentence of a finding; if it is long, without what stands in brackets and without its list."""
     first = SENTENCE.split(text.replace("**", ""))[0]
     if len(first) <= HEADLINE:
         return first
-    short = re.sub(r"\s\((?:[^()]|\([^()]*\))*\)", "", first)
+    short = re.sub(r"\s\((?:[^()]|\([^()]*\))*\)", "", first)  # brackets may contain brackets
     if len(short) <= HEADLINE:
         return short
+    # the last colon or semicolon within the limit, else the last space
     ends = [m.start() for m in re.finditer(r": |; ", short) if m.start() <= HEADLINE] or [short.rfind(" ", 0, HEADLINE)]
     return f"{short[: ends[-1]].rstrip('.,;: ')}."
 
@@ -164,7 +166,7 @@ ENVIRONMENT.filters |= {
 
 
 def render(template: str, **context: Any) -> Markup:
-    """Fill in a template of the folder `templates`."""
+    """Return the HTML of a template of the folder `templates`, filled in with `context`."""
     return Markup(ENVIRONMENT.get_template(template).render(context))
 
 
@@ -172,13 +174,24 @@ PARTS = ("opening", "paragraphs", "sections", "findings", "back", "tables", "eng
 
 
 def plain_page(name: str, title: str, lead: str, group: str = "", charts: Mapping[str, Any] | None = None, **parts: Any) -> Page:
-    """Make a page from some of PARTS, such as sections, tables or findings."""
+    """Return a page without scripts of its own.
+
+    Args:
+        charts: name -> data of the figures in its sections.
+        parts: content for some of PARTS, such as sections, tables or findings.
+    """
     body = render("plain.html", **dict.fromkeys(PARTS, ()) | parts)
     return Page(name, title, lead, body, {"charts": charts} if charts else {}, group)
 
 
 def document(page: Page, pages: Sequence[Page], facts: Sequence[str], guide: str = "") -> str:
-    """Return the complete HTML of a page; `guide` is the address of the documentation, if it was built."""
+    """Return the complete HTML of a page.
+
+    Args:
+        pages: all pages, for the table of contents.
+        facts: facts of the run for the header.
+        guide: address of the documentation; empty if it was not built.
+    """
     groups: dict[str, list[Page]] = {}
     for other in pages:
         if other.group:

@@ -1,9 +1,9 @@
 """Two engines' runs of a linkage, played side by side with magnified differences from the reference.
 
-Tables `motions` and `poses` store the pose of a link in a run as reference + ahead + gap. `ahead` is the part of the difference
-that leaves all loops closed. It is magnified along the motion of the linkage, so that a late crank is drawn later together with all
-other links. `gap` is the rest, which opens loops. It is magnified in a straight line. At a factor of one, links are drawn at their
-stored poses.
+The tables `motions` and `poses` store the pose of a link in a run as reference + ahead + gap. `ahead` is the part of the difference
+that leaves all loops closed. It is magnified along the motion of the linkage, so that a crank that is late is drawn later, together
+with all other links. `gap` is the rest, which opens loops. It is magnified in a straight line. At a factor of one, links are drawn
+at their stored poses.
 
 If the crank can turn fully, the magnified pose is taken from the states of a turn. With the reference angle c of the crank, the
 angle a by which the run is ahead, and the factor f,
@@ -21,17 +21,18 @@ import numpy as np
 
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load_document
-from gauss_bench.report.content import round_digits
+from gauss_bench.report.cases import setting_words
 from gauss_bench.report.drawings.canvas import Canvas
 from gauss_bench.report.drawings.drawing import canvas_of
 from gauss_bench.report.drawings.pose import crank_angles, unwrap_angles
 from gauss_bench.report.linkages import document_in
 from gauss_bench.report.palette import inline
-from gauss_bench.report.rows import KEYS, Row, Run, group_by, number, setting_words
+from gauss_bench.report.rows import KEYS, Row, Run, group_by, number
 from gauss_bench.report.site.motion import Turn, draw_numbered, find_turn, in_pixels, list_frames
+from gauss_bench.report.words import round_digits
 from gauss_bench.terms import Array
 
-MAGNIFIED = (1, 10, 100, 1_000, 10_000, 100_000, 1_000_000)
+MAGNIFIED = (1, 10, 100, 1_000, 10_000, 100_000, 1_000_000)  # factors that a reader can choose
 SEEN = 0.1  # [px, degrees] smaller differences are not stored
 REACH = 60.0  # [px] largest drawn difference from the reference with the initial factor
 DIGITS = 3  # significant digits of a stored difference
@@ -39,11 +40,12 @@ DIGITS = 3  # significant digits of a stored difference
 
 @dataclass(frozen=True, eq=False)
 class StoredRun:
-    """A run whose poses are stored.
+    """A run with stored poses.
 
     Attributes:
-        label: engine and setting in words; is_default: whether the engine's default setting was used.
-        ahead, gap: (frames, links, 3) [m, m, rad]; a run that ended early has fewer frames.
+        label: engine and setting in words.
+        is_default: whether the engine had its default settings.
+        ahead, gap: parts of the difference from the reference, (frames, links, 3) [m, m, rad]; fewer frames if the run ended early.
     """
 
     engine: str
@@ -54,63 +56,70 @@ class StoredRun:
 
     @property
     def off(self) -> Array:
-        """The largest distance (frames,) of any link from the reference [m]."""
+        """The largest distance of any link from the reference at each frame, (frames,) [m]."""
         return _largest_shift(self.ahead + self.gap)
 
     @property
     def open(self) -> Array:
-        """The largest distance (frames,) of any link from its place with closed loops [m]."""
+        """The largest distance of any link from its place with closed loops at each frame, (frames,) [m]."""
         return _largest_shift(self.gap)
 
 
 def _largest_shift(x: Array) -> Array:
-    """Return the largest shift (frames,) [m] of any link from differences (frames, links, 3)."""
+    """Return the largest shift of any link at each frame, (frames,) [m], from differences (frames, links, 3) [m, m, rad]."""
     return np.asarray(np.hypot(x[..., 0], x[..., 1]).max(axis=-1))
 
 
 class Poses:
-    """Rows of a table with poses, one per time and link."""
+    """The rows of a table with poses, in which each row has one link at one time.
+
+    Attributes:
+        links: names of the links in their order.
+        times: times [s] at which no link is missing, increasing.
+    """
 
     def __init__(self, rows: Iterable[Row], links: Sequence[str]):
         self.links = links
         self.rows = {(number(r, "t"), r["link"]): r for r in rows}
         every = sorted({t for t, _ in self.rows})
-        self.times = [t for t in every if all((t, link) in self.rows for link in links)]  # those at which no link is missing
+        self.times = [t for t in every if all((t, link) in self.rows for link in links)]
 
     def read(self, part: str) -> Array:
-        """Return the values (times, links, 3) of the columns x, y and angle with an ending."""
+        """Return the values (times, links, 3) [m, m, rad] of the columns x, y and angle, each with the ending `part`."""
         columns = [f"{axis}{part}" for axis in ("x", "y", "angle")]
         values = [number(self.rows[t, link], c) for t in self.times for link in self.links for c in columns]
         return np.reshape(values, (len(self.times), len(self.links), 3))
 
 
 def read_reference(run: Run, name: str, scenario: str, links: Sequence[str]) -> tuple[Array, Array] | None:
-    """Return times (k,) and reference states (k, n); None if they are not stored."""
+    """Return times (k,) [s] and reference states (k, n) with continuous angles, or None if they are not stored."""
     poses = Poses((r for r in run.table("motions") if (r["mechanism"], r["scenario"]) == (name, scenario)), links)
     times = np.array(poses.times)
     return (times, unwrap_angles(poses.read("").reshape(len(times), -1))) if len(times) > 1 else None
 
 
 def read_runs(run: Run, name: str, scenario: str, links: Sequence[str]) -> list[StoredRun]:
-    """Return the stored runs with poses, sorted by engine, default settings first."""
+    """Return the runs of a linkage with stored poses, sorted by engine, default settings first."""
     cases = {tuple(r[k] for k in KEYS): r for r in run.of(name) if r["scenario"] == scenario}
     stored = []
     for key, rows in group_by(run.table("poses"), *KEYS).items():
         row = cases.get(key)
-        poses = Poses(rows if row else (), links)
-        if row and poses.times:
+        if row is None:
+            continue
+        poses = Poses(rows, links)
+        if poses.times:
             is_default = row["settings"] == "default"
             stored.append(StoredRun(row["engine"], label_run(row), is_default, poses.read("_ahead"), poses.read("_gap")))
     return sorted(stored, key=lambda x: (x.engine, not x.is_default, x.label))
 
 
 def label_run(row: Row) -> str:
-    """Return engine and setting in words, and a mark if the run is not valid."""
+    """Return the engine and the setting of a run in words, with a mark if the run is not valid."""
     return f"{row['engine']} {setting_words(row)}".strip() + ("" if row["status"] == "ok" else " (not valid)")
 
 
 def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
-    """Return the player of two stored runs and its data; None if fewer than two runs are stored."""
+    """Return the contents of the player and the data of all stored runs, or None if fewer than two runs are stored."""
     turn = find_turn(run, name)
     try:
         mechanism = turn.mechanism if turn else load_document(*_document(run, name, scenario))
@@ -131,26 +140,32 @@ def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[
         data["runs"] = [_along_turn(x, turn, states, canvas) for x in runs]
     else:
         data["poses"] = list_frames(in_pixels(canvas, states))
-        data["runs"] = [_straight(x, canvas) for x in runs]
+        # without a turn, differences are magnified in straight lines
+        moved = [_round(shift_in_pixels(canvas, x.ahead + x.gap).swapaxes(0, 1)) for x in runs]
+        data["runs"] = [_describe(x) | {"moved": path} for x, path in zip(runs, moved, strict=True)]
     return make_stage(svg, runs, canvas.scale, len(times)), data
 
 
 def _document(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], str, str, str]:
-    """Return the arguments of `load_document` for a linkage of a run."""
+    """Return document, scenario, name of the file and digest of a linkage, as `load_document` takes them."""
     document, digest, path = document_in(run, name)
     return document, scenario, str(path), digest
 
 
 def _along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) -> dict[str, Any]:
-    """Return the data of a run that the page draws along the turn of the crank."""
-    ahead = x.ahead.reshape(len(x.ahead), -1)  # coordinates of the run minus those of the reference, frame by frame
+    """Return the data of a run whose part `ahead` the page magnifies along the turn of the crank.
+
+    Args:
+        reference: states (k, n) of the reference at all frames.
+    """
+    ahead = x.ahead.reshape(len(x.ahead), -1)  # (frames, n)
     own = reference[: len(ahead)] + ahead
-    # what is left after the run is compared with the reference at the same crank angle
+    # rest = reference + ahead - turn(c + a), with the crank angle c + a of the run
     rest = (own - turn.at(crank_angles(turn.mechanism, own))).reshape(x.ahead.shape)
-    # angles of the turn are known up to whole turns only
+    # angles of the turn are known up to whole turns only: take the nearest ones
     rest[..., 2] = (rest[..., 2] + np.pi) % (2 * np.pi) - np.pi
     shown, gap = shift_in_pixels(canvas, rest), shift_in_pixels(canvas, x.gap)
-    # the crank angle is linear in the coordinates, so that a difference of coordinates gives a difference of angles
+    # the crank angle is one of the coordinates, so that differences of coordinates contain its difference
     data = _describe(x) | {"ahead": _round(crank_angles(turn.mechanism, ahead))}
     if np.abs(shown).max(initial=0.0) > SEEN:
         data["rest"] = list_frames(shown)
@@ -159,31 +174,32 @@ def _along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) -> d
     return data
 
 
-def _straight(x: StoredRun, canvas: Canvas) -> dict[str, Any]:
-    """Return the data of a run whose differences the page magnifies in straight lines."""
-    return _describe(x) | {"moved": _round(shift_in_pixels(canvas, x.ahead + x.gap).swapaxes(0, 1))}
-
-
 def _describe(x: StoredRun) -> dict[str, Any]:
-    """Return name, error and loop opening of a run [mm]."""
+    """Return the name of a run, and its error and its largest loop opening at each frame [mm]."""
     return {"name": x.label, "off": _round(1e3 * x.off), "open": _round(1e3 * x.open)}
 
 
 def shift_in_pixels(canvas: Canvas, x: Array) -> Array:
-    """Convert differences (k, links, 3) from [m, m, rad] to [px, px, degrees], y down."""
+    """Convert differences (k, links, 3) from [m, m, rad] to [px, px, degrees] with y down."""
     return np.concatenate((canvas.offset(x[..., :2]), -np.degrees(x[..., 2:])), axis=-1)
 
 
 def _round(x: Array) -> list[Any]:
-    """Return an array as nested lists of numbers with DIGITS digits."""
+    """Return an array of any dimension as nested lists of numbers with DIGITS digits."""
     return [round_digits(float(v), DIGITS) if np.ndim(v) == 0 else _round(v) for v in x]
 
 
 def make_stage(svg: str, runs: Sequence[StoredRun], scale: float, frames: int) -> dict[str, Any]:
-    """Return both stages: their runs, factors and times; the initial factor is the largest that keeps both runs in the picture."""
-    a = next((i for i, x in enumerate(runs) if x.engine == "gauss-native"), 0)
-    b = next((i for i, x in enumerate(runs) if x.engine == "mujoco"), 1 if a == 0 else 0)
-    reach = scale * max(float(runs[i].off.max()) for i in (a, b))
-    begun = max((x for x in MAGNIFIED if x * reach <= REACH), default=MAGNIFIED[0])
+    """Return the contents of the player: picture, runs to choose from, the two shown at first, factors, and the last frame.
+
+    The initial factor is the largest that keeps both runs within REACH of the reference.
+
+    Args:
+        scale: pixels in a metre.
+    """
+    left = next((i for i, x in enumerate(runs) if x.engine == "gauss-native"), 0)
+    right = next((i for i, x in enumerate(runs) if x.engine == "mujoco"), 1 if left == 0 else 0)
+    farthest = scale * max(float(runs[i].off.max()) for i in (left, right))  # [px] at a factor of one
+    begun = max((x for x in MAGNIFIED if x * farthest <= REACH), default=MAGNIFIED[0])
     labels = [*enumerate(x.label for x in runs)]
-    return {"svg": svg, "labels": labels, "first": (a, b), "factors": MAGNIFIED, "begun": begun, "last": frames - 1}
+    return {"svg": svg, "labels": labels, "first": (left, right), "factors": MAGNIFIED, "begun": begun, "last": frames - 1}

@@ -1,24 +1,26 @@
-"""Questions that readers come with: each has its answer in one sentence on the first screen, and a link to the rows behind it."""
+"""Questions that readers often have; each is answered in one sentence on the first screen, with a link to the rows behind it."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gauss_bench.linkage.errors import LinkageError
-from gauss_bench.report.content import Finding, count
+from gauss_bench.report.cases import end_error, may_rank
+from gauss_bench.report.content import Finding
 from gauss_bench.report.linkages import pose_in
-from gauss_bench.report.rows import Run, end_error, is_known, may_rank
+from gauss_bench.report.rows import Run, is_known
 from gauss_bench.report.sections import bias
 from gauss_bench.report.sections.trajectories import name_most_accurate
 from gauss_bench.report.site.engine import explain_time
 from gauss_bench.report.site.page import file_name, sentence_of
 from gauss_bench.report.site.settings import USUAL, cheapest_stored, describe_setting, describe_size, scenarios
+from gauss_bench.report.words import count
 
 CLAIM = "The paper's claim"  # title of the finding on Gauss against Lagrange
 
 
 @dataclass(frozen=True)
 class Question:
-    """A question with its answer in one sentence, and the page with the rows from which it follows."""
+    """A question with its answer in one sentence, and the address of the rows from which the answer follows."""
 
     question: str
     answer: str
@@ -26,62 +28,58 @@ class Question:
 
 
 def questions(run: Run, findings: Sequence[Finding], preferred: str) -> list[Question]:
-    """Return the questions that the rows of a run answer; settings are those of the preferred linkage."""
-    asked: tuple[Callable[[], Iterator[Question]], ...] = (
-        lambda: ask_setting(run, preferred, "mujoco", "MuJoCo"),
-        lambda: ask_redundant(run),
-        lambda: ask_time(run, "exudyn", "Exudyn"),
-        lambda: ask_claim(findings),
-        lambda: ask_bias(run),
+    """Return the questions that the rows of a run answer.
+
+    Args:
+        preferred: the linkage for which settings are given.
+    """
+    asked = (
+        ask_setting(run, preferred, "mujoco", "MuJoCo"),
+        ask_redundant(run),
+        ask_time(run, "exudyn", "Exudyn"),
+        ask_claim(findings),
+        Question("Where may this suite be biased?", bias.shorten(run), f"method.html#{bias.ANCHOR}"),
     )
-    return [one for ask in asked for one in ask()]
+    return [question for question in asked if question is not None]
 
 
-def ask_setting(run: Run, linkage: str, engine: str, name: str) -> Iterator[Question]:
-    """Yield which settings of an engine hold the usual accuracy."""
-    one = cheapest_stored(run, linkage, USUAL).get(engine)
-    if one is not None:
-        size = f"step {describe_size(one)}" if is_known(one.step) else describe_size(one)
-        setting = f"{describe_setting(run, one)}, {size}"
-        yield Question(
-            f"Which settings hold {1e3 * USUAL:g} mm in {name}?",
-            f"On {linkage} the cheapest is {setting}; the page has those of every linkage.",
-            f"engine-{file_name(engine)}.html#best",
-        )
+def ask_setting(run: Run, linkage: str, engine: str, name: str) -> Question | None:
+    """Return the question which settings of an engine hold the usual accuracy; `name` is the engine's name in words."""
+    setting = cheapest_stored(run, linkage, USUAL).get(engine)
+    if setting is None:
+        return None
+    size = f"step {describe_size(setting)}" if is_known(setting.step) else describe_size(setting)
+    return Question(
+        f"Which settings hold {1e3 * USUAL:g} mm in {name}?",
+        f"On {linkage} the cheapest is {describe_setting(run, setting)}, {size}; the page has those of every linkage.",
+        f"engine-{file_name(engine)}.html#best",
+    )
 
 
-def ask_redundant(run: Run) -> Iterator[Question]:
-    """Yield which engine is the most exact on a linkage with redundant constraint rows."""
+def ask_redundant(run: Run) -> Question | None:
+    """Return the question which engine is the most exact on a linkage with redundant constraint rows."""
     for name in scenarios(run):
         try:
-            spare = pose_in(run, name)[0].redundant
+            redundant = pose_in(run, name)[0].redundant
         except LinkageError:
             continue
         rows = [r for r in run.of(name) if may_rank(r) and is_known(end_error(r))]
-        if spare > 0 and rows:
-            yield Question(
+        if redundant > 0 and rows:
+            return Question(
                 "Which engine is the most exact on redundant loops?",
-                f"{name_most_accurate(rows).rstrip('.')}, on {name}, which has {count(spare, 'redundant row')}.",
+                f"{name_most_accurate(rows).rstrip('.')}, on {name}, which has {count(redundant, 'redundant row')}.",
                 f"linkage-{file_name(name)}.html#cases",
             )
-            return
+    return None
 
 
-def ask_time(run: Run, engine: str, name: str) -> Iterator[Question]:
-    """Yield why an engine takes long here."""
+def ask_time(run: Run, engine: str, name: str) -> Question | None:
+    """Return the question why an engine takes long; `name` is the engine's name in words."""
     why = explain_time(run, engine)
-    if why is not None:
-        yield Question(f"Why is {name} slow here?", why[0], f"engine-{file_name(engine)}.html#why")
+    return Question(f"Why is {name} slow here?", why[0], f"engine-{file_name(engine)}.html#why") if why else None
 
 
-def ask_claim(findings: Sequence[Finding]) -> Iterator[Question]:
-    """Yield whether the papers' formulation is faster than Lagrange's multipliers."""
-    for one in findings:
-        if one.title == CLAIM:
-            yield Question("Is Gauss faster than Lagrange?", sentence_of(one), "papers.html#claim")
-            return
-
-
-def ask_bias(run: Run) -> Iterator[Question]:
-    """Yield where the suite may favour its authors' engines."""
-    yield Question("Where may this suite be biased?", bias.shorten(run), f"method.html#{bias.ANCHOR}")
+def ask_claim(findings: Sequence[Finding]) -> Question | None:
+    """Return the question whether the papers' formulation is faster than Lagrange's multipliers."""
+    claim = next((finding for finding in findings if finding.title == CLAIM), None)
+    return Question("Is Gauss faster than Lagrange?", sentence_of(claim), "papers.html#claim") if claim else None

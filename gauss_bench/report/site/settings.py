@@ -1,9 +1,9 @@
 """Settings that hold a requirement, and their costs: the data of the first screen.
 
-A setting is an engine's variant at a step or tolerance on one linkage, with its errors over the whole stored run. Its time was
-raced, or is `estimated`: scaled by the number of steps from a race of the same variant at another step. The settings of a linkage
-that was not searched are the cases of the accuracy suite. The cheapest setting of each engine is picked here for every requirement
-that a reader can choose, so that the page only looks it up.
+A setting is an engine's variant at a step or tolerance on one linkage, with its errors over the whole stored run. Its time is
+that of a race, or is estimated from a race of the same variant at another step, in proportion to the number of steps. A linkage
+that was not searched has the cases of the accuracy suite as settings. This file finds the cheapest setting of each engine for every
+requirement that a reader can choose, and the page looks it up.
 """
 
 import json
@@ -14,30 +14,18 @@ from functools import cache, cached_property, lru_cache
 from typing import Any
 
 from gauss_bench.reach import BY_AUTHORS, Kind, Reach, Requirement, Trial, reach
-from gauss_bench.report.content import round_digits, to_json
+from gauss_bench.report.cases import chose_steps, may_rank, run_time
+from gauss_bench.report.content import to_json
 from gauss_bench.report.reaches import answer, engines_of
-from gauss_bench.report.rows import (
-    METHOD,
-    Key,
-    Row,
-    Run,
-    chose_steps,
-    first_number,
-    group_by,
-    is_known,
-    may_rank,
-    number,
-    run_time,
-    spread,
-    with_number,
-)
+from gauss_bench.report.rows import METHOD, Key, Row, Run, first_number, group_by, is_known, number, spread, with_number
+from gauss_bench.report.words import round_digits
 
-POSITIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  # [m] that can be required
-FORCES = (math.inf, 10.0, 1.0, 0.1, 0.01, 1e-3)  # [N] that can be required; infinity requires nothing
+POSITIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  # [m] errors of positions that a reader can require
+FORCES = (math.inf, 10.0, 1.0, 0.1, 0.01, 1e-3)  # [N] errors of joint forces that a reader can require; infinity requires nothing
 USUAL = 1e-4  # [m] the accuracy that is chosen at first
 NUMBERS = ("step", "tolerance", "steps", "seconds", "low", "high", "position", "force", "until")  # fields of a setting
 VARIANT = ("mechanism", "scenario", *METHOD)  # columns that are equal at all steps
-HORIZONS = (0.5, 1.0, 2.0, 5.0, 10.0)  # [s] times that can be chosen, up to the end of the stored run
+HORIZONS = (0.5, 1.0, 2.0, 5.0, 10.0)  # [s] durations that a reader can choose, up to that of the stored run
 INTEGRATORS = {"rk4": "RK4", "dop853": "DOP853", "dop853_fixed": "DOP853 at fixed steps", "idas": "IDAS", "idas_ggl": "IDAS, GGL"}
 COMMENTS = ("remark",)  # options that are comments
 
@@ -47,10 +35,11 @@ class Setting:
     """A setting of an engine with known errors.
 
     Attributes:
-        step [s], tolerance: NaN if the setting has none; steps: number of steps of the run, NaN if the engine does not count them.
+        step, tolerance: size of the steps [s] or tolerance of the integrator; NaN for the one that the setting does not have.
+        steps: number of steps of the run; NaN if the engine does not count them.
         seconds, low, high: processor time of the run [s], with its spread if it was raced; NaN if unknown.
-        estimated: whether `seconds` was scaled from a race at another step.
-        position, force: largest errors of the run [m, N]; force is NaN if it was not measured.
+        estimated: whether `seconds` is estimated from a race at another step.
+        position, force: largest errors of the run [m], [N]; NaN for a force that was not measured.
         until: end of the run [s].
     """
 
@@ -77,38 +66,38 @@ class Setting:
 
     @cached_property
     def cost(self) -> tuple[float, float, str]:
-        """Sort key: the time, or the number of steps of a setting without a time; settings with a time come first."""
+        """Sort key: settings with a time come first, by their times; the others follow by their numbers of steps."""
         steps = self.steps if is_known(self.steps) else math.inf
         return (self.seconds, 0.0, self.words) if is_known(self.seconds) else (math.inf, steps, self.words)
 
     @property
     def choice(self) -> tuple[Any, ...]:
-        """Everything on which a program for the setting depends."""
+        """The values on which a program for the setting depends."""
         return tuple(getattr(self, k) for k in (*VARIANT, "step", "tolerance", "until"))
 
     @property
     def words(self) -> str:
-        """Variant, integrator and stabilisation, without "none" and parts that the variant's name contains."""
+        """Variant, integrator and stabilisation in words, without "none" and without words that the variant's name contains."""
         return _name_variant(self.settings, self.integrator, self.stabilization)
 
 
 @cache
 def _name_variant(settings: str, *more: str) -> str:
-    """Return the name of a variant with the words that it does not contain already."""
+    """Return the name of a variant, followed by the words in `more` that it does not contain."""
     return " · ".join(filter(None, (settings, *(x for x in more if x not in ("", "none", *settings.split("/"))))))
 
 
 def describe_size(x: Setting) -> str:
-    """Return the step or tolerance in words; "own" if the engine chooses its steps."""
+    """Return the step or tolerance of a setting in words, or "own" if the engine chooses its steps."""
     if is_known(x.step):
         return f"{1e3 * x.step:.4g} ms"
     return f"tolerance {x.tolerance:.0e}" if is_known(x.tolerance) else "own"
 
 
 def describe_setting(run: Run, x: Setting) -> str:
-    """Return integrator, stabilisation and the engine's own options that differ from those it is shipped with.
+    """Return a setting in words: integrator, stabilisation, and the options that differ from the engine's options as shipped.
 
-    A run that stored no options has the name of the variant instead.
+    If the run stored no options, the words are those of the variant's name.
     """
     options = _changed_options(run).get((x.engine, x.settings, x.integrator, x.stabilization))
     if options is None:
@@ -120,7 +109,7 @@ def describe_setting(run: Run, x: Setting) -> str:
 
 @lru_cache(maxsize=2)
 def _changed_options(run: Run) -> dict[tuple[str, ...], list[str]]:
-    """Return METHOD of each variant -> its options that differ from the engine's first variant, in words."""
+    """Return the values of METHOD of a variant -> its options that differ from those of the engine's first variant, in words."""
     words: dict[tuple[str, ...], list[str]] = {}
     for rows in group_by(run.table("search_space"), "engine").values():
         shipped = next((row for row in rows if not row.get("owner")), rows[0])
@@ -147,13 +136,13 @@ def variant_of(row: Row) -> tuple[str, ...]:
 
 
 def place_of(row: Row) -> tuple[Any, ...]:
-    """Return variant, step and tolerance of a row, rounded so that rows of different tables have the same place."""
+    """Return the variant, step and tolerance of a row, rounded so that rows of several tables on one setting give equal values."""
     sizes = (round_digits(row[k], 6) if is_known(row.get(k)) else -1.0 for k in ("step", "tolerance"))
     return (*variant_of(row), *sizes)
 
 
 def make_setting(row: Row, **more: Any) -> Setting:
-    """Make a setting from a row and further fields; numbers that both lack are NaN."""
+    """Return the setting of a row; `more` has further fields, and numbers that neither has are NaN."""
     fields: dict[str, Any] = {k: row[k] for k in VARIANT} | {k: number(row, k) for k in NUMBERS} | {"estimated": False}
     return Setting(**fields | more)
 
@@ -166,7 +155,7 @@ def race_time(row: Row) -> dict[str, float]:
 
 @lru_cache(maxsize=2)
 def all_settings(run: Run) -> dict[str, list[Setting]]:
-    """Return linkage -> its settings with known errors, with or without a time."""
+    """Return linkage -> all its settings with known errors; some of them have no time."""
     searched = {r["mechanism"] for r in run.table("search_ladder")}
     return group_by((*_search(run), *(x for x in _cases(run) if x.mechanism not in searched)), lambda x: x.mechanism)
 
@@ -192,7 +181,7 @@ def _search(run: Run) -> Iterator[Setting]:
         if same is not None:
             time = race_time(same)
         else:
-            # estimate: time per step in the race of the same variant whose number of steps is nearest on a log scale
+            # estimate the time from that of a step, in the race of the same variant with the nearest number of steps on a log scale
             seconds = {steps_at.get(place_of(r), math.nan): r["seconds"] for r in races.get(variant_of(row), ())}
             counted = [n for n in seconds if is_known(n)]
             near = min(counted, key=lambda n: abs(math.log(max(n, 1.0) / steps)), default=math.nan)
@@ -212,7 +201,7 @@ def _cases(run: Run) -> Iterator[Setting]:
 
 
 def cheapest(settings: Iterable[Setting], position: float, force: float = math.inf) -> dict[str, Setting]:
-    """Return engine -> its cheapest setting that holds the requirement; without a time, the one with the fewest steps."""
+    """Return engine -> its cheapest setting, by `Setting.cost`, that holds the errors `position` [m] and `force` [N]."""
     leaders: dict[str, Setting] = {}
     for one in settings:
         if one.holds(position, force) and (one.engine not in leaders or one.cost < leaders[one.engine].cost):
@@ -222,7 +211,7 @@ def cheapest(settings: Iterable[Setting], position: float, force: float = math.i
 
 @lru_cache(maxsize=1024)
 def cheapest_stored(run: Run, mechanism: str, position: float, force: float = math.inf) -> Mapping[str, Setting]:
-    """Return engine -> its cheapest setting; the winner of a race at exactly this requirement replaces the estimate."""
+    """Return engine -> its cheapest setting on a linkage; the winner of a race at this very requirement replaces the estimate."""
     settings = all_settings(run).get(mechanism, [])
     leaders = cheapest(settings, position, force)
     if not math.isinf(force):
@@ -244,7 +233,7 @@ def fastest_first(run: Run, mechanism: str, position: float) -> list[Setting]:
 
 
 def multiples(seconds: Mapping[Key, float]) -> dict[Key, float]:
-    """Return each time divided by the smallest time."""
+    """Return key -> its time divided by the smallest time of all; unknown times are left out."""
     least = min(filter(is_known, seconds.values()), default=math.nan)
     return {k: x / least for k, x in seconds.items() if is_known(x)}
 
@@ -260,7 +249,14 @@ def race_multiples(run: Run) -> dict[tuple[str, str, float, str], float]:
 
 
 def answers(run: Run, mechanism: str) -> dict[str, Any]:
-    """Return the data of the first screen for a linkage: settings, and for each requirement every engine's pick or its reason."""
+    """Return the data of the first screen for a linkage.
+
+    Returns:
+        settings: data of all settings that are the cheapest of an engine for a requirement; `chosen` has the settings themselves.
+        picks: "i,j" for POSITIONS[i] and FORCES[j] -> [index of a setting, its multiple] of each engine that holds both.
+        none: engine -> for each requirement, the index in `words` of the reason why the engine does not hold it, -1 if it does.
+        until, horizons: duration of the stored run [s], and the durations that a reader can choose.
+    """
     picked: dict[Setting, int] = {}  # setting -> its index on the page
     picks: dict[str, list[Any]] = {}
     reasons: dict[str, list[int]] = {}  # engine -> per requirement the index of its reason in `words`, -1 if it holds
@@ -290,14 +286,14 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
 
 
 def _page_data(run: Run, x: Setting) -> dict[str, Any]:
-    """Return the fields of a setting that the page prints; unknown numbers are left out."""
+    """Return the data of a setting that the page prints; unknown numbers are left out."""
     numbers = {k: to_json(getattr(x, k)) for k in (*NUMBERS, "estimated") if k != "until"}
     known = {k: v for k, v in numbers.items() if v not in (None, False)}
     return {"engine": x.engine, "words": describe_setting(run, x)} | known
 
 
 def engines_short_of(run: Run, mechanism: str, position: float, force: float = math.inf) -> dict[str, Reach]:
-    """Return engine -> its reach, for the engines without a setting that holds the requirement."""
+    """Return engine -> its reach, for all engines without a setting that holds the errors `position` [m] and `force` [N]."""
     settings = all_settings(run).get(mechanism, [])
     hold = {x.engine for x in settings if x.holds(position, force)}
     engines = dict.fromkeys((*engines_of(run, mechanism), *sorted({x.engine for x in settings})))
@@ -305,7 +301,7 @@ def engines_short_of(run: Run, mechanism: str, position: float, force: float = m
 
 
 def answer_of(run: Run, mechanism: str, engine: str, position: float, force: float = math.inf) -> Reach:
-    """Return the reach of an engine from its ladders, or from its cases if the linkage was not searched."""
+    """Return the reach of an engine from the trials of a search, or from its cases if the linkage was not searched."""
     wanted = [Requirement("position", position), *([] if math.isinf(force) else [Requirement("force", force)])]
     cases = [x for x in all_settings(run).get(mechanism, []) if x.engine == engine]
     if cases and engine not in engines_of(run, mechanism):

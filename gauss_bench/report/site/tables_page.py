@@ -1,4 +1,4 @@
-"""The data page: every table of the run as files, with the meaning of its columns; and the page on citing it."""
+"""The page on data, with every table of the run as a file and the meaning of its columns; and the page on citation."""
 
 import lzma
 from collections.abc import Mapping
@@ -6,23 +6,23 @@ from pathlib import Path
 from typing import Any
 
 from gauss_bench.atomic import write_bytes
-from gauss_bench.report.content import count, lay_out
+from gauss_bench.report.content import lay_out
 from gauss_bench.report.field_run import FOLDER as BESIDE
 from gauss_bench.report.pages import facts as list_facts
 from gauss_bench.report.rows import Row, Run
 from gauss_bench.report.site.page import ENVIRONMENT, Page, plain_page
+from gauss_bench.report.words import count
 from gauss_bench.tables import TABLES, csv_text, digits_of, write_parquet
 
 FOLDER = "tables"
 LARGE = 1500  # numbers and words: the CSV file of a larger table is compressed
 HUGE = 150_000  # numbers and words: a larger table is published as Parquet
-PACKED = [
-    {"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "lc": 4, "pb": 0}
-]  # parameters for text, whose bytes are not aligned
+# parameters for text, whose bytes are not aligned
+PACKED = [{"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "lc": 4, "pb": 0}]
 
 
 def write_data(folder: Path, tables: Mapping[str, tuple[Row, ...]]) -> list[Path]:
-    """Write every table with rows in one file, as `data_file` names it; equal rows give equal bytes."""
+    """Write each table with rows to a file, and return the paths; equal rows give equal bytes."""
     paths = []
     for name, rows in tables.items():
         if not rows:
@@ -40,11 +40,13 @@ def write_data(folder: Path, tables: Mapping[str, tuple[Row, ...]]) -> list[Path
 def data_file(name: str, rows: tuple[Row, ...]) -> str:
     """Return the name of a table's file: CSV, compressed if the table is large, or Parquet if it is huge."""
     size = len(rows) * len(TABLES[name].columns)
-    return f"{name}.parquet" if size > HUGE else f"{name}.csv.xz" if size > LARGE else f"{name}.csv"
+    if size > HUGE:
+        return f"{name}.parquet"
+    return f"{name}.csv.xz" if size > LARGE else f"{name}.csv"
 
 
 def data_page(run: Run) -> Page:
-    """Return the page with every table, its columns, units and meanings; those of the run beside it stand together."""
+    """Return the page with all tables and the meanings of their columns; the tables of the run `field` share one entry."""
     described = []
     for name, rows in sorted(run.tables.items()):
         if rows:
@@ -61,23 +63,24 @@ def data_page(run: Run) -> Page:
 
 
 def describe_table(name: str, rows: tuple[Row, ...], words: str = "") -> dict[str, Any]:
-    """Return name, meaning and columns of a table for the data page."""
+    """Return the name, the meaning and the table of columns of a table, with further `words` below the meaning."""
     columns = [vars(c) | {"column": f"`{c.name}`"} for c in TABLES[name].columns]
     said = f"One row: {TABLES[name].meaning}. {count(len(rows), 'row')}. {words}"
     return {"name": name, "said": said.strip(), "columns": lay_out("columns", columns, name=name)}
 
 
 CITED = "Quote a number of this site with its commit, date and processor, because costs hold for that machine alone."
-FIELD_CITED = "The field, and the engines that no other page has, are of a run of their own: {}, rows sha256:{}."
+FIELD_CITED = "The field, and the engines that run in it alone, come from another run: {}, rows sha256:{}."
 
 
 def cite_page(run: Run) -> Page:
     """Return the page on how to cite the run."""
-    known = run.environment
-    version = known.get("versions", {}).get("gauss-bench", "")
-    facts = {"version": version, "date": known.get("date", ""), "commit": str(known.get("commit", ""))[:12]}
-    facts["checksum"] = run.checksum
-    entry = ENVIRONMENT.get_template("citation.txt").render(facts, dirty=known.get("dirty"), cpu=known.get("cpu", ""))
+    facts = {key: run.environment.get(key, "") for key in ("date", "cpu", "dirty")}
+    facts |= {"commit": str(run.environment.get("commit", ""))[:12], "checksum": run.checksum}
+    facts["version"] = run.environment.get("versions", {}).get("gauss-bench", "")
+    entry = ENVIRONMENT.get_template("citation.txt").render(facts)
     lead = "How to cite these results, so that a reader can find the same rows."
-    others = [FIELD_CITED.format(", ".join(list_facts(run.beside)), run.beside.checksum)] if run.beside else []
-    return plain_page("cite", "Cite", lead, "Cite", paragraphs=(CITED, *others), entry=entry)
+    paragraphs = [CITED]
+    if run.beside:
+        paragraphs.append(FIELD_CITED.format(", ".join(list_facts(run.beside)), run.beside.checksum))
+    return plain_page("cite", "Cite", lead, "Cite", paragraphs=paragraphs, entry=entry)

@@ -1,8 +1,8 @@
-"""A page that draws the linkage which its own address carries, and the text that such an address holds after the # sign.
+"""A page that draws the linkage in its own address, and the fragment of such an address: the text after its # sign.
 
-The text is `v1.` and base64url of zlib of JSON: the linkage file, the links' points in their own frames, and sampled poses as whole
-numbers of `unit` [m] and 1/`ANGLES` rad, of which only second differences are kept, because those of a smooth motion are small. The
-page draws the poses and computes no motion. Because anybody may make an address, it checks everything against `LIMITS`.
+The fragment is `v1.` and base64url of zlib of JSON. The JSON has the linkage file, the points of all links in their own frames, and
+sampled poses as whole numbers of `unit` [m] and 1/`ANGLES` rad. Poses are stored as second differences, which are small for smooth
+motions. The page draws the poses and computes no motion. Anybody may make an address, so the page checks all of it against LIMITS.
 """
 
 import base64
@@ -20,18 +20,18 @@ from gauss_bench.report.palette import COLOURS, DARK
 from gauss_bench.terms import Array
 
 VIEW = "view.html"
-VERSION = "v1."  # of the text after the # sign
-INTERVALS = 192  # of a motion: one more pose, and still whole numbers of intervals if it is halved six times
-FINENESS = 8192  # units of length in the longer side of the motion: a tenth of a pixel
+VERSION = "v1."  # beginning of a fragment
+INTERVALS = 192  # intervals between the poses of a motion, which can be halved six times
+FINENESS = 8192  # units of length in the longer side of the motion, so that a unit is a tenth of a pixel
 ANGLES = 4096  # units of angle in a radian
-LIMITS = {  # largest number of
-    "fragment": 16_000,  # characters after the # sign; with the address of a page before it, less than 16 kB
+LIMITS = {  # largest values that the page accepts
+    "fragment": 16_000,  # characters of the fragment; with the address of a page before it, less than 16 kB
     "unpacked": 400_000,  # bytes of JSON
     "links": 300,
     "places": 2000,  # points, bars, pins, slides, ties and paths together
-    "poses": 200,  # of a link
-    "name": 200,  # characters
-    "number": 1_000_000_000,  # magnitude
+    "poses": 200,  # poses of a link
+    "name": 200,  # characters of a name
+    "number": 1_000_000_000,  # magnitude of a number
 }
 
 
@@ -40,9 +40,9 @@ class TooLarge(ValueError):
 
 
 def pack_view(text: str, mechanism: Mechanism, q: Array, end: float) -> tuple[str, int]:
-    """Return the text after the # sign, and its number of poses.
+    """Return the fragment of an address, and the number of poses in it.
 
-    If it becomes too long, every second pose is left out, again and again.
+    While the fragment is too long, every second pose is left out.
 
     Args:
         text: the linkage file.
@@ -73,7 +73,7 @@ def pack_view(text: str, mechanism: Mechanism, q: Array, end: float) -> tuple[st
 
 
 def compress(content: dict[str, Any]) -> str:
-    """Return an object as characters that an address may contain.
+    """Return an object as a fragment of an address.
 
     Raises:
         TooLarge: it has more bytes than the page reads.
@@ -86,15 +86,14 @@ def compress(content: dict[str, Any]) -> str:
 
 def count_places(shape: dict[str, Any]) -> int:
     """Count the points, bars, pins, slides, ties and paths of a shape."""
-    return sum(len(x["points"]) + len(x["bars"]) for x in shape["links"]) + sum(
-        len(shape[k]) for k in ("pins", "slides", "ties", "paths")
-    )
+    on_links = sum(len(link["points"]) + len(link["bars"]) for link in shape["links"])
+    return on_links + sum(len(shape[key]) for key in ("pins", "slides", "ties", "paths"))
 
 
 def describe_shape(mechanism: Mechanism) -> dict[str, Any]:
-    """Return links, pins, slides, observed points, and ties: springs and cylinders between two points.
+    """Return the links, pins, slides, paths (observed points) and ties (springs and cylinders between two points) of a linkage.
 
-    Each place is in the frame of its link's centre of mass; link -1 is the ground.
+    A place is [link, x, y] in the frame of the link's centre of mass; link -1 is the ground.
     """
     whole = mechanism.whole
     links = []
@@ -107,7 +106,8 @@ def describe_shape(mechanism: Mechanism) -> dict[str, Any]:
         [x.guide.link, *round_place(x.guide.local), round(x.angle, 5), x.block.link, *round_place(x.block.local)]
         for x in whole.slides
     ]
-    pins = {place_of(end): None for pin in whole.pins for end in pin.ends}  # a joint of three links has the same end twice
+    # a dictionary, because a joint of three links has the same end twice
+    pins = {place_of(end): None for pin in whole.pins for end in pin.ends}
     stretched = [x for x in (*whole.drivers, *whole.forces) if isinstance(x, (LengthDriver, SpringDamper))]
     ties = [[*place_of(x.a), *place_of(x.b)] for x in stretched]
     paths = [place_of(x) for x in whole.observed_points]
@@ -115,29 +115,34 @@ def describe_shape(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def place_of(point: Point) -> tuple[float, ...]:
-    """Return link, x, y of a point."""
+    """Return (link, x, y) of a point, x and y in the frame of its link [m]."""
     return point.link, *round_place(point.local)
 
 
 def round_place(at: Array) -> list[float]:
-    """Round a place to five digits."""
+    """Round coordinates to five significant digits."""
     return [float(f"{x:.5g}") for x in at]
 
 
 def pack_poses(q: Array) -> dict[str, Any]:
-    """Return the unit of length, and for x, y and angle of each link the second differences of its whole numbers of units."""
+    """Return `unit` and `poses` of a fragment from positions (k, n).
+
+    `poses` has n lists of k second differences, one list for x, y and angle of each link, in whole numbers of units.
+    """
     at = places(q)
     # a small drawing far from the origin has coarser units, so that its whole numbers stay below the limit of the page
     extent = max(float(np.ptp(at)), 1e-4 * float(np.abs(at).max()), 1e-6)
     unit = float(f"{extent / FINENESS:.3g}")
     units = np.empty_like(q)
     places(units)[...], angles(units)[...] = unit, 1 / ANGLES
-    whole = np.rint(q / units).astype(np.int64)
-    return {"unit": unit, "poses": np.diff(whole, n=2, axis=0, prepend=np.zeros((2, q.shape[1]), np.int64)).T.tolist()}
+    whole = np.rint(q / units).astype(np.int64)  # (k, n)
+    # two zeros before the first pose, so that two cumulative sums give the poses back
+    before = np.zeros((2, q.shape[1]), np.int64)
+    return {"unit": unit, "poses": np.diff(whole, n=2, axis=0, prepend=before).T.tolist()}
 
 
 def view_page() -> tuple[str, str]:
-    """Return the page and its content security policy, which allows its own script and style and nothing else."""
+    """Return the page, and its content security policy, which allows the page's own script and style alone."""
     assets = files("gauss_bench.report.site") / "assets"
     read = {name: (assets / name).read_text(encoding="utf-8") for name in (VIEW, "view.js", "view.css")}
     script = read["view.js"].replace("/*limits*/", json.dumps(LIMITS | {"angles": ANGLES, "version": VERSION}))
@@ -151,10 +156,10 @@ def view_page() -> tuple[str, str]:
 
 
 def variables(colours: dict[str, str]) -> str:
-    """Return colours as CSS variables."""
+    """Return colours as declarations of CSS variables."""
     return "".join(f"--{name}:{colour};" for name, colour in colours.items())
 
 
 def digest(text: str) -> str:
-    """Return the digest by which a policy allows a script or style of the page itself."""
+    """Return the digest of a script or style by which a content security policy allows it."""
     return f"sha256-{base64.b64encode(hashlib.sha256(text.encode('utf-8')).digest()).decode('ascii')}"

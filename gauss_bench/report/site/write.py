@@ -1,7 +1,7 @@
 """Write the site of a run into a folder; equal rows give equal files, byte for byte.
 
-Pages contain their text and tables. Data for figures is in classic scripts beside them, so that a page opens from a folder or from
-any address, without requests to other servers.
+Pages contain their texts and tables. The data of figures is in classic scripts beside the pages, so that a page opens from a folder
+or from any address, without requests to other servers.
 """
 
 import shutil
@@ -29,16 +29,16 @@ from gauss_bench.report.site.settings import scenarios
 from gauss_bench.report.site.tables_page import FOLDER, cite_page, data_page, write_data
 from gauss_bench.report.site.view import VIEW, view_page
 
-SITE, GUIDE = "site", "docs"  # the documentation, which `make docs` puts there
+SITE, GUIDE = "site", "docs"  # folder of the site, and in it that of the documentation, which `make docs` writes
 SCRIPTS = ("theme.js", "site.js", "charts.js", "chooser.js", "player.js", "search.js")
 
 
 def write_site(out: Path, run: Run, findings: Sequence[Finding] = (), programs: Programs | None = None) -> list[Path]:
-    """Write the site of a run to `out`/site, replacing an earlier one, and return the written files.
+    """Write the site of a run to `out`/site, replacing an earlier site, and return the written files.
 
     Args:
-        findings: of the sections.
-        programs: choices -> programs that run them; by default the first screen shows calls of this package.
+        findings: findings of all sections.
+        programs: makes the programs of the first screen, as `first_page` takes it.
     """
     folder = out / SITE
     if (folder / "site.css").is_file():  # only an earlier site is emptied, no other folder
@@ -66,7 +66,7 @@ def write_site(out: Path, run: Run, findings: Sequence[Finding] = (), programs: 
 
 
 def asset_files() -> dict[str, str]:
-    """Return name -> text of the files that are the same for every run: scripts, styles, licences, the page of shared links."""
+    """Return name -> text of the files that every site has: scripts, styles, licences, the page that draws shared links."""
     assets = files("gauss_bench.report.site") / "assets"
     texts = {name: (assets / name).read_text(encoding="utf-8") for name in (*SCRIPTS, "THIRD_PARTY.md", "site.css")}
     texts["site.css"] = texts["site.css"].replace("/*light*/", hues(False)).replace("/*dark*/", hues(True))
@@ -75,7 +75,7 @@ def asset_files() -> dict[str, str]:
 
 @cache
 def drawing_script() -> str:
-    """Return Vega, Vega-Lite and Vega-Embed as one classic script that defines only `vegaEmbed`."""
+    """Return Vega, Vega-Lite and Vega-Embed as one classic script that defines `vegaEmbed` alone."""
     bundle = str(vl_convert.javascript_bundle("window.vegaEmbed = vegaEmbed;", vl_version=VEGA_LITE))
     return f"(function () {{\n{bundle}\n}})();\n"
 

@@ -213,7 +213,7 @@
     $("name").textContent = "A linkage in its address";
     document.title = "A linkage in its address · gauss_bench";
     if (!fragment) {
-      $("lead").textContent = "This page draws the linkage that stands in its address after the # sign. This address has none.";
+      $("lead").textContent = "This page draws the linkage that its address has after the # sign. This address has none.";
       return;
     }
     try {
@@ -264,7 +264,7 @@
   $("copy").addEventListener("click", async () => {
     const done = navigator.clipboard ? await navigator.clipboard.writeText(now.linkage.file).then(() => true, () => false) : false;
     if (!done) getSelection().selectAllChildren($("file"));
-    $("copied").textContent = done ? "Copied." : "Selected: copy it with the keys or menu of this browser.";
+    $("copied").textContent = done ? "Copied." : "Selected: copy it by the keys or the menu of this browser.";
   });
   let resizing = 0;
   addEventListener("resize", () => {

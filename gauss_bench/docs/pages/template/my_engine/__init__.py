@@ -11,7 +11,7 @@ from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 
 class Heun:
-    """An engine: its names and choices, and the linkages that it refuses."""
+    """An engine: its name, its choices, and the linkages that it refuses."""
 
     name = "heun"
     integrators = ("heun",)
@@ -25,24 +25,24 @@ class Heun:
         return "my_engine 0.1"
 
     def skip(self, mechanism, choice):
-        """Return why this linkage cannot be run with these choices, or None. An engine refuses what it would compute wrongly."""
+        """Return why this linkage cannot be run with this choice, or None; an engine must refuse what it would compute wrongly."""
         if mechanism.has_friction or mechanism.redundant:
             return "neither dry friction nor redundant rows are modelled here"
         return None
 
     def build(self, mechanism, choice):
-        """Return the linkage as a model of the library, ready to run."""
+        """Return the model of the linkage in the library."""
         return Model(mechanism, choice)
 
 
 class Model:
-    """A linkage in the engine. q, v, a hold x, y [m] and angle [rad] of every link, shape (3 * links,)."""
+    """A linkage in the engine. States q, v, a have x, y [m] and angle [rad] of each link, in shape (n,) with n = 3 * links."""
 
     def __init__(self, mechanism, choice):
         self.mechanism, self.choice, self.evaluator = mechanism, choice, Evaluator(mechanism)
 
     def acceleration(self, t, q, v):
-        """Return the accelerations (n,) at a given state: they tell errors of the model from errors of the integrator."""
+        """Return the accelerations (n,) at a given state, which show errors of the model without those of the integrator."""
         return lagrange(self.evaluator.terms(t, q, v)).a
 
     def prepare(self, times, native=True):
@@ -51,7 +51,8 @@ class Model:
         self.times, self.y, self.steps = times, np.tile(start, (len(times), 1)), 0
 
     def run(self):
-        """Integrate; only this is timed."""
+        """Integrate the motion; only this function is timed."""
+        # `count` equal steps of length h lead from sample k to the next
         for k, (count, h) in enumerate(step_counts(self.times, self.choice.step)):
             y = self.y[k]
             for i in range(count):
@@ -69,5 +70,6 @@ class Model:
         return Trajectory(self.times, q, v, a, self.steps)
 
     def _rate(self, t, y):
+        """Return the time derivative of a state y = (q, v)."""
         q, v = np.split(y, 2)
         return np.concatenate([v, self.acceleration(t, q, v)])

@@ -1,4 +1,4 @@
-"""An engine of joint trees for gauss_bench: raw links and joints become a tree of the library, which solves its own equations."""
+"""An engine of joint trees for gauss_bench: a linkage becomes a tree of a library, and the library solves its equations."""
 
 import inspect
 from pathlib import Path
@@ -27,7 +27,7 @@ for k in range(steps + 1):
 
 
 def call_library(mechanism, q, v):
-    """Prepare a call of the library alone, at the state q, v (n,)."""
+    """Return a call of the library alone, at the state q, v (n,), with the accelerations that it should return."""
     model = Model(mechanism, Choice())
     y, dy = model.tree.relative(q, v)
     return LibraryCall(lambda: library.solve(model.built, y, dy), model.acceleration(0.0, q, v))
@@ -67,7 +67,7 @@ class Trees:
         return "everything: the library is written in Python"
 
     def program(self, mechanism, choice):
-        """Return the library's source, the numbers of this linkage, and a loop over its duration."""
+        """Return a program: the library's source, the numbers of this linkage, and a loop over its duration."""
         model = Model(mechanism, choice)
         steps = max(1, round(mechanism.duration / choice.step))
         numbers = {
@@ -76,7 +76,8 @@ class Trees:
             "names": [f"{link.name}.{x}" for link in mechanism.links for x in ("x", "y", "theta")],
             "order": [model.place[i] for i in range(len(mechanism.links))],
         }
-        way = {"steps": steps, "step": mechanism.duration / steps, "every": -(-steps // 100)}
+        every = -(-steps // 100)  # about 100 printed states: steps / 100, rounded up
+        way = {"steps": steps, "step": mechanism.duration / steps, "every": every}
         return inspect.getsource(library) + PROGRAM.format(**numbers, **way, method=choice.integrator, pull=model.options["pull"])
 
 
@@ -91,7 +92,7 @@ class Model(TreeModel):
         self.built = self.describe()
 
     def describe(self):
-        """Return the linkage as the library takes it, from its raw links, joints and forces."""
+        """Return the linkage as a tree of the library, from its links, joints and forces."""
         m, place = self.mechanism, self.place
         links = [m.links[b.link] for b in self.tree.branches]
         acting = loads(m.forces)
@@ -106,10 +107,12 @@ class Model(TreeModel):
         )
 
     def describe_joint(self, branch):
+        """Return the joint of a branch of the tree, which holds a link on its parent."""
         near = complex(*(branch.parent_anchor + branch.base))
         return library.Joint(self.place[branch.parent], near, complex(*branch.anchor), complex(*branch.axis), float(branch.turn))
 
     def describe_law(self, law):
+        """Return a force along a coordinate as the library takes it: (coordinate, k, c, rest, bias)."""
         match law.coordinate:
             case Angle(a, b):
                 coordinate = ("angle", self.place[a], self.place[b])
@@ -121,13 +124,15 @@ class Model(TreeModel):
         return coordinate, *map(float, (law.k, law.c, law.rest, law.bias))
 
     def end(self, point):
-        """Return link and place of a point as the library takes them."""
+        """Return the link and the place of a point as the library takes them."""
         return self.place[point.link], complex(*point.local)
 
     def tree_acceleration(self, t, y, dy):
+        """Return the accelerations (n,) of the joints' coordinates."""
         return library.solve(self.built, y, dy, self.options["pull"])[0]
 
     def run(self):
+        """Integrate the motion; only this function is timed."""
         state = self.y0, self.dy0
         for part in self.plan:  # equal steps from one sample to the next
             for _ in range(part.steps):

@@ -1,6 +1,6 @@
-"""A library of planar trees of joints whose loops are closed by pins; it stands for yours, and knows nothing of gauss_bench.
+"""A library of planar trees of joints with loops that pins close. It stands for your library and does not use gauss_bench.
 
-Vectors of the plane are complex numbers. Link i hangs on one joint with one coordinate y[i]; -1 is the ground.
+Vectors of the plane are complex numbers. Link i hangs on a joint with the coordinate y[i]; link -1 is the ground.
 """
 
 from typing import NamedTuple
@@ -9,45 +9,40 @@ import numpy as np
 
 
 class Joint(NamedTuple):
-    """The joint of a link to its parent: a pin at `near` and `far`, or a slide from `near` along `axis` (0 for a pin)."""
+    """The joint of a link to its parent: a pin, where `near` and `far` coincide, or a slide of `far` from `near` along `axis`."""
 
     parent: int
     near: complex  # in the parent's frame, from its centre of mass
     far: complex  # in the link's frame
-    axis: complex = 0  # in the parent's frame
-    turn: float = 0.0  # angle of the link in the parent's frame, of a slide
+    axis: complex = 0  # direction of a slide in the parent's frame; 0 for a pin
+    turn: float = 0.0  # angle of a sliding link in the parent's frame
 
 
 class Tree(NamedTuple):
-    """Joints, masses, inertias (n,); gravity; pins (link, place, link, place) that close loops; what acts.
-
-    A push (link, place, force, frame) is a force in the frame of a link. A law (coordinate, k, c, rest, bias) is the force
-    bias - k (x - rest) - c x' along a coordinate x: ("angle", a, b) of link b against link a, or ("distance" or "along", a, place,
-    b, place, frame, direction) from a point of link a to one of link b, along a direction in the frame of a link.
-    """
+    """A tree of n links and the forces on them."""
 
     joints: list
     masses: list
     inertias: list
     gravity: complex
-    pins: list
-    pushes: list
-    laws: list
+    pins: list  # pins that close loops: (link, place, link, place)
+    pushes: list  # forces at points: (link, place, force, link in whose frame the force is given)
+    laws: list  # forces bias - k (x - rest) - c x' along coordinates x: (coordinate as `measure` takes it, k, c, rest, bias)
 
 
 class Motion(NamedTuple):
-    """The motion of all links, and of the ground as the last one."""
+    """The motion of n links; the last entry of each array is the ground."""
 
-    place: np.ndarray  # (n + 1,) of centres of mass
+    place: np.ndarray  # (n + 1,) centres of mass
     angle: np.ndarray  # (n + 1,)
-    move: np.ndarray  # (n + 1, n) derivative of place by y
-    turn: np.ndarray  # (n + 1, n) derivative of angle by y
-    spin: np.ndarray  # (n + 1,) rate of angle
-    bias: np.ndarray  # (n + 1,) acceleration of place at y'' = 0
+    move: np.ndarray  # (n + 1, n) derivatives of place by y
+    turn: np.ndarray  # (n + 1, n) derivatives of angle by y
+    spin: np.ndarray  # (n + 1,) rates of angle
+    bias: np.ndarray  # (n + 1,) accelerations of place at y'' = 0
 
 
 def follow(tree, y, dy):
-    """Return the motion of all links, joint by joint from the ground outwards."""
+    """Return the motion of all links at coordinates y and rates dy (n,), joint by joint from the ground outwards."""
     n = len(tree.joints)
     place, bias, move = (np.zeros((n + 1, *more), dtype=complex) for more in ((), (), (n,)))
     angle, spin, turn = np.zeros(n + 1), np.zeros(n + 1), np.zeros((n + 1, n))
@@ -66,13 +61,18 @@ def follow(tree, y, dy):
 
 
 def point(x, link, local):
-    """Return place, derivative (n,) and acceleration at y'' = 0 of a point of a link; the ground's motion is the last."""
+    """Return the place of a point of a link, its derivative by y (n,), and its acceleration at y'' = 0."""
     arm = np.exp(1j * x.angle[link]) * local
     return x.place[link] + arm, x.move[link] + 1j * arm * x.turn[link], x.bias[link] - arm * x.spin[link] ** 2
 
 
 def measure(x, kind, a, *more):
-    """Return a coordinate and its derivative (n,)."""
+    """Return the value of a coordinate and its derivative by y (n,).
+
+    The coordinate is ("angle", a, b), which is the angle of link b less that of link a, or (kind, a, place, b, place, frame,
+    direction) between a point of link a and a point of link b. This is their "distance", or their distance "along" a direction in
+    the frame of a link.
+    """
     if kind == "angle":
         return x.angle[more[0]] - x.angle[a], x.turn[more[0]] - x.turn[a]
     near, b, far, frame, direction = more
@@ -85,9 +85,9 @@ def measure(x, kind, a, *more):
 
 
 def solve(tree, y, dy, pull=0.0):
-    """Return accelerations (n,) and the forces (pins,) of the closing pins on their second links.
+    """Return the accelerations (n,) and the forces (pins,) of the closing pins on their second links.
 
-    M y'' = f + J^T x,  J y'' = gamma - 2 pull J y' - pull^2 gap
+    With the forces x of the pins and their gaps: M y'' = f + J^T x,  J y'' = gamma - 2 pull J y' - pull^2 gap.
     """
     x, m, inertias = follow(tree, y, dy), np.array(tree.masses), np.array(tree.inertias)
     move, turn = x.move[:-1], x.turn[:-1]
@@ -111,15 +111,16 @@ def solve(tree, y, dy, pull=0.0):
 
 
 def step(tree, method, y, dy, h, pull):
-    """Return the state after one step: "midpoint" or "rk4"."""
+    """Return the state (2, n) after one step of length h by the method "midpoint" or "rk4"."""
 
     def rate(state):
         return np.array([state[1], solve(tree, *state, pull)[0]])
 
     state = np.array([y, dy])
-    one = rate(state)
-    two = rate(state + h / 2 * one)
+    k1 = rate(state)
+    k2 = rate(state + h / 2 * k1)
     if method == "midpoint":
-        return state + h * two
-    three = rate(state + h / 2 * two)
-    return state + h / 6 * (one + 2 * two + 2 * three + rate(state + h * three))
+        return state + h * k2
+    k3 = rate(state + h / 2 * k2)
+    k4 = rate(state + h * k3)
+    return state + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)

@@ -1,0 +1,121 @@
+"""Queries on rows of cases: which of them count, their errors and times, and their names in words.
+
+The rows are those of the table `results`, or rows of searches, which have the same columns.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from operator import itemgetter
+
+from gauss_bench.report.rows import METHOD, Row, first_number, group_by, is_known, number, with_number
+
+MEASURED_ERRORS = ("measured_error_t05", "measured_error_t1", "measured_error_t2")  # errors after 0.5, 1 and 2 s
+SAME_ACCELERATION = 1e-6  # median: 100 times the error of numerical differentiation (1e-8), far below that of a soft loop (1e-2)
+OWN_STEPS = 0.02  # relative difference of the number of steps from duration / step, beyond which the integrator chose its steps
+
+
+def has_ended(row: Row) -> bool:
+    """Tell whether a case ended with a trajectory, valid or not."""
+    return row["status"] in ("ok", "invalid")
+
+
+def may_rank(row: Row) -> bool:
+    """Tell whether a case counts in rankings: it ended, is valid, and is no negative control."""
+    return has_ended(row) and bool(row["valid"]) and not row["control"]
+
+
+def is_unstabilised(row: Row) -> bool:
+    """Tell whether a case has no stabilisation."""
+    return row["stabilization"] in ("none", "")
+
+
+def measured_name(rows: Iterable[Row]) -> str:
+    """Return the name of the coordinate in which errors of these rows are measured."""
+    return next((row["measured"] for row in rows if row.get("measured")), "measured coordinate")
+
+
+def measured_unit(rows: Iterable[Row]) -> str:
+    """Return the unit of the measured coordinate, rad or m; "rad or m" if the rows differ or do not say."""
+    units = {row["measured_unit"] for row in rows if row.get("measured_unit")}
+    return units.pop() if len(units) == 1 else "rad or m"
+
+
+def measured_head(rows: Sequence[Row]) -> str:
+    """Return the measured coordinate with its unit, such as "crank [rad]", for the head of a table."""
+    return f"{measured_name(rows)} [{measured_unit(rows)}]"
+
+
+def end_column(row: Row) -> str:
+    """Return the column of the measured error at the latest time, of 0.5, 1 and 2 s, at which the row has one."""
+    return next((column for column in reversed(MEASURED_ERRORS) if is_known(row.get(column))), MEASURED_ERRORS[0])
+
+
+def end_error(row: Row) -> float:
+    """Return the measured error, in its own unit, at the latest time at which the row has one; NaN without any."""
+    return number(row, end_column(row))
+
+
+def error_bar(row: Row, column: str) -> float:
+    """Return the reference's error bar of an error column, else its error bar of positions, else 0."""
+    return first_number(number(row, column.replace("error", "error_bar")), number(row, "position_error_bar"), 0.0)
+
+
+def end_bar(row: Row) -> float:
+    """Return the reference's error bar of `end_error`."""
+    return error_bar(row, end_column(row))
+
+
+def is_below_reference(row: Row) -> bool:
+    """Tell whether the error at the end is smaller than the reference's own error bar."""
+    return end_error(row) < end_bar(row)
+
+
+def chose_steps(row: Row) -> bool:
+    """Tell whether the integrator chose its own steps; the row's step is then only the spacing of samples."""
+    step = number(row, "step")
+    equal_steps = number(row, "t_end") / step if step > 0 else math.nan  # number of steps of the given length
+    return not is_known(equal_steps) or abs(number(row, "steps") - equal_steps) > max(OWN_STEPS * equal_steps, 1.0)
+
+
+def run_time(row: Row) -> float:
+    """Return the time [s] of a run: its number of steps times the time of a step, in the engine's own loop if it has one."""
+    return first_number(number(row, "native_step_time"), number(row, "step_time")) * number(row, "steps")
+
+
+def setting_words(row: Row, *columns: str) -> str:
+    """Return the texts in columns, joined by spaces, without "default" and "none".
+
+    Args:
+        columns: by default settings, integrator and stabilization.
+    """
+    return " ".join(row[column] for column in columns or METHOD[1:] if row[column] not in ("", "default", "none"))
+
+
+def describe_case(row: Row) -> str:
+    """Return a case in words, such as "`gauss` rk4 at step 0.001 s"."""
+    step = "" if chose_steps(row) else f"at step {row['step']:g} s"
+    return " ".join(filter(None, (f"`{row['engine']}`", setting_words(row), step)))
+
+
+def acceleration_rows(rows: Iterable[Row]) -> list[Row]:
+    """Return one row for each linkage, engine and settings with an acceleration error, which all their cases share."""
+    groups = group_by(with_number(rows, "acceleration_error_median"), "mechanism", "engine", "settings")
+    return [_merge(group) for group in groups.values()]
+
+
+def cost_rows(rows: Iterable[Row]) -> list[Row]:
+    """Return one row for each linkage and variant with a timed step, or with a timed acceleration if no step was timed."""
+    place = itemgetter("mechanism", "engine", "settings")
+    stepped = [r for r in rows if is_known(r.get("step_time")) or is_known(r.get("native_step_time"))]
+    with_steps = {place(r) for r in stepped}
+    accelerated = [r for r in with_number(rows, "acceleration_time") if place(r) not in with_steps]
+    return [_merge(group) for group in group_by(stepped + accelerated, "mechanism", *METHOD).values()]
+
+
+def _merge(group: Sequence[Row]) -> Row:
+    """Return the first row, with each missing number taken from the next row that has it."""
+    merged = dict(group[0])
+    for column in merged:
+        numbers = (row[column] for row in group if is_known(row.get(column)))
+        merged[column] = next(numbers, merged[column])
+    return merged
