@@ -1,21 +1,21 @@
 """Validation and benchmarking of closed-loop planar linkage dynamics.
 
     load(name_or_path, scenario=None) -> Mechanism
-    simulate(name_or_path, engine, ...) -> Simulation: one run, judged; what `gauss-bench simulate --json` prints
+    simulate(name_or_path, engine, ...) -> Simulation: one run with the judge's verdict, as `gauss-bench simulate --json` prints it
     history(simulation) -> History: all samples of a run as curves: observed points, energies, joint forces, motors, transmission
     compare(name_or_path, engines=None, ...) -> DataFrame, one row per engine, setting and step
-    diagnose(name_or_path, engine, ...) -> Diagnosis: an engine's error split by its causes, with a verdict
-    tune(model, out, position=...) -> Tuned: an MJCF file given back with settings that hold an accuracy
-    selftest(only=()) -> SelfTest: faults planted in the suite, and whether its own checks see them
-    kinematics(name_or_path, ...) -> Kinematics: motion through a law, and with forces=True the loads that it takes
+    diagnose(name_or_path, engine, ...) -> Diagnosis: an engine's error split by its causes, and the cause that dominates
+    tune(model, out, position=...) -> Tuned: an MJCF file with settings that hold an accuracy
+    selftest(only=()) -> SelfTest: faults planted in the suite, and whether its own checks detect them
+    kinematics(name_or_path, ...) -> Kinematics: the motion under a given law, and with forces=True the loads that it takes
     recommend(name_or_path, position=...) -> Recommendation: the cheapest setting of each engine that holds an accuracy
     export(name_or_path, engine, out, ...) -> Export: a linkage as a file that runs without this package
     import_model(file, out, ...) -> Import: a planar model in MJCF or URDF as a linkage file
-    certify(name_or_path, ...) -> Certificate: the truth with its own error bar
-    doctor() -> Checkup: what this machine has, and whether each engine runs on it
+    certify(name_or_path, ...) -> Certificate: a reference motion with its error bar
+    doctor() -> Checkup: the libraries on this machine, and whether each engine runs on it
     compile_kernel(mechanism, formulation="auto", stabilization="none", ...) -> Kernel: native code of a linkage
 
-Each is loaded when first asked for, so that importing the package costs nothing.
+Each function is imported when it is first used, so that importing the package takes no time.
 """
 
 import sys
@@ -24,7 +24,7 @@ from types import ModuleType
 from typing import Any
 
 __version__ = "1.0.0"
-_ROOMS = {
+_ROOMS = {  # module -> the public names in it
     "linkage.load": "load",
     "api.simulate": "simulate Simulation",
     "api.history": "history",
@@ -52,9 +52,10 @@ def __getattr__(name: str) -> Any:
 
 
 class _Package(ModuleType):
-    """The package, in which a room does not hide the function of the same name: rooms are found by importing them."""
+    """The type of this package: `gauss_bench.kinematics` stays the public function when the folder of that name is imported."""
 
     def __setattr__(self, name: str, value: object) -> None:
+        # after importing a submodule Python sets it as an attribute of the package, which would hide the function
         if not (name in _HOMES and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 

@@ -1,15 +1,15 @@
-"""Files that appear as a whole: each is written beside its place under another name, and moved there when it is complete."""
+"""Atomic writing: a file is written under another name in the same folder, and renamed when it is complete."""
 
 import os
 import threading
 from collections.abc import Callable
 from pathlib import Path
 
-PART = ".part"  # ending of files that are not complete; a killed process leaves one
+PART = ".part"  # ending of incomplete files; only a killed process leaves one behind
 
 
 def atomically(path: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` fill a file beside `path`, then put it in place in one move; if `write` fails, nothing is left."""
+    """Call `write` with a temporary path in the folder of `path`, then rename that file to `path`; if it fails, remove the file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}{PART}")
     try:

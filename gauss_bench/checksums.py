@@ -1,8 +1,8 @@
-"""Checksums of the tables of a run, by which a row that was changed afterwards is found.
+"""Checksums of the tables of a run: they show if a row was changed after the run.
 
-The file `checksums.json` in the folder of a run maps each table's file to the SHA-256 of its bytes, which are the same for equal
-rows. It is written with the tables. A folder of an older version has no such file, and is read as it is. The SHA-256 of the whole
-list is the checksum of the run, by which it is cited.
+The file `checksums.json` in the folder of a run maps each table's file to the SHA-256 of its bytes; equal rows give equal bytes.
+It is written with the tables. A folder of an older version has no such file, and its tables are read without this check. The
+SHA-256 of the whole list is the checksum of the run, by which it is cited.
 """
 
 import hashlib
@@ -13,15 +13,15 @@ from pathlib import Path
 from gauss_bench.untrusted import BadInput, read_bytes
 
 FILE = "checksums.json"
-LARGEST = 1 << 20  # bytes of that file
+LARGEST = 1 << 20  # largest size of that file [bytes]
 
 
 class ChangedRows(BadInput, ValueError):
-    """Tables that are not those of the run; the message names the file."""
+    """A table was changed after its run, or is missing; the message names its file."""
 
 
 def read_checksums(folder: Path) -> dict[str, str]:
-    """Return file of a table -> its checksum; empty for a folder without checksums.
+    """Return a dict from the file of each table, relative to the folder, to its checksum; empty for a folder without checksums.
 
     Raises:
         ChangedRows: the list of checksums is damaged.
@@ -34,19 +34,19 @@ def read_checksums(folder: Path) -> dict[str, str]:
     except ValueError as error:
         raise ChangedRows(f"{path}: no JSON: {error}") from error
     if not (isinstance(listed, dict) and all(isinstance(x, str) for x in listed.values())):
-        raise ChangedRows(f"{path}: not an object of texts")
+        raise ChangedRows(f"{path}: not a JSON object whose values are texts")
     return listed
 
 
 def with_files(folder: Path, paths: Iterable[Path]) -> str:
-    """Return the text of `checksums.json` with the checksums of some files renewed, and without files that are gone."""
+    """Return the text of `checksums.json` with new checksums of the files `paths`, and without files that no longer exist."""
     renewed = read_checksums(folder) | {str(path.relative_to(folder)): checksum_of(path) for path in paths}
     there = {name: x for name, x in sorted(renewed.items()) if (folder / name).is_file()}
     return json.dumps(there, indent=1) + "\n"
 
 
 def require_unchanged(folder: Path) -> None:
-    """Check that the tables of a run have the rows with which they were written.
+    """Check that the tables of a run are unchanged since they were written.
 
     Raises:
         ChangedRows: a table was changed or is missing, or the list is damaged.
@@ -54,7 +54,7 @@ def require_unchanged(folder: Path) -> None:
     for name, checksum in read_checksums(folder).items():
         path = folder / name
         if not path.is_file():
-            raise ChangedRows(f"{path}: is missing; {FILE} beside it lists it")
+            raise ChangedRows(f"{path}: is missing, and {FILE} beside it lists it")
         if checksum_of(path) != checksum:
             raise ChangedRows(f"{path}: a row was changed after the run: its checksum is not the one in {FILE}; run it again")
 

@@ -1,4 +1,4 @@
-"""The command line: verbs, exit codes, stdout for results and stderr for everything else.
+"""The command line: it runs a verb, prints results on stdout and everything else on stderr, and returns the exit code.
 
 Exit codes: 0 done, 1 an accuracy regression or a failed case, 2 bad usage or bad input, 70 a fault of this program itself, 74
 stdout is closed or full, 130 interrupted. `api/verbs.toml` names the function of every verb, which is imported only when the verb
@@ -22,9 +22,10 @@ from gauss_bench.api.options import VERBS, Verb, parser
 from gauss_bench.api.telling import no_longer, plain, render, tell, tell_if_long
 from gauss_bench.untrusted import BadInput, harmless
 
-BAD_INPUT, OWN_FAULT, NO_OUTPUT = 2, 70, 74  # the latter two as sysexits.h has them
+BAD_INPUT, OWN_FAULT, NO_OUTPUT, INTERRUPTED = 2, 70, 74, 130  # exit codes; 70 and 74 as in sysexits.h, 130 as shells have it
 EPOCH, LONGEST_EPOCH = "SOURCE_DATE_EPOCH", 12  # libraries write this time [s] into files; largest number of digits
 LEAST_MEMORY = 700 << 20  # bytes of address space: with less, the import of OpenBLAS may hang
+SHOWN = 40  # characters of a faulty argument that a message quotes
 FILES = "gauss_bench.api.files:describe_files"
 TRACE = "GAUSS_BENCH_TRACEBACK"  # environment variable: if set, a fault of the program shows its traceback
 
@@ -34,7 +35,7 @@ class OutputLost(Exception):
 
 
 class Results(io.TextIOWrapper):
-    """Stdout that escapes characters outside its encoding; a failed write raises OutputLost, not the OSError of an input file.
+    """The stream stdout. A failed write raises OutputLost, because an OSError would read like that of an input file.
 
     Raises:
         OutputLost: from write and flush.
@@ -67,7 +68,7 @@ class Remarks(io.TextIOWrapper):
 
 
 def command() -> int:
-    """Run `gauss-bench`: stdout is for results alone, and output that libraries print there is sent to stderr."""
+    """Run `gauss-bench` and return the exit code; output that libraries print to stdout is sent to stderr."""
     if sys.stderr is None:  # the caller closed it
         sys.stderr = open(os.devnull, "w")
     # Unbuffered: otherwise Python flushes a failed write again at exit, and the exit code becomes 120.
@@ -93,7 +94,7 @@ def command() -> int:
 
 
 def report_lost_output(error: OutputLost) -> int:
-    """Report that results were lost, and redirect stdout so that nothing tries to write them again."""
+    """Report that results were lost and return the exit code; stdout is redirected, so that Python does not write again at exit."""
     print(f"error: stdout: {error}: results are lost", file=sys.stderr)
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -101,24 +102,16 @@ def report_lost_output(error: OutputLost) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one verb and return the exit code."""
-    given = [*(sys.argv[1:] if arguments is None else arguments)]
-    if bad := next((x for x in given if not is_argument(x)), None):
-        print(f"error: the argument {harmless(bad[:40])!r} contains characters that no command line can have", file=sys.stderr)
-        return BAD_INPUT
-    if not ((epoch := os.environ.get(EPOCH, "0")).isascii() and epoch.isdecimal() and len(epoch) <= LONGEST_EPOCH):
-        print(f"error: {EPOCH}={harmless(epoch[:40])!r} in the environment: it must be a whole number of seconds", file=sys.stderr)
-        return BAD_INPUT
-    options = parser(ACTIONS).parse_args(given)
-    if (memory := memory_limit()) < LEAST_MEMORY:
-        least = f"{LEAST_MEMORY >> 10} kB"
-        print(f"error: a limit leaves {memory >> 10} kB of memory (`ulimit -v`); the libraries need {least}", file=sys.stderr)
-        return BAD_INPUT
+    """Run the verb that the arguments name, by default those of the process, and return the exit code."""
+    given = sys.argv[1:] if arguments is None else list(arguments)
     try:
+        check_start(given)
+        options = parser(ACTIONS).parse_args(given)
+        check_memory()  # after the parser, so that --help needs none
         return int(options.verb(options))
     except KeyboardInterrupt:
         print("interrupted; finished cases are kept", file=sys.stderr)
-        return 130
+        return INTERRUPTED
     except OutputLost as error:
         return report_lost_output(error)
     except MemoryError:
@@ -130,51 +123,70 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         if TRACE in os.environ:
             raise
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        at = f"{type(error).__name__}: {harmless(' '.join(str(error).split())[:500])} ({Path(where.filename).name}:{where.lineno})"
-        print(f"error: a fault of gauss-bench itself, not of its input: {at}; set {TRACE}=1 to see the traceback", file=sys.stderr)
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        message = harmless(" ".join(str(error).split())[:500])
+        fault = f"{type(error).__name__}: {message} ({Path(place.filename).name}:{place.lineno})"
+        print(
+            f"error: a fault of gauss-bench itself, not of its input: {fault}; set {TRACE}=1 to see the traceback", file=sys.stderr
+        )
         return OWN_FAULT
     finally:
         no_longer()
 
 
 def describe_fault(error: BadInput | OSError) -> str:
-    """Return the message of an error that the user can correct; that of a file begins with its name, not with a number."""
+    """Return the message of an error that the user can correct; the message of an OSError begins with the name of its file."""
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
-    # a KeyError would print its message as the code of a string
+    # str() of a KeyError puts its message in quotes
     return str(error.args[0] if isinstance(error, KeyError) else error)
 
 
-def memory_limit() -> int:
-    """Return the bytes of address space that this process may have."""
+def check_start(arguments: Sequence[str]) -> None:
+    """Check the arguments and the environment before they are parsed.
+
+    Raises:
+        BadInput: an argument cannot be the name of a file, or SOURCE_DATE_EPOCH is no time.
+    """
+    for text in arguments:
+        try:
+            is_name = b"\0" not in os.fsencode(text)
+        except UnicodeError:
+            is_name = False
+        if not is_name:
+            raise BadInput(f"the argument {harmless(text[:SHOWN])!r} contains characters that no command line can have")
+    epoch = os.environ.get(EPOCH, "0")
+    if not (epoch.isascii() and epoch.isdecimal() and len(epoch) <= LONGEST_EPOCH):
+        raise BadInput(f"{EPOCH}={harmless(epoch[:SHOWN])!r} in the environment: it must be a whole number of seconds")
+
+
+def check_memory() -> None:
+    """Check that the process may have as much address space as the libraries need.
+
+    Raises:
+        BadInput: a limit leaves less.
+    """
     try:
         import resource
-    except ImportError:
-        return sys.maxsize
+    except ImportError:  # Windows has no such limit
+        return
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    return sys.maxsize if limit == resource.RLIM_INFINITY else limit
-
-
-def is_argument(text: str) -> bool:
-    """Tell whether a text can be the name of a file: it encodes, and has no null character."""
-    try:
-        return b"\0" not in os.fsencode(text)
-    except UnicodeError:
-        return False
+    if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
+        least = f"{LEAST_MEMORY >> 10} kB"
+        raise BadInput(f"a limit leaves {limit >> 10} kB of memory (`ulimit -v`); the libraries need {least}")
 
 
 def perform(name: str, options: argparse.Namespace) -> int:
-    """Call the function of a verb, print its answer and return the exit code."""
+    """Call the function of the verb `name`, print its answer and return the exit code."""
     verb, given = VERBS[name], vars(options)
-    kinds = verb.get("files", {})  # options that name files; one that equals `printed` goes to stdout instead
+    kinds = verb.get("files", {})  # options that name files; one whose value is `printed` goes to stdout instead
     printed = {x: given[x] for x in kinds if str(given[x]) == verb.get("printed")}
     asked = {x: given[x] for x in kinds if given[x] and x not in printed}
     files = printed | (resolve_name(FILES)(asked, kinds, options.replace, options.linkage) if asked else {})
     function = resolve_name(verb["call"])
-    # a file shows the whole of a run, also where the report is of single times
+    # a file has all samples of a run, even if the report has only some times
     offered = given | {"options": options, "told": tell_if_long if verb.get("quick") else tell, "whole": bool(files)}
-    # a function takes the options that it has parameters for
+    # pass the options that are parameters of the function
     answer = function(**{x: offered[x] for x in inspect.signature(function).parameters if x in offered})
     if files:
         resolve_name(verb["write"])(answer, files)
@@ -183,9 +195,12 @@ def perform(name: str, options: argparse.Namespace) -> int:
     if given.get("json"):
         if answer.data is not None:
             print(json.dumps(plain(answer.data)))
-    elif not ("instead_of_json" in verb and files.get(verb["instead_of_json"].lstrip("-"))):
-        text = render(name, answer.data) if answer.text is None else answer.text
-        print(harmless(text)) if text else None
+        return 0 if answer.succeeded else 1
+    text = render(name, answer.data) if answer.text is None else answer.text
+    # with the option `instead_of_json` the file takes the place of the printed text
+    is_replaced = "instead_of_json" in verb and files.get(verb["instead_of_json"].lstrip("-"))
+    if text and not is_replaced:
+        print(harmless(text))
     return 0 if answer.succeeded else 1
 
 

@@ -1,11 +1,12 @@
-"""Every number of the table except times, computed from a mechanism, a trajectory and a reference: no engine grades itself.
+"""Every figure of a run except times, computed from its trajectory by our own code: no engine judges itself.
 
-Drift and energy are evaluated in absolute coordinates, so that the joints of a tree engine count as exact and the drift of its cut
-pin is seen. Errors are the larger of metres and radians over all links unless stated otherwise.
+Drift and energy are evaluated in absolute coordinates. An engine that describes the linkage as a tree of joints with one pin cut
+open therefore shows no drift in the joints of the tree, and all of its drift in that pin.
 """
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +15,13 @@ from gauss_bench.mechanism.coordinates import Placed, position, spread, state, v
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.spaces import angle_at, angles, bodies, place_at, places, wedge
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 from gauss_bench.trajectory import Curve, Group, Reference, Trajectory
 
 CHECKPOINTS = (0.5, 1.0, 2.0)  # [s]
 REST = 1e-9  # [m/s^2, rad/s^2] accelerations below it are rounding of a mechanism at rest
-CHUNK = 2000  # states evaluated at once: bounds the memory of long runs
+CHUNK = 2000  # states that are evaluated at once: limits the memory that a long run needs
+SAME_TIME = 1e-9  # [s] two times less than this apart are the same sample time
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +42,7 @@ class Drift:
 def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
     """Compute the residuals of position, velocity and acceleration at every sample."""
     blocks = []
-    h = evaluator.constraints.holonomic
+    h = evaluator.constraints.holonomic  # number of rows that have a position level; they stand first
     for start in range(0, len(trajectory.t), CHUNK):
         part = trajectory[start : start + CHUNK]
         rows = evaluator.constraints(part.t, part.q, part.v)
@@ -50,14 +52,30 @@ def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
     return Drift(*(np.concatenate(x) for x in zip(*blocks, strict=True)))
 
 
+class MotionGap(NamedTuple):
+    """The largest gap of all links in each of four quantities.
+
+    Attributes:
+        place: of centres of mass [m].
+        turn: of angles [rad].
+        speed: of velocities of centres of mass [m/s].
+        spin: of angular velocities [rad/s].
+    """
+
+    place: float
+    turn: float
+    speed: float
+    spin: float
+
+
 @dataclass(frozen=True, eq=False)
 class RateGaps:
-    """The gaps between a motion and the integrals of its own rates; largest of the links at each sample.
+    """The gaps between a motion and the integrals of its own rates; at each sample that of the worst link.
 
     Attributes:
         place, turn: (k,) |q - q(0) - int v dt| [m], [rad].
         speed, spin: (k,) |v - v(0) - int a dt| [m/s], [rad/s].
-        bars: error bars of these four: the change of the integrals when every second sample is left out.
+        bars: error bars of the four: the change of the integrals if every second sample is left out.
         fastest: largest |v| of the motion [m/s] and [rad/s].
     """
 
@@ -65,30 +83,36 @@ class RateGaps:
     turn: Array
     speed: Array
     spin: Array
-    bars: tuple[float, float, float, float]
+    bars: MotionGap
     fastest: tuple[float, float]
 
 
 def rate_gaps(trajectory: Trajectory) -> RateGaps:
-    """Integrate velocities and accelerations through the samples and compare with positions and velocities."""
-    t, gaps, bars = trajectory.t, [], []
-    half = np.unique([*range(0, len(t), 2), len(t) - 1])
+    """Integrate velocities and accelerations through the samples, and compare with positions and velocities."""
+    t = trajectory.t
+    gaps, bars = [], []
+    half = every_second(t)
     for level, rate in ((trajectory.q, trajectory.v), (trajectory.v, trajectory.a)):
         fine, coarse = integral(t, rate), integral(t[half], rate[half])
         # with only two samples no coarser integral exists: the bar is the difference of the left and right rectangle rules
-        unknown = np.diff(rate, axis=0) * np.diff(t)[:, None] if len(t) == 2 else coarse - fine[half]
+        bar = np.diff(rate, axis=0) * np.diff(t)[:, None] if len(t) == 2 else coarse - fine[half]
         for part in (places, angles):
             gaps.append(_largest(part(level - level[:1] - fine)))
-            bars.append(float(_largest(part(unknown)).max(initial=0.0)))
-    fastest = tuple(float(np.abs(part(trajectory.v)).max(initial=0.0)) for part in (places, angles))
-    return RateGaps(gaps[0], gaps[1], gaps[2], gaps[3], (bars[0], bars[1], bars[2], bars[3]), (fastest[0], fastest[1]))
+            bars.append(largest(part(bar)))
+    fastest = largest(places(trajectory.v)), largest(angles(trajectory.v))
+    place, turn, speed, spin = gaps
+    return RateGaps(place, turn, speed, spin, MotionGap(*bars), fastest)
 
 
-def start_gaps(mechanism: Mechanism, trajectory: Trajectory) -> tuple[float, float, float, float]:
-    """Return the distance of the first sample from the start: places [m], angles [rad], velocities [m/s], spins [rad/s]."""
-    gaps = ((trajectory.q[:1] - mechanism.q0), (trajectory.v[:1] - mechanism.v0))
-    place, turn, speed, spin = (float(np.abs(part(x)).max(initial=0.0)) for x in gaps for part in (places, angles))
-    return place, turn, speed, spin
+def start_gap(mechanism: Mechanism, trajectory: Trajectory) -> MotionGap:
+    """Return the distance of the first sample from the start q0, v0 of the mechanism."""
+    q, v = trajectory.q[:1] - mechanism.q0, trajectory.v[:1] - mechanism.v0
+    return MotionGap(*(largest(part(x)) for x in (q, v) for part in (places, angles)))
+
+
+def every_second(t: Array) -> NDArray[np.intp]:
+    """Return the indices of every second of the samples at t (k,), and of the last one."""
+    return np.unique([*range(0, len(t), 2), len(t) - 1])
 
 
 def _largest(x: Array) -> Array:
@@ -104,70 +128,67 @@ def integral(t: Array, x: Array) -> Array:
     if len(t) < 2:
         return np.zeros_like(x)
     h, slope = np.diff(t)[:, None], np.gradient(x, t, axis=0)
-    pieces = h * (x[1:] + x[:-1]) / 2 + h * h * (slope[:-1] - slope[1:]) / 12
-    whole: Array = np.concatenate([np.zeros_like(x[:1]), np.cumsum(pieces, axis=0)])
-    return whole
+    pieces = h * (x[1:] + x[:-1]) / 2 + h * h * (slope[:-1] - slope[1:]) / 12  # (k - 1, n)
+    return np.asarray(np.concatenate([np.zeros_like(x[:1]), np.cumsum(pieces, axis=0)]))
 
 
 def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
-    """Multipliers (k, m) of M a + J^T lambda = Q from the trajectory's own accelerations.
+    """Return the multipliers (k, m) of M a + J^T lambda = Q at the accelerations of the trajectory.
 
-    Where rows are redundant only J^T lambda is determined; the shortest lambda is given. Dry friction in joints is part of Q and
-    follows from the same multipliers.
+    If rows are redundant, only J^T lambda is determined, and the shortest lambda is returned. Dry friction is part of Q and depends
+    on the multipliers in turn.
 
     Raises:
         UndeterminedLoads: friction with redundant rows.
-        Jammed: the friction does not settle.
+        Jammed: the iteration for the friction does not converge.
     """
-    rows = evaluator.constraints(trajectory.t, trajectory.q, trajectory.v)
-    free = evaluator.applied.generalised(trajectory.q, trajectory.v, trajectory.t) - trajectory.a * evaluator.mass
-    if evaluator.friction and len(trajectory.t):
-        return _reactions_with_friction(evaluator, trajectory, rows.J, free)
-    inverse = np.linalg.pinv(np.swapaxes(rows.J, -1, -2), rcond=1e-10)
-    return np.asarray((inverse @ free[..., None])[..., 0])
-
-
-def _reactions_with_friction(evaluator: Evaluator, trajectory: Trajectory, J: Array, free: Array) -> Array:
-    """Return multipliers as `reactions` does, weighted by M^(-1/2): the iteration then converges where that of the motion does."""
+    J = evaluator.constraints(trajectory.t, trajectory.q, trajectory.v).J
+    free = evaluator.applied.generalised(trajectory.q, trajectory.v, trajectory.t) - trajectory.a * evaluator.mass  # Q - M a
+    has_friction = bool(evaluator.friction) and len(trajectory.t) > 0
+    # equations weighted by M^(-1/2), as in the motion: the iteration for the friction then converges here if it does there
+    root = np.sqrt(evaluator.mass) if has_friction else np.ones_like(evaluator.mass)
+    inverse = np.linalg.pinv(np.swapaxes(J / root, -1, -2), rcond=1e-10)  # (k, m, n)
+    multipliers = (inverse @ (free / root)[..., None])[..., 0]
+    if not has_friction:
+        return np.asarray(multipliers)
     evaluator.check_loads()
-    root = np.sqrt(evaluator.mass)
-    inverse = np.linalg.pinv(np.swapaxes(J / root, -1, -2), rcond=1e-10)
     directions = evaluator.friction.directions(trajectory.q, trajectory.v) / root[:, None]
-    return evaluator.friction.consistent((inverse @ (free / root)[..., None])[..., 0], inverse @ directions)
+    return evaluator.friction.consistent(multipliers, inverse @ directions)
 
 
 def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
-    """Return for each pair of a joint the force (fx, fy) [N] on the second-named link and its moment [N m] about the joint's point.
+    """Return, by name of the pair, the force on its second link: fx, fy (k,) [N], and moment (k,) [N m] about the joint's point.
 
-    The second link is the later one in `at`, or the block of a slide. Springs, damping and friction in the joint count as applied
-    forces and are not included.
+    The second link is the later one in `at` of a pin, or the block of a slide. Springs, damping and friction in the joint are
+    applied forces and not included.
     """
-    multipliers = reactions(evaluator, trajectory)
     forces: dict[str, dict[str, Array]] = {}
-    columns = iter(multipliers.T)
+    columns = iter(reactions(evaluator, trajectory).T)  # multipliers (k,) of one row after the other: joints stand first
     at = Placed(trajectory.q)
     for joint in evaluator.mechanism.joints:
         arm = at.end(joint.ends[1]).arm
         fx, fy, moment = np.zeros((3, len(trajectory.t)))
         for coordinate, _ in joint.held:
-            multiplier, (_, n, lever) = next(columns), state(coordinate, at).entries[1]
+            multiplier = next(columns)
+            # the force on the second body is -J^T lambda: its gradient has a direction n, or none for an angle, and a lever
+            _, n, lever = state(coordinate, at).entries[1]
             if n is not None:
                 x, y = n.parts
                 fx, fy = fx - multiplier * x, fy - multiplier * y
-                lever = lever - wedge(arm, n)  # about the joint's point, no longer about the centre of mass
+                lever = lever - wedge(arm, n)  # about the joint's point instead of the centre of mass
             moment = moment - multiplier * lever
         forces[joint.name] = {"fx": fx, "fy": fy, "moment": moment}
     return forces
 
 
 def compare_joint_forces(evaluator: Evaluator, states: Trajectory, told: Array) -> tuple[float, float]:
-    """Return the largest error of joint forces that an engine tells itself, and the largest true force; both [N, N m].
+    """Return the largest error of the joint forces that an engine returns, and the largest true joint force, both [N, N m].
 
-    The true forces follow from the accelerations of the states by Newton's laws. The error is NaN if the engine tells none, or if
-    redundant rows leave them undetermined.
+    The true forces follow from the accelerations of the states by Newton's laws. Both are NaN if the engine returns no joint
+    forces, or if redundant rows leave them undetermined.
 
     Args:
-        told: (k, joints, 3) fx, fy and moment as `joint_forces` has them; NaN where the engine tells none.
+        told: (k, joints, 3) the engine's fx, fy and moment, as `joint_forces` has them; NaN for a missing one.
     """
     if evaluator.mechanism.redundant or not np.isfinite(told).any():
         return np.nan, np.nan
@@ -178,43 +199,43 @@ def compare_joint_forces(evaluator: Evaluator, states: Trajectory, told: Array) 
 
 
 def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
-    """Return for each weld the force (fx, fy) [N] on the welded link and the moment [N m] about the point of the weld.
+    """Return, by name of the weld, the force on the welded link: fx, fy (k,) [N], and moment (k,) [N m] about the weld's point.
 
-    That point is the first that the weld names, else the origin of the link's own frame. It is what the links beyond the weld lack
-    of Newton's and Euler's equations, with all forces, joints and drivers that act on them:  M a - Q + J^T lambda.
+    The point is the first that the weld names, else the origin of the link's own frame. The weld's force is the part of M a that
+    forces, joints and drivers do not explain, M a - Q + J^T lambda, summed over the links that the weld carries.
     """
     mechanism = evaluator.mechanism
     if not mechanism.welds:
         return {}
-    told, multipliers = spread(mechanism, trajectory), reactions(evaluator, trajectory)
+    links, multipliers = spread(mechanism, trajectory), reactions(evaluator, trajectory)  # links: states of unwelded links
     apart = Evaluator(mechanism.whole)
-    J = apart.constraints(told.t, told.q, told.v).J
-    acting = apart.applied.generalised(told.q, told.v, told.t)
+    J = apart.constraints(links.t, links.q, links.v).J
+    acting = apart.applied.generalised(links.q, links.v, links.t)
     if apart.friction:
-        acting = acting + apart.friction.generalised(told.q, told.v, multipliers)
-    lacking = told.a * apart.mass - acting + np.einsum("kmn,km->kn", J, multipliers)
+        acting = acting + apart.friction.generalised(links.q, links.v, multipliers)
+    unexplained = links.a * apart.mass - acting + np.einsum("kmn,km->kn", J, multipliers)
     forces: dict[str, dict[str, Array]] = {}
     for weld in mechanism.welds:
-        at = position(told.q, weld.at)
-        force, moment = np.zeros((len(told.t), 2)), np.zeros(len(told.t))
+        at = position(links.q, weld.at)
+        force, moment = np.zeros((len(links.t), 2)), np.zeros(len(links.t))
         for i in weld.beyond:
-            push, arm = place_at(lacking, i), place_at(told.q, i) - at
+            push, arm = place_at(unexplained, i), place_at(links.q, i) - at
             force = force + push
-            moment = moment + angle_at(lacking, i) + arm[:, 0] * push[:, 1] - arm[:, 1] * push[:, 0]
+            moment = moment + angle_at(unexplained, i) + arm[:, 0] * push[:, 1] - arm[:, 1] * push[:, 0]
         forces[weld.name] = {"fx": force[:, 0], "fy": force[:, 1], "moment": moment}
     return forces
 
 
 def driving_forces(evaluator: Evaluator, trajectory: Trajectory) -> Array:
     """Return the torque [N m] or force [N] (k, drivers) that each driver exerts along its coordinate."""
-    rows = evaluator.constraints
+    rows = evaluator.constraints  # those of drivers stand between joints and knife edges
     return -reactions(evaluator, trajectory)[:, rows.joint_rows : rows.holonomic]
 
 
 def load_curves(evaluator: Evaluator, trajectory: Trajectory) -> Iterator[Curve]:
     """Yield the loads of a motion: components and magnitudes of joint and weld forces, then what each driver exerts.
 
-    The force of a slide is normal to its guide. Its magnitude is called `normal`: `force` of a driven slide is its driver's.
+    The force of a slide is normal to its guide. The key of its magnitude is `normal`, because `force` is that of a slide's driver.
     """
     mechanism = evaluator.mechanism
     slides = {joint.name for joint in mechanism.slides}
@@ -235,13 +256,15 @@ def load_curves(evaluator: Evaluator, trajectory: Trajectory) -> Iterator[Curve]
 
 @dataclass(frozen=True)
 class Peak:
-    """One load over a motion, by its magnitude.
+    """The peak and the means of the magnitude of one load over a motion.
 
     Attributes:
         unit: "N" or "N m".
-        largest: magnitude at the sample where it is largest; t: time of that sample [s].
-        crank, crank_deg: angle of the crank then [rad], and the same in degrees, within one turn; None without a crank.
-        mean, rms: of the magnitude, over time.
+        largest: largest magnitude of all samples.
+        t: time of the sample with the largest magnitude [s].
+        crank: angle of the crank at that time [rad]; None without a crank.
+        crank_deg: the same angle in degrees, from 0 to 360.
+        mean, rms: mean and root mean square over time.
     """
 
     unit: str
@@ -258,12 +281,11 @@ class Loads:
     """The largest and mean loads of a motion.
 
     Attributes:
-        until: end of the samples that they are taken from [s]; None if there are none.
-        acting: "gravity" and the forces of the file that act.
-        determined: whether the loads of single joints are determined; with redundant rows they are not, and those of least norm
-            are given.
-        peaks: load by name: "PIN.force", "SLIDE.normal", "SLIDE.moment", "WELD.force", "WELD.moment", "DRIVER.torque",
-            "DRIVER.force".
+        until: time of the last sample [s]; None if there are no samples.
+        acting: "gravity" and the names of the forces that act.
+        determined: whether the loads of single joints are determined; with redundant rows they are not, and the peaks are those of
+            the smallest loads that agree with the motion.
+        peaks: peak of each load by its name, such as "PIN.force", "SLIDE.normal", "SLIDE.moment", "WELD.force" or "DRIVER.torque".
     """
 
     until: float | None
@@ -273,8 +295,9 @@ class Loads:
 
 
 def summarise_loads(mechanism: Mechanism, trajectory: Trajectory, curves: Iterable[Curve]) -> Loads:
-    """Return the largest and mean loads of the curves, which `load_curves` gave for the samples of a trajectory."""
-    t, peaks = trajectory.t, dict[str, Peak]()
+    """Return the largest and mean loads of the curves that `load_curves` yields for the samples of a trajectory."""
+    t = trajectory.t
+    peaks: dict[str, Peak] = {}
     crank = None if mechanism.crank is None else angle_at(trajectory.q, mechanism.crank)
     for curve in curves:
         if curve.key in ("fx", "fy") or not len(t):
@@ -282,7 +305,7 @@ def summarise_loads(mechanism: Mechanism, trajectory: Trajectory, curves: Iterab
         size = np.abs(curve.values)
         k = int(size.argmax())
         turned = None if crank is None else float(crank[k])
-        # a weld may have the name of a joint or of a driven slide: no load may take the place of another
+        # a weld may have the name of a joint, or of a driven slide
         name = curve.name if curve.name not in peaks else f"{curve.group}.{curve.name}"
         peaks[name] = Peak(
             unit=curve.unit,
@@ -298,7 +321,7 @@ def summarise_loads(mechanism: Mechanism, trajectory: Trajectory, curves: Iterab
 
 
 def _mean_over_time(t: Array, x: Array) -> float:
-    """Return the mean of samples x (k,) over the times t (k,), which need not be equally far apart, by trapezia."""
+    """Return the mean over time of samples x (k,) at times t (k,), by trapezia."""
     if len(t) < 2:
         return float(x.mean())
     return float(np.trapezoid(x, t) / (t[-1] - t[0]))
@@ -313,10 +336,10 @@ def friction_power(evaluator: Evaluator, trajectory: Trajectory) -> Array:
 
 
 def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, float]:
-    """Energy gained beyond the work done since the start (k,) [J], and the error bar of that work.
+    """Return the energy gained beyond the work done since the start (k,) [J], and the error bar of the work [J].
 
-    Springs, gravity, constant torques and world-fixed forces have potentials. The work of everything else (dampers, friction,
-    forces that turn with a link, a driver) is the integral of its power, interpolated between the samples.
+    Springs, gravity, constant torques and world-fixed forces have potentials. The work of dampers, friction, drivers and forces
+    that turn with a link is the integral of their power, interpolated between the samples.
     """
     t = trajectory.t
     energy = evaluator.energy(trajectory.q, trajectory.v)
@@ -324,8 +347,7 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
     if evaluator.mechanism.drivers:
         rates = np.stack([np.broadcast_to(driver.law(t)[1], t.shape) for driver in evaluator.mechanism.drivers], axis=-1)
         power = power + (driving_forces(evaluator, trajectory) * rates).sum(-1)
-    if evaluator.friction:
-        power = power + friction_power(evaluator, trajectory)
+    power = power + friction_power(evaluator, trajectory)
     rounding = energy_rounding(energy)
     gain = energy - energy[0]
     if not np.any(power) or len(t) < 2:
@@ -335,12 +357,12 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
 
 
 def energy_rounding(energy: Array) -> float:
-    """Return the largest change of energies (k,) that rounding can cause [J]."""
-    return 8 * float(np.finfo(float).eps) * (1.0 + float(np.abs(energy).max(initial=0.0)))
+    """Return the largest change of energies (k,) that rounding can cause [J]: eight units, for the few sums in an energy."""
+    return 8 * float(np.finfo(float).eps) * (1.0 + largest(energy))
 
 
 def energy_scale(evaluator: Evaluator, trajectory: Trajectory) -> float:
-    """Return the scale of a motion's energy [J]: the largest kinetic energy or the range of the potential energy, if larger."""
+    """Return the scale of a motion's energy [J]: its largest kinetic energy, or the range of its potential energy if larger."""
     kinetic = 0.5 * (trajectory.v * trajectory.v) @ evaluator.mass
     potential = evaluator.applied.potential(trajectory.q)
     return max(float(kinetic.max(initial=0.0)), float(np.ptp(potential)) if len(potential) else 0.0)
@@ -349,43 +371,43 @@ def energy_scale(evaluator: Evaluator, trajectory: Trajectory) -> float:
 def without_loss(t: Array, gain: Array, spacing: float) -> Array:
     """Remove from the energy error (k,) [J] every loss between samples further apart than `spacing` [s].
 
-    Between such samples a damper may dissipate energy unseen, so a loss is no evidence of an error. Gains are kept.
+    Between such samples a damper may dissipate energy that no sample shows, so that a loss is no evidence of an error.
     """
     change = np.diff(gain)
-    unseen = (np.diff(t) > spacing) & (change < 0)
-    lost: Array = np.append(0.0, np.cumsum(np.where(unseen, change, 0.0)))
-    return gain - lost
+    is_hidden = (np.diff(t) > spacing) & (change < 0)
+    return np.asarray(gain - np.append(0.0, np.cumsum(np.where(is_hidden, change, 0.0))))
 
 
 def work(t: Array, power: Array) -> tuple[Array, Array]:
     """Return the work (k, ...) [J] done since t[0] by powers (k, ...) [W] at times t (k,), and its error bar (...).
 
-    The power is integrated by a quintic spline through the samples. The largest difference from the spline through every second
-    sample is the error bar: generous if the samples resolve the motion, and large if they do not.
+    The power is integrated by a quintic spline through the samples. The error bar is the largest difference from the spline through
+    every second sample: far above the error if the samples resolve the motion, and large if they do not.
     """
     from scipy.interpolate import make_interp_spline  # imported here: it takes as long as all other imports together
 
     def integrate(t_known: Array, known: Array) -> Array:
+        # with few samples the largest odd degree below their number
         spline = make_interp_spline(t_known, known, k=min(5, 2 * ((len(t_known) - 2) // 2) + 1))
         primitive: Callable[[Array], Array] = spline.antiderivative()
         return np.asarray(primitive(t) - primitive(t[:1]))
 
-    half = np.unique([*range(0, len(t), 2), len(t) - 1])
+    half = every_second(t)
     fine, coarse = integrate(t, power), integrate(t[half], power[half])
     return fine, np.asarray(np.abs(fine - coarse).max(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Errors of a trajectory relative to its reference, at the reference's times.
+    """The errors of a trajectory against a reference, at the times that both have.
 
     Attributes:
-        t: (k,) times compared.
-        measured: (k,) |error| of the linkage's measured coordinate [rad or m, as its unit says].
-        length, angle: (k, links) largest |error| of a link's centre of mass [m] and of its angle [rad].
-        velocity: (k, links) largest |error| per link [m/s, rad/s].
-        position_bar, velocity_bar: errors below them are not significant: the reference's own error or the floor of double
-            precision.
+        t: (k,) these times [s].
+        measured: (k,) |error| of the linkage's measured coordinate [rad or m].
+        length: (k, links) |error| of a link's centre of mass, the larger of x and y [m].
+        angle: (k, links) |error| of a link's angle [rad].
+        velocity: (k, links) largest |error| of a link's velocities [m/s, rad/s].
+        position_bar, velocity_bar: (k,) smallest significant error: the error bar of the reference, or its floor if larger.
     """
 
     t: Array
@@ -398,43 +420,43 @@ class Errors:
 
     @property
     def position(self) -> Array:
-        """(k, links) the larger of the two per link."""
+        """(k, links) the larger of `length` and `angle` of each link [m, rad]."""
         return np.maximum(self.length, self.angle)
 
     @property
     def largest(self) -> dict[str, float]:
-        """The largest error of all: "position" of any link's centre of mass [m], and "angle" of any link [rad]."""
+        """The largest errors of all times and links: "position" of centres of mass [m], and "angle" [rad]."""
         return {"position": float(self.length.max()), "angle": float(self.angle.max())}
 
 
 def common_times(t: Array, true: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Return the indices in t (k,) of the times that `true` (j,) has too, and a mask (j,) of these; times increase."""
-    near = np.minimum(np.searchsorted(t, true - 1e-9), len(t) - 1)
-    both = np.abs(t[near] - true) < 1e-9
+    """Return the indices in t (k,) of the times that are in `true` (j,) too, and a mask (j,) of these in `true`; both increase."""
+    near = np.minimum(np.searchsorted(t, true - SAME_TIME), len(t) - 1)
+    both = np.abs(t[near] - true) < SAME_TIME
     return near[both], both
 
 
 def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference) -> Errors:
-    """Compute the errors at every time of the reference that the trajectory has sampled."""
+    """Return the errors of a trajectory at every time of the reference at which it has a sample."""
     mine, both = common_times(trajectory.t, reference.t)
     dq = np.abs(trajectory.q[mine] - reference.q[both])
     dv = np.abs(trajectory.v[mine] - reference.v[both])
     coordinate = mechanism.measured.coordinate
     return Errors(
-        reference.t[both],
-        np.abs(value(coordinate, trajectory.q[mine]) - value(coordinate, reference.q[both])),
-        places(dq).max(axis=-1),
-        angles(dq),
-        bodies(dv).max(axis=-1),
-        np.fmax(reference.error_q, reference.floor_q)[both],
-        np.fmax(reference.error_v, reference.floor_v)[both],
+        t=reference.t[both],
+        measured=np.abs(value(coordinate, trajectory.q[mine]) - value(coordinate, reference.q[both])),
+        length=places(dq).max(axis=-1),
+        angle=angles(dq),
+        velocity=bodies(dv).max(axis=-1),
+        position_bar=np.fmax(reference.error_q, reference.floor_q)[both],
+        velocity_bar=np.fmax(reference.error_v, reference.floor_v)[both],
     )
 
 
 def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: Reference) -> Array:
     """Return the largest error (k,) [N] of any joint's force components, at the times of the reference that were sampled.
 
-    It is NaN if redundant rows leave the forces undetermined. `joint_forces` computes both from the accelerations by Newton's laws.
+    It is NaN if redundant rows leave the forces undetermined. The forces of both follow from accelerations by Newton's laws.
     """
     mine, both = common_times(trajectory.t, reference.t)
     if evaluator.mechanism.redundant:
@@ -445,15 +467,17 @@ def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: 
 
 
 def relative_acceleration_error(a: Array, true: Array) -> Array:
-    """Return max |a - a_true| / max |a_true| (k,) of accelerations (k, n); the absolute error where the mechanism is at rest."""
+    """Return max |a - a_true| / max |a_true| (k,) of accelerations (k, n); the absolute error if the mechanism is at rest."""
     scale = np.abs(true).max(axis=-1)
     return np.asarray(np.abs(a - true).max(axis=-1) / np.where(scale > REST, scale, 1.0))
 
 
 def observed_order(steps: Array, errors: Array, floors: Array) -> Array:
-    """Observed order (k,) of each run against the one with the next larger step; NaN where an error is at its floor.
+    """Return the observed order (k,) of each run against the run before it; NaN for the first, and if an error is near its floor.
 
-    `steps` must decrease. Errors within ten times their floor say nothing about the integrator and are left out.
+    Args:
+        steps: (k,) step sizes, decreasing.
+        errors, floors: (k,) error of each run, and the error of its reference; within ten times of it the order is lost.
     """
     order = np.full(len(steps), np.nan)
     usable = (errors > 10 * floors) & np.isfinite(errors)

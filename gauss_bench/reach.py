@@ -1,7 +1,7 @@
-"""The answer for a linkage, an engine and a requirement: the engine holds it, or how far the search came and why it ended.
+"""The answer whether an engine holds a requirement on a linkage; if not, how far the search came and why it ended.
 
-The search, the recommendation and the report print this answer and no other. It follows from the evaluations of the engine's
-variants alone, so that it can be computed from stored rows of `search_ladder` as well as from a search that has just ended.
+The search, the recommendation and the report all print this answer. It follows from the trials of the engine's variants, so that it
+can be computed from stored rows of `search_ladder` as well as from a search that has just ended.
 """
 
 import math
@@ -15,20 +15,19 @@ import numpy as np
 
 from gauss_bench.trajectory import Status
 
-UNITS = {"position": "m", "angle": "rad", "force": "N", "end": "m"}  # of errors, by what they are errors of; `end`: of position
-ERRORS = {"end": "position at the end"}  # kinds of errors in words, where the kind is none
-BY_AUTHORS = "by its authors"  # of settings that the authors of an engine own
-RUNGS = 3  # of a ladder tell the order of convergence ...
-APART = 1.4  # ... if each has so many times the steps of the one before: nearer ones tell rounding
-STEADY = 0.2  # two orders of convergence that differ by less are one
-ABSENT = re.compile(
-    r"not installed|no C compiler|not in this build|the truth has no samples"
-)  # reasons of a machine, not an engine
+UNITS = {"position": "m", "angle": "rad", "force": "N", "end": "m"}  # kind of an error -> its unit; `end`: position at the end
+ERRORS = {"end": "position at the end"}  # names of kinds that are not words themselves
+BY_AUTHORS = "by its authors"  # mark of settings that the authors of an engine own
+RUNGS = 3  # number of trials that show the order of convergence
+APART = 1.4  # smallest ratio of the steps of two of these trials: with less, rounding hides the order
+STEADY = 0.2  # largest difference of two orders of convergence that are the same
+# reasons of a failure that lie in the machine, not in the engine
+ABSENT = re.compile(r"not installed|no C compiler|not in this build|the truth has no samples")
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """The largest error over the whole run: of positions [m], angles [rad] or joint forces [N]; or of positions at its end [m]."""
+    """The largest allowed error of a kind in UNITS: over the whole run or, for `end`, at its end."""
 
     kind: str
     limit: float
@@ -40,14 +39,14 @@ class Requirement:
 
 @dataclass(frozen=True)
 class Trial:
-    """One evaluation of a variant.
+    """One run of a variant.
 
     Attributes:
         size: step [s] or tolerance.
-        errors: kind -> largest of the run, NaN where it is not determined; empty for a failed run.
-        steps: taken, or asked for; None where an integrator chooses them and the engine does not count them.
-        status, message: OK, or why it failed.
-        evaluations: of accelerations, or None where the engine does not count them.
+        errors: kind of error -> largest error of the run, NaN if it is not determined; empty for a failed run.
+        steps: number of steps; None if the integrator chooses its steps and the engine does not count them.
+        status, message: OK and no message, or the failure and its reason.
+        evaluations: number of evaluations of accelerations; None if the engine does not count them.
     """
 
     size: float
@@ -63,22 +62,27 @@ class Trial:
 
 def trial_of(row: Mapping[str, Any]) -> Trial:
     """Return the trial that a row of `search_ladder` describes."""
-    values = {x: row.get(x) for x in ("step", "tolerance", "steps", *(f"{kind}_error" for kind in UNITS))}
-    known = {x: float(y) for x, y in values.items() if y is not None and math.isfinite(y)}
+
+    def read(column: str) -> float:
+        """Return the number in a column; NaN if it is missing or not finite."""
+        x = row.get(column)
+        return float(x) if x is not None and math.isfinite(x) else math.nan
+
     status = Status(row["status"])
-    errors = {kind: known.get(f"{kind}_error", math.nan) for kind in UNITS} if status is Status.OK else {}
-    size = known.get("step") or known.get("tolerance") or math.nan
-    return Trial(size, errors, int(known["steps"]) if "steps" in known else None, status, str(row.get("message") or ""))
+    errors = {kind: read(f"{kind}_error") for kind in UNITS} if status is Status.OK else {}
+    size = read("tolerance") if math.isnan(read("step")) else read("step")
+    steps = read("steps")
+    return Trial(size, errors, int(steps) if math.isfinite(steps) else None, status, str(row.get("message") or ""))
 
 
 class Kind(StrEnum):
-    """The answers there are."""
+    """The kinds of answer."""
 
     TIMED = "holds"
     UNTIMED = "holds, not timed"
     NOT_REACHED = "not reached"
     NO_MODEL = "cannot be modelled"
-    UNDETERMINED = "not determined"  # joint forces of redundant rows: no engine has them
+    UNDETERMINED = "not determined"  # redundant rows leave joint forces undetermined, whatever the engine
     NOT_TRIED = "not tried"
 
 
@@ -88,11 +92,11 @@ class Reach:
 
     Attributes:
         reason: why the engine is not timed, not tried or has no model; for NOT_REACHED, how its runs failed.
-        steps: the most steps of a run that was tried.
-        seconds: the time of the search [s], where time ended it.
-        within: the same in words, where it is no number of seconds.
-        order: of convergence, of the variant that would hold with the fewest steps; NaN where none is steady.
-        needed: number of steps at which that variant would hold the requirement, if its error keeps falling at that order.
+        steps: largest number of steps of a trial.
+        seconds: time of the search [s] if time ended it, else NaN.
+        order: order of convergence of the variant that would hold with the fewest steps; NaN if no order is steady.
+        needed: number of steps at which this variant would hold the requirement if its error kept falling at this order.
+        within: text in place of `seconds`, if the budget was no number of seconds.
     """
 
     kind: Kind
@@ -110,29 +114,35 @@ class Reach:
     @property
     def words(self) -> str:
         """Return the answer as it is printed everywhere."""
-        within = [f"in {self.steps:,} steps"] if self.steps and self.kind is Kind.NOT_REACHED else []
-        within += [f"within {self.seconds:.3g} s"] if math.isfinite(self.seconds) else []
-        within += [self.within] if self.within else []
-        said = " ".join([str(self.kind), *within[-1:]])
+        answer, is_timed = str(self.kind), math.isfinite(self.seconds)
+        if self.within:
+            answer += f" {self.within}"
+        elif is_timed:
+            answer += f" within {self.seconds:.3g} s"
+        elif self.steps and self.kind is Kind.NOT_REACHED:
+            answer += f" in {self.steps:,} steps"
         if math.isfinite(self.needed):
+            # two digits, written out up to a thousand million
             needed = f"{float(f'{self.needed:.2g}'):,.0f}" if self.needed < 1e9 else f"{self.needed:.0e}"
-            said += f"; order {self.order:.1f} extrapolates to {needed}{' steps' if math.isfinite(self.seconds) else ''}"
-        return f"{said}: {self.reason}" if self.reason else said
+            answer += f"; order {self.order:.1f} extrapolates to {needed}{' steps' if is_timed else ''}"
+        return f"{answer}: {self.reason}" if self.reason else answer
 
 
 def reach(ladders: Iterable[Sequence[Trial]], wanted: Sequence[Requirement], untimed: str | None = None) -> Reach:
-    """Return the answer of an engine, given the trials of each of its variants, for requirements that have to hold together.
+    """Return the answer for an engine and requirements that must hold together.
 
-    `untimed` is why no race timed what holds; None where one did.
+    Args:
+        ladders: the trials of each variant.
+        untimed: the reason why no race timed a variant that holds; None if a race did.
     """
-    ladders = [some for some in ladders if some]
-    trials = [trial for some in ladders for trial in some]
+    ladders = [ladder for ladder in ladders if ladder]
+    trials = [trial for ladder in ladders for trial in ladder]
     ended = [trial for trial in trials if trial.status is Status.OK]
     shares = [share(trial, wanted) for trial in ended]
     if any(x <= 1 for x in shares):
         return Reach(Kind.TIMED) if untimed is None else Reach(Kind.UNTIMED, untimed)
     failed = [trial for trial in trials if trial.status is not Status.SKIP]
-    if not failed:
+    if not failed:  # the engine skipped all
         reason = trials[0].message if trials else "it was not searched"
         return Reach(Kind.NOT_TRIED if not trials or ABSENT.search(reason) else Kind.NO_MODEL, reason)
     if ended and all(map(math.isnan, shares)):
@@ -140,29 +150,28 @@ def reach(ladders: Iterable[Sequence[Trial]], wanted: Sequence[Requirement], unt
     steps = max(trial.steps or 0 for trial in failed)
     if not ended:
         return Reach(Kind.NOT_REACHED, f"no run ended: {failed[-1].message}", steps)
-    tried = [x for some in ladders if math.isfinite((x := convergence(some, wanted))[1])]
-    order, needed = min(tried, key=lambda x: x[1], default=(math.nan, math.nan))
+    extrapolated = [convergence(ladder, wanted) for ladder in ladders]
+    order, needed = min(extrapolated, key=lambda pair: math.inf if math.isnan(pair[1]) else pair[1])
     return Reach(Kind.NOT_REACHED, steps=steps, order=order, needed=needed)
 
 
 def share(trial: Trial, wanted: Sequence[Requirement]) -> float:
-    """Return the largest error of a run over what is required of it; NaN where an error is not determined."""
-    shares = [trial.errors.get(w.kind, math.nan) / w.limit for w in wanted]
-    return math.nan if any(map(math.isnan, shares)) else max(shares)
+    """Return the largest ratio of an error of a run to its limit; NaN if an error is not determined."""
+    return float(np.max([trial.errors.get(x.kind, math.nan) / x.limit for x in wanted]))  # the maximum with a NaN is NaN
 
 
 def convergence(trials: Sequence[Trial], wanted: Sequence[Requirement]) -> tuple[float, float]:
-    """Return the order at which errors fell in the last rungs, and the steps at which they would hold; NaN without a steady one."""
-    rungs: list[tuple[int, Trial]] = []
-    counted = [(t.steps, t) for t in trials if t.steps]
-    for steps, trial in sorted(counted, key=lambda x: -x[0]):
+    """Return the order at which errors fell in the finest trials, and the steps at which they would hold; NaN if none is steady."""
+    rungs: list[tuple[int, Trial]] = []  # number of steps and trial, finest first, far enough apart
+    counted = [(x.steps, x) for x in trials if x.steps]
+    for steps, trial in sorted(counted, key=lambda rung: -rung[0]):
         if not rungs or steps * APART <= rungs[-1][0]:
             rungs.append((steps, trial))
-    last = [(steps, t) for steps, t in rungs[:RUNGS] if t.status is Status.OK]
+    finest = [(steps, x) for steps, x in rungs[:RUNGS] if x.status is Status.OK]
     with np.errstate(all="ignore"):
-        errors = np.log([share(t, wanted) for _, t in last])
-        orders = np.diff(errors) / -np.diff(np.log([steps for steps, _ in last]))
-    if len(last) < RUNGS or not (np.isfinite(orders).all() and orders.min() > 0 and np.ptp(orders) < STEADY):
+        errors = np.log([share(x, wanted) for _, x in finest])
+        orders = np.diff(errors) / -np.diff(np.log([steps for steps, _ in finest]))
+    if len(finest) < RUNGS or not (np.isfinite(orders).all() and orders.min() > 0 and np.ptp(orders) < STEADY):
         return math.nan, math.nan
     order = float(orders[0])  # between the two finest
-    return order, last[0][0] * math.exp(min(errors[0] / order, 100.0))
+    return order, finest[0][0] * math.exp(min(errors[0] / order, 100.0))  # the limit on the exponent prevents an overflow

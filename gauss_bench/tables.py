@@ -1,14 +1,12 @@
-"""Every table of a run: read, written and joined by the schema in `tables.toml`, which describes each column.
+"""Read and write the tables of a run by the schema in `tables.toml`, which describes each column.
 
 A row is a mapping from column to value: a text, a number or a flag, as the schema declares it. A missing text is empty, a missing
 number NaN, a missing flag None. Writing refuses a column that the schema does not have; reading ignores it. The folder of a run has
-the number of the format and the schema in `tables.json`. A folder without this file is of format 1; rows of older formats are
-converted while they are read (`migrate_row`), a later format is refused.
+the number of the format and the schema in `tables.json`, and the checksums of all files in `checksums.json`. A folder without
+`tables.json` is of format 1. Rows of older formats are converted while they are read (`migrate_row`), a later format is refused.
 
-The checksums of all files are in `checksums.json` (`checksums.py`).
-
-Timed columns are stored apart, in files of the same names in the folder `times`, and rounded as far as their spread allows.
-A repeated run then changes those files, and in all others only the rows whose figures moved. Reading a table joins both parts.
+Timed columns are stored apart, in files of the same names in the folder `times`, and rounded as far as their spread allows. A
+repeated run therefore changes these files, and in other files only rows whose figures changed. Reading a table joins both parts.
 Date, machine and versions of a run are in `environment.json` alone.
 """
 
@@ -32,8 +30,8 @@ BASELINE_FORMAT = 3  # format of the accuracy gate's baseline, which is stored i
 TIMES = "times"  # the folder of timed columns
 SCHEMA_FILE = "tables.json"
 ENVIRONMENT = "environment.json"  # machine, date and versions of a run
-DIGITS = 10  # digits of a number in a CSV file, far more than the first ones of an error that matter
-CURVE_DIGITS, CURVE_BITS = 4, 13  # digits and bits of a point of a curve: 1.2e-4 of it, less than a line is wide
+DIGITS = 10  # digits of a number in a CSV file; of an error only the first few matter
+CURVE_DIGITS, CURVE_BITS = 4, 13  # digits and bits of a point of a curve: a relative 1.2e-4, less than a line is wide
 ENDS = ("", "_low", "_high")  # endings of the columns of a value and its spread
 FLAGS = {"": None, "true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}  # text in a file -> flag
 TYPES = {"text": str, "number": float, "flag": bool}  # kind of a column -> Python type of its values
@@ -42,7 +40,7 @@ Row = Mapping[str, Any]
 
 
 class TableError(BadInput, ValueError):
-    """A file that cannot be read as the table it should be; the message names file and column."""
+    """A file cannot be read as its table; the message names file and column."""
 
 
 @dataclass(frozen=True)
@@ -50,13 +48,13 @@ class Column:
     """One column.
 
     Attributes:
-        name: the heading in files.
-        kind: what its values are.
-        meaning: explanation for a reader.
-        unit: "" for texts, flags, counts and ratios.
+        name: heading of the column in files.
+        kind: type of its values.
+        meaning: explanation for readers.
+        unit: unit of its numbers; "" for texts, flags, counts and ratios.
         exact: whether a number keeps all its digits in a CSV file.
-        timed: whether it depends on measured time: it is then stored apart, and rounded.
-        added: whether files of this format may lack it, since it was added later; it is missing in their rows.
+        timed: whether it depends on measured time; a timed column is stored apart, and rounded.
+        added: whether it was added later, so that files of the present format may lack it.
     """
 
     name: str
@@ -70,10 +68,14 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table: the meaning of a row, and its columns; the first `keys` of them distinguish rows.
+    """A table.
 
     Attributes:
-        timed: whether measured time decides which rows there are: the whole table is then stored apart.
+        meaning: explanation of a row for readers.
+        columns: all columns.
+        keys: number of columns, the first ones, that distinguish rows.
+        suffix: kind of its files.
+        timed: whether measured time decides which rows exist; the whole table is then stored apart.
         curves: whether its numbers are points of curves, which are stored as exactly as they are drawn.
     """
 
@@ -101,11 +103,13 @@ class Table:
 
     @property
     def parts(self) -> "dict[str, tuple[Column, ...]]":
-        """Folder of each of its files ("" or `times`) -> columns of that file; timed columns stand beside the key."""
+        """The columns of each of its files, by the folder of the file, "" or `times`; timed columns stand beside the key."""
         if self.timed:
             return {TIMES: self.columns}
-        plain = {"": tuple(c for c in self.columns if not c.timed)}
-        return plain | {TIMES: (*self.key, *self.clocked)} if self.clocked else plain
+        parts = {"": tuple(c for c in self.columns if not c.timed)}
+        if self.clocked:
+            parts[TIMES] = (*self.key, *self.clocked)
+        return parts
 
 
 SCHEMA = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
@@ -117,7 +121,7 @@ def read_columns(entries: Iterable[Any]) -> Iterator[Column]:
         if isinstance(entry, str):
             yield from read_columns(SCHEMA["groups"][entry])
             continue
-        (kind, name), *others = entry.items()
+        (kind, name), *others = entry.items()  # the first key of a column is its kind, with its name as the value
         facts = dict(others)
         if kind in SCHEMA["ends"]:
             meaning = facts.pop("meaning")
@@ -128,14 +132,14 @@ def read_columns(entries: Iterable[Any]) -> Iterator[Column]:
 
 
 TABLES = {name: Table(**facts | {"columns": tuple(read_columns(facts["columns"]))}) for name, facts in SCHEMA["tables"].items()}
-KEY = tuple(c.name for c in read_columns(["case"]))
+KEY = tuple(c.name for c in read_columns(["case"]))  # the columns that identify a case
 
 
 def row_of(table: Table, values: Row) -> dict[str, Any]:
-    """Return a row with every column of the table, each of its type.
+    """Return a row with every column of the table, each value in its column's type.
 
     Raises:
-        KeyError: a given column is not in the schema.
+        KeyError: `values` has a column that is not in the schema.
         TypeError, ValueError: a value is not of its column's type.
     """
     strange = values.keys() - set(table.names)
@@ -145,7 +149,11 @@ def row_of(table: Table, values: Row) -> dict[str, Any]:
 
 
 def type_value(column: Column, value: Any) -> Any:
-    """Convert a value, or its text in a file, to its column's type."""
+    """Convert a value, or its text in a file, to its column's type.
+
+    Raises:
+        TypeError, ValueError: it cannot be converted.
+    """
     missing = value is None or value == "" or (isinstance(value, float) and math.isnan(value))
     if column.kind == "text":
         return "" if missing else str(value)
@@ -179,16 +187,18 @@ def type_column(column: Column, values: Sequence[Any]) -> Sequence[Any]:
 
 def print_value(column: Column, value: Any, digits: int = DIGITS) -> str:
     """Return a typed value as text for a CSV file."""
+    if value is None or (column.kind == "number" and math.isnan(value)):
+        return ""
     if column.kind == "number":
-        return "" if math.isnan(value) else repr(value) if column.exact else f"{value:.{digits}g}"
-    return "" if value is None else str(value)
+        return repr(value) if column.exact else f"{value:.{digits}g}"
+    return str(value)
 
 
 def round_times(table: Table, row: Row) -> dict[str, Any]:
-    """Return a typed row whose times and ratios keep the digits that their spread supports.
+    """Return a typed row whose times and ratios have only the digits that their spread supports.
 
-    A value and the ends of its spread are rounded to the power of ten that is not above a hundredth of that spread. They keep at
-    least four digits, one more than reports print, so that nothing printed is rounded twice; four if no spread is known.
+    A value and the ends of its spread are rounded to the largest power of ten that is at most a hundredth of the spread. They keep
+    at least four digits, and four if no spread is known. Reports print three, so that no printed digit is rounded twice.
     """
     rounded = dict(row)
     for column in table.clocked:
@@ -196,17 +206,17 @@ def round_times(table: Table, row: Row) -> dict[str, Any]:
         if column.kind != "number" or not math.isfinite(x) or x == 0 or column.name.endswith(ENDS[1:]):
             continue
         names = [column.name + end for end in ENDS if column.name + end in row]
-        last = math.floor(math.log10(abs(x))) - 3  # power of ten of the last digit
+        last = math.floor(math.log10(abs(x))) - 3  # power of ten of the fourth digit
         if len(names) == len(ENDS):
-            width = row[names[2]] - row[names[1]]
-            if math.isfinite(width) and width > 0:
-                last = min(last, math.floor(math.log10(width / 100)))
+            _, low, high = (row[name] for name in names)
+            if math.isfinite(high - low) and high > low:
+                last = min(last, math.floor(math.log10((high - low) / 100)))
         rounded |= {name: round(row[name], -last) for name in names}
     return rounded
 
 
 def csv_text(columns: Sequence[Column], rows: Iterable[Row], digits: int = DIGITS) -> str:
-    """Return typed rows as the text of a CSV file: a head, and one line for each row."""
+    """Return typed rows as the text of a CSV file: a line of names, and one line for each row."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([c.name for c in columns])
@@ -217,30 +227,31 @@ def csv_text(columns: Sequence[Column], rows: Iterable[Row], digits: int = DIGIT
 def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...]:
     """Write a table of the schema into a folder, each of its files atomically.
 
-    Equal rows give equal bytes. Files of this table that an earlier format wrote elsewhere are removed.
+    Return the paths of the files. Equal rows give equal bytes. Files of the table that an earlier format wrote elsewhere are
+    removed.
 
     Raises:
         KeyError: there is no such table, or a row has a column that is not in the table.
         ValueError: two rows with times of their own have the same key.
     """
     table = TABLES[name]
-    whole = [round_times(table, row_of(table, row)) for row in rows]
-    contents = {}
+    typed = [round_times(table, row_of(table, row)) for row in rows]
+    contents = {}  # path -> columns and rows of the file
     for part, columns in table.parts.items():
-        some = whole
-        if part and not table.timed:
-            some = [row for row in whole if any(print_value(c, row[c.name]) for c in table.clocked)]
-            if len({key_of(table, row) for row in some}) < len(some):
+        chosen = typed
+        if part and not table.timed:  # the file of times has only rows with times
+            chosen = [row for row in typed if any(print_value(c, row[c.name]) for c in table.clocked)]
+            if len({key_of(table, row) for row in chosen}) < len(chosen):
                 raise ValueError(f"table {name}: two rows with times have the same key")
-            if not some:  # nothing was timed
+            if not chosen:
                 continue
-        contents[folder / part / f"{name}.{table.suffix}"] = columns, some
-    for path, (columns, some) in contents.items():
+        contents[folder / part / f"{name}.{table.suffix}"] = columns, chosen
+    for path, (columns, chosen) in contents.items():
         if table.suffix == "csv":
-            write_text(path, csv_text(columns, some))
+            write_text(path, csv_text(columns, chosen))
         else:
-            write_parquet(name, columns, some, path)
-    if name == "baseline":  # which is no table of a run: it changes whenever figures are accepted
+            write_parquet(name, columns, chosen, path)
+    if name == "baseline":  # no table of a run, and without a checksum: it changes whenever figures are accepted
         return tuple(contents)
     for stale in files_of(name, folder):
         if stale not in contents:
@@ -250,13 +261,13 @@ def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...
 
 
 def files_of(name: str, folder: Path) -> tuple[Path, ...]:
-    """Return the files of a table in the folder of a run, of any format."""
+    """Return the existing files of a table in the folder of a run, of any format."""
     places = [folder / part / f"{name}.{suffix}" for part in ("", TIMES) for suffix in ("csv", "parquet")]
     return tuple(path for path in places if path.exists())
 
 
 def key_of(table: Table, row: Row) -> tuple[str, ...]:
-    """Return the key of a row: the texts of the columns that distinguish it from others."""
+    """Return the key of a row: the texts in the columns that distinguish rows."""
     return tuple(print_value(c, row[c.name]) for c in table.key)
 
 
@@ -268,11 +279,11 @@ def write_parquet(name: str, columns: Sequence[Column], rows: Sequence[Row], pat
     table = TABLES[name]
     kinds = {"text": pa.string(), "number": pa.float64(), "flag": pa.bool_()}
     measured = [c.name for c in columns if c.kind == "number" and c.name not in KEY]
-    drawn = measured if table.curves else []
+    drawn = measured if table.curves else []  # columns with points of curves, which need few digits
     schema = pa.schema([(c.name, pa.float32() if c.name in drawn else kinds[c.kind]) for c in columns])
     schema = schema.with_metadata({"gauss_bench": json.dumps({"table": name, "format": FORMAT})})
-    rounded = [x for x in drawn if x not in [c.name for c in table.key]]
-    content = pa.Table.from_pylist([{**row, **{x: round_bits(row[x]) for x in rounded}} for row in rows], schema)
+    rounded = set(drawn) - {c.name for c in table.key}
+    content = pa.Table.from_pylist([{k: round_bits(x) if k in rounded else x for k, x in row.items()} for row in rows], schema)
     options = {
         "compression": "zstd",
         "compression_level": 19,
@@ -284,7 +295,7 @@ def write_parquet(name: str, columns: Sequence[Column], rows: Sequence[Row], pat
 
 
 def digits_of(name: str) -> int:
-    """Return the digits of a table's numbers in a CSV file."""
+    """Return the number of digits that a table's numbers have in a CSV file."""
     return CURVE_DIGITS if TABLES[name].curves else DIGITS
 
 
@@ -297,7 +308,7 @@ def round_bits(x: float) -> float:
 
 
 def write_schema(folder: Path, names: Iterable[str] = ()) -> None:
-    """Write the format of the tables in a folder, and the meaning of every column of these tables, or of all."""
+    """Write `tables.json` into a folder: the format, and the meaning of every column of the named tables, by default of all."""
     tables = {
         name: {
             "meaning": t.meaning,
@@ -305,13 +316,14 @@ def write_schema(folder: Path, names: Iterable[str] = ()) -> None:
             "files": [str(Path(part) / f"{name}.{t.suffix}") for part in t.parts],
             "columns": [{k: x for k, x in asdict(c).items() if x} for c in t.columns],
         }
-        for name, t in ((name, TABLES[name]) for name in names or TABLES)
+        for name, t in TABLES.items()
+        if name in (names or TABLES)
     }
     write_text(folder / SCHEMA_FILE, json.dumps({"format": FORMAT, "tables": tables}, indent=1) + "\n")
 
 
 def read_environment(folder: Path) -> dict[str, Any]:
-    """Return the provenance of the run in a folder; an empty one if it has none.
+    """Return the content of `environment.json` in the folder of a run; empty if there is no such file.
 
     Raises:
         TableError: the file is damaged.
@@ -327,7 +339,7 @@ def read_environment(folder: Path) -> dict[str, Any]:
 
 
 def format_of(folder: Path) -> int:
-    """Return the format of the tables in a folder; 1 without `tables.json`.
+    """Return the number of the format of the tables in a folder; 1 without `tables.json`.
 
     Raises:
         TableError: the format is later than FORMAT, or `tables.json` is damaged.
@@ -346,10 +358,10 @@ def format_of(folder: Path) -> int:
 
 
 def refuse_later(version: int, path: Path) -> None:
-    """Check that a format can be read.
+    """Check that this version can read a format; `path` is that of the file that names it.
 
     Raises:
-        TableError: it is later than FORMAT.
+        TableError: the format is later than FORMAT.
     """
     if version > FORMAT:
         raise TableError(f"{path}: format {version} is later than this version of gauss-bench can read, which is {FORMAT}")
@@ -359,8 +371,8 @@ def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
     """Return the typed rows of a table in the folder of a run, in the order of the file; none if there is no such file.
 
     Raises:
-        TableError: a file is damaged, lacks a column, has a value of the wrong type, is of a later format, or has times
-            of a row that does not exist.
+        TableError: a file is damaged, lacks a column, has a value of the wrong type or a later format, or has the times of a row
+            that does not exist.
     """
     version, table = format_of(folder), TABLES[name]
     if name == "baseline":
@@ -375,7 +387,7 @@ def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
         return parts[0]
     rows, timed = parts
     names = [c.name for c in table.clocked]
-    times = {key_of(table, row): {n: row[n] for n in names} for row in timed}
+    times = {key_of(table, row): {n: row[n] for n in names} for row in timed}  # by the key of the row
     strange = times.keys() - {key_of(table, row) for row in rows}
     if strange or len(times) < len(timed):
         key = " ".join(filter(None, min(strange, default=key_of(table, timed[0]))))
@@ -389,9 +401,9 @@ def read_file(
     """Return the typed rows of a table in one file.
 
     Args:
-        version: format of the file; by default its column `format` has it.
-        columns: those of this file, by default all of the table; the others are missing in every row. Only a file of the present
-            format must have them, and only those that its first release had (not `added` later).
+        version: format of the file; by default that in its column `format`.
+        columns: columns of this file, by default all of the table; the others are missing in every row. Only a file of the present
+            format must have these columns, except those that were `added` later.
 
     Raises:
         TableError: as `read_table`.
@@ -424,7 +436,7 @@ def read_file(
 
 
 def migrate_row(name: str, line: dict[str, Any], version: int) -> dict[str, Any]:
-    """Return a line of an older format under today's names; columns that it lacks are missing."""
+    """Return a line of an older format under the present names of columns, without values that had another meaning."""
     names = SCHEMA["renamed"]
     fresh = {names.get(k, k): x for k, x in line.items()}
     if "measured" in TABLES[name].names:
@@ -433,19 +445,19 @@ def migrate_row(name: str, line: dict[str, Any], version: int) -> dict[str, Any]
         fresh = {"process": 0} | fresh
     if name == "baseline":  # a row of the baseline names a column
         fresh["metric"] = names.get(fresh.get("metric", ""), fresh.get("metric", ""))
-    stale: tuple[str, ...] = ()
-    if name == "results" and version < 3:  # builds did not include the first step before format 3
-        stale = ("build_time",)
-        if version == 1 and fresh.get("stabilization") not in ("none", ""):  # these had the times of steps without stabilisation
-            stale += ("step_", "native_step_")
-    return {k: x for k, x in fresh.items() if not k.startswith(stale)} if stale else fresh
+    if name == "results" and version < 3:
+        stale = ["build_time"]  # builds did not include the first step
+        if version == 1 and fresh.get("stabilization") not in ("none", ""):  # steps were timed without stabilisation
+            stale += ["step_", "native_step_"]
+        return {k: x for k, x in fresh.items() if not k.startswith(tuple(stale))}
+    return fresh
 
 
 def migrate(folder: Path) -> tuple[Path, ...]:
-    """Bring every table of a run's folder, and a baseline beside them, to today's format, and return the written files.
+    """Bring every table in the folder of a run, and a baseline in it, to the present format, and return the written files.
 
-    Nothing is written before all can be read. Texts stay as they are, dates and reasons of a baseline among them; times keep the
-    digits that their spread supports. Files that an older format wrote twice or elsewhere are removed.
+    Nothing is written before all tables are read. Texts stay unchanged, and times keep the digits that their spread supports. Files
+    that an older format wrote twice or elsewhere are removed.
 
     Raises:
         TableError: as `read_table`.
@@ -461,7 +473,11 @@ def migrate(folder: Path) -> tuple[Path, ...]:
 
 
 def read_lines(path: Path) -> tuple[list[str], list[dict[str, Any]]]:
-    """Return the head and the lines of a CSV or Parquet file, untyped."""
+    """Return the names of the columns and the untyped rows of a CSV or Parquet file.
+
+    Raises:
+        TableError: the file is damaged.
+    """
     if path.suffix == ".csv":
         try:
             with path.open(encoding="utf-8", newline="") as file:
@@ -481,10 +497,10 @@ def read_lines(path: Path) -> tuple[list[str], list[dict[str, Any]]]:
 
 
 def refuse_foreign(signs: Mapping[Path, str]) -> None:
-    """Refuse to overwrite a file that gauss-bench did not write, that is, one without the given sign.
+    """Check that no file would be overwritten that gauss-bench did not write: `signs` has the text that its own file contains.
 
     Raises:
-        FileExistsError: a file is not gauss-bench's; the message names it.
+        FileExistsError: an existing file does not contain its text; the message names the file.
     """
     for path, sign in signs.items():
         if path.exists() and sign not in path.read_text(encoding="utf-8", errors="replace"):

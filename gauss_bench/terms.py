@@ -41,13 +41,18 @@ class Solution:
 
     Attributes:
         a: (n,) accelerations [m/s^2, rad/s^2].
-        multipliers: (m,) lambda of M a + J^T lambda = Q, or None where the formulation has none.
+        multipliers: (m,) lambda of M a + J^T lambda = Q, or None if the formulation has none.
         rank: numerical rank of J as the formulation decided it.
     """
 
     a: Array
     multipliers: Array | None
     rank: int
+
+
+def largest(x: NDArray[np.inexact[Any]]) -> float:
+    """Return the largest |x|; 0 for an empty array."""
+    return float(np.abs(x).max(initial=0.0))
 
 
 def constraint_force(terms: Terms, a: Array) -> Array:
@@ -58,7 +63,7 @@ def constraint_force(terms: Terms, a: Array) -> Array:
 def recover_multipliers(terms: Terms, a: Array) -> Array:
     """Return the multipliers (m,) that belong to accelerations: the shortest solution of J^T lambda = Q - M a, by least squares.
 
-    It is the only one if J has full row rank; with redundant rows only J^T lambda is determined.
+    If J has full row rank there is no other solution. With redundant rows only J^T lambda is determined.
     """
     multipliers: Array = np.linalg.lstsq(terms.J.T, -constraint_force(terms, a), rcond=1e-10)[0]
     return multipliers

@@ -12,7 +12,7 @@ Array = NDArray[np.floating[Any]]
 
 
 class Status(StrEnum):
-    """How a run ended. Every status but OK comes with a sentence that says why; only OK and INVALID have a complete trajectory."""
+    """The ways in which a run ends. Every status but OK has a message with the reason. Only OK and INVALID have all samples."""
 
     OK = "ok"
     INVALID = "invalid"  # it ended, but the judge found an error
@@ -39,7 +39,7 @@ def in_a_sentence(text: object) -> str:
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """States of one linkage: times (k,) [s], positions and velocities (k, n)."""
+    """States of one linkage: times t (k,) [s], positions q and velocities v (k, n)."""
 
     t: Array
     q: Array
@@ -72,9 +72,9 @@ class Trajectory(Samples):
     """The samples of a run.
 
     Attributes:
-        steps: integration steps taken, or None where the engine does not count them.
-        evaluations: evaluations of the accelerations, or None where the engine does not count them.
-        note: a remark on the run that does not spoil it, such as an integrator that chose its own steps.
+        steps: number of integration steps, or None if the engine does not count them.
+        evaluations: number of evaluations of the accelerations, or None if the engine does not count them.
+        note: a remark on a run that is sound nevertheless, such as that the integrator chose its own steps.
     """
 
     steps: int | None
@@ -87,7 +87,7 @@ class Trajectory(Samples):
 
 
 class Failure(RuntimeError):
-    """Work that has no result, with its status and the reason in a sentence."""
+    """The exception for work that gave no result: its status, and the reason as a sentence."""
 
     def __init__(self, status: Status, message: str):
         self.status = status
@@ -95,12 +95,12 @@ class Failure(RuntimeError):
 
     @property
     def columns(self) -> dict[str, str]:
-        """The failure as columns of a row."""
+        """The values of the columns `status` and `message` of a row."""
         return {"status": str(self.status), "message": str(self)}
 
 
 class RunFailure(Failure):
-    """A run that ended without a usable trajectory, with the samples that it had reached, if any."""
+    """The exception for a run without a usable trajectory; `reached` has the samples before its end, if there are any."""
 
     def __init__(self, status: Status, message: str, reached: Trajectory | None = None):
         self.reached = reached
@@ -112,11 +112,11 @@ class Reference(Samples):
     """A trajectory more exact than the runs that it judges, with its own error bar.
 
     Attributes:
-        error_q, error_v, error_a: (k,) largest disagreement of two integrations at each time.
-        floor_q, floor_v, floor_a: (k,) largest change so far when the linkage's numbers change by 1e-16 of themselves, which no
-            engine in double precision can tell; zero where it was not worked out.
-        method: one line on how both were made.
-        certified: whether two derivations that share nothing vouch for it, not two integrations of one.
+        error_q, error_v, error_a: (k,) error bars: the largest disagreement of two integrations at each time.
+        floor_q, floor_v, floor_a: (k,) largest change up to each time if the numbers of the linkage change by a relative 1e-16, as
+            by rounding to doubles; zero if it was not computed.
+        method: one line that names both integrations.
+        certified: whether two independent derivations of the equations of motion agree on it.
     """
 
     error_q: Array
@@ -130,7 +130,7 @@ class Reference(Samples):
 
     @classmethod
     def with_one_bar(cls, samples: Trajectory, method: str, bar: float = 0.0) -> "Reference":
-        """Return the samples of a run as a reference that has the same error bar [m, rad] at every time, and no floors."""
+        """Return the samples of a run as a reference with the same error bar [m, rad] at every time, and floors of zero."""
         bars, floors = np.full(len(samples.t), bar), np.zeros(len(samples.t))
         return cls(samples.t, samples.q, samples.v, samples.a, bars, bars, bars, floors, floors, floors, method)
 
@@ -143,12 +143,12 @@ class Reference(Samples):
 class Group(StrEnum):
     """The subjects of curves, in the order in which tables and plots show them."""
 
-    LINK = "link"  # turning of an observed link
-    POINT = "point"  # place and motion of an observed point
+    LINK = "link"  # angle, angular speed and angular acceleration of an observed link
+    POINT = "point"  # position, velocity and acceleration of an observed point
     ENERGY = "energy"
     JOINT = "joint"  # force on the second link of a joint
-    MOTOR = "motor"  # what drivers and constant torques exert
-    TRANSMISSION = "transmission"  # angle by which a pair of links passes force on
+    MOTOR = "motor"  # force or torque of drivers and constant torques
+    TRANSMISSION = "transmission"  # transmission angle of a pair of links
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,9 +156,10 @@ class Curve:
     """One quantity over time.
 
     Attributes:
-        of: the link, point, joint, driver or pair of links; key: which of its numbers.
-        unit: as tables write it: "m/s^2", "N m".
-        values: (k,).
+        of: name of the link, point, joint, driver or pair of links.
+        key: name of the quantity, such as "fx".
+        unit: such as "m/s^2" or "N m".
+        values: (k,), one for each sample.
     """
 
     group: Group
@@ -174,11 +175,11 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """A run as curves.
+    """The curves of a run.
 
     Attributes:
-        t: (k,) [s].
-        curves: by group, then in the order of the linkage file, then of their keys.
+        t: (k,) times of the samples [s].
+        curves: sorted by group, then by the order of the linkage file, then by key.
     """
 
     t: Array
@@ -191,13 +192,14 @@ class History:
 
 @dataclass(frozen=True)
 class Caption:
-    """Sentences on a run beside its curves.
+    """The sentences that stand beside the curves of a run.
 
     Attributes:
-        title, how: of the linkage and its scenario; of engine, integrator and step.
-        verdict: why it is not to be trusted or where it failed, or an empty text.
-        until: end that was asked for [s].
-        trusted: [s] up to where nothing is objected to; None where nothing is at all.
+        title: names linkage and scenario.
+        how: names engine, integrator and step.
+        verdict: the judge's objections, or the failure of the run; empty for a valid run.
+        until: end of the run that the user asked for [s].
+        trusted: the last time up to which the judge has no objection [s]; None if there is no such time.
     """
 
     title: str
@@ -208,14 +210,14 @@ class Caption:
 
 
 def spread_evenly(count: int, most: int) -> NDArray[np.intp]:
-    """Return the indices of at most `most` of `count` samples, evenly spread from the first to the last."""
+    """Return the indices (k,) of at most `most` of `count` samples, evenly spread from the first to the last."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(np.intp))
 
 
 def finite(*samples: Array) -> int:
-    """Count the samples (k, n) before the first that contains NaN, where a run stopped or failed."""
-    sound = np.asarray(np.isfinite(np.hstack(samples)).all(axis=1))
-    return len(sound) if sound.all() else int(sound.argmin())
+    """Count the samples before the first with a number that is not finite; arrays (k, n) of the same run are looked at together."""
+    is_finite = np.asarray(np.isfinite(np.hstack(samples)).all(axis=1))
+    return len(is_finite) if is_finite.all() else int(is_finite.argmin())  # argmin: the first False
 
 
 def with_accelerations(
@@ -227,10 +229,10 @@ def with_accelerations(
     evaluations: int | None = None,
     note: str = "",
 ) -> Trajectory:
-    """Return the samples q, v (k, n) with accelerations, computed sample by sample; all are NaN from the first NaN state on.
+    """Return the trajectory of q, v (k, n) with the accelerations `acceleration(k)` (n,); they are NaN from the first NaN state on.
 
     Raises:
-        RunFailure: an acceleration fails; with the samples before it.
+        RunFailure: of `acceleration`; its `reached` is the trajectory, with NaN from the failed sample on.
     """
     a = np.full_like(q, np.nan)
     trajectory = Trajectory(times, q, v, a, steps, evaluations, note)

@@ -1,4 +1,4 @@
-"""Untrusted files and texts: opened without blocking, measured before they are parsed, printed without control characters."""
+"""Safe handling of untrusted files and texts: open without blocking, limit before parsing, print without control characters."""
 
 import os
 import re
@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 DEEPEST = 20  # largest nesting of keys or brackets; the grammar of linkage files needs 6
-UNPRINTABLE = ("Cc", "Cs", "Cn", "Zl", "Zp")
-TURNING = ("LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI")
+UNPRINTABLE = ("Cc", "Cs", "Cn", "Zl", "Zp")  # Unicode categories: controls, surrogates, unassigned, line and paragraph separators
+TURNING = ("LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI")  # bidirectional classes that turn the writing direction
 
-# Strings and comments are skipped. An unclosed quote ends the search: the parser refuses it too.
+# The tokens of TOML that matter for nesting. Strings and comments are skipped, because brackets in them nest nothing. An unclosed
+# quote ends the search, because the parser refuses it in any case.
 TOKEN = re.compile(
     r'''
     (?P<skipped> """(?:[^"\\]|\\.|"(?!""))*+"{3,5} | \'\'\'(?:[^']|'(?!''))*+'{3,5} | \#[^\n]*+ )
@@ -30,14 +31,14 @@ class BadInput(Exception):
 
 
 class TooDeep(tomllib.TOMLDecodeError):
-    """Tables or lists nested deeper than any file of this suite needs."""
+    """A TOML text nests tables or lists more than DEEPEST deep."""
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """Return the bytes of a regular file without ever blocking.
+    """Return the bytes of a regular file, at most `most`; never block, as opening a pipe would.
 
     Raises:
-        OSError: the file cannot be opened, is no regular file, or has more than `most` bytes.
+        OSError: the file cannot be opened, is no regular file, or is larger.
     """
     # O_NONBLOCK: opening a pipe without a writer would block; O_NOCTTY: a terminal would become the controlling one
     careful = os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
@@ -57,12 +58,13 @@ def read_start(path: Path, most: int) -> bytes:
 
 
 def parse_toml(text: str, parse_float: Any = float) -> dict[str, Any]:
-    """Return the document of a TOML text.
+    """Return the document of a TOML text; `parse_float` converts the text of a number with a fraction.
 
     Raises:
-        TOMLDecodeError: the text is not TOML. TooDeep is raised before parsing, since the parser's memory is quadratic in depth.
+        TOMLDecodeError: the text is not TOML.
+        TooDeep: it is nested too deep.
     """
-    check_depth(text)
+    check_depth(text)  # before parsing: the parser's memory grows with the square of the depth
     return tomllib.loads(text, parse_float=parse_float)
 
 
@@ -70,9 +72,9 @@ def check_depth(text: str) -> None:
     """Check that keys have at most DEEPEST dots and that brackets are nested at most DEEPEST deep.
 
     Raises:
-        TooDeep: they do not; the message names the line.
+        TooDeep: a key or a bracket is deeper; the message names the line.
     """
-    dots = brackets = 0
+    dots = brackets = 0  # dots of the present key, open brackets
     for token in TOKEN.finditer(text):
         match token.lastgroup:
             case "dot":

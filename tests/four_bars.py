@@ -1,4 +1,4 @@
-"""Four-bars of uniform bars, of any lengths."""
+"""Four-bars of uniform bars of any lengths."""
 
 from typing import Any
 

@@ -104,7 +104,7 @@ def value(x: Coordinate, q: Symbol) -> Symbol:
 
 
 def joint_rows(joint: Joint, q: Symbol) -> tuple[Symbol, Symbol]:
-    """Both residuals of a joint."""
+    """The two residuals of a joint."""
     match joint:
         case Revolute():
             gap = position(q, joint.b) - position(q, joint.a)
@@ -116,7 +116,7 @@ def joint_rows(joint: Joint, q: Symbol) -> tuple[Symbol, Symbol]:
 
 
 def freedom(joint: Joint) -> Coordinate:
-    """What a joint leaves free: the angle of a pin, the way along a slide."""
+    """The coordinate that a joint leaves free: the angle of a pin, or the distance along a slide."""
     match joint:
         case Revolute():
             return Angle(joint.a.link, joint.b.link)

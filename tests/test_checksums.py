@@ -65,7 +65,7 @@ def test_a_table_that_is_gone_and_a_damaged_list_are_named(run: Path) -> None:
     (run / "agreement.csv").unlink()
     with pytest.raises(ChangedRows, match=r"agreement\.csv: is missing"):
         require_unchanged(run)
-    for text, said in (("[1]", "not an object of texts"), ("{", "no JSON")):
+    for text, said in (("[1]", "values are texts"), ("{", "no JSON")):
         (run / FILE).write_text(text)
         with pytest.raises(ChangedRows, match=said):
             require_unchanged(run)

@@ -1,8 +1,7 @@
-"""Dry friction in joints: closed forms, its balance of work, and the fixed point that loads and accelerations form."""
+"""Dry friction in joints against closed forms, its power, and the fixed point of loads and accelerations."""
 
 import tomllib
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -137,14 +136,11 @@ def test_friction_works_on_the_relative_motion_of_its_pair_alone(rng: np.random.
 
 # The fixed point --------------------------------------------------------------------------------------------------------
 
-CASES = [("friction", "torque"), ("shaper", "torque"), ("everything", "free")]
-MORE = [pytest.param(*x, marks=pytest.mark.slow) for x in (("six_bar", "torque"), ("eight_bar", "torque"), ("jansen", "walk"))]
 
-
-@pytest.mark.parametrize(("linkage", "scenario"), [*CASES, *MORE])
+@pytest.mark.parametrize(("linkage", "scenario"), [("friction", "torque"), ("everything", "free")])
 def test_all_formulations_and_both_references_agree(linkage: str, scenario: str) -> None:
     mechanism = crank_slider() if linkage == "friction" else rubbing(linkage, scenario)
-    states = random_states(mechanism, 10)
+    states = random_states(mechanism, 3)
     absolute = AbsoluteCoordinates(mechanism).acceleration(states.t, states.q, states.v)
     found = {name: get(name).build(mechanism, Choice()) for name in SOUND}
     for k, (t, q, v, a) in enumerate(zip(states.t, states.q, states.v, states.a, strict=True)):
@@ -152,17 +148,6 @@ def test_all_formulations_and_both_references_agree(linkage: str, scenario: str)
         assert np.abs(absolute[k] - a).max() < 1e-11 * scale  # the fixed point's 1e-13 times what is left of its contraction
         for name in SOUND:
             assert np.abs(found[name].acceleration(float(t), q, v) - a).max() < 1e-11 * scale
-
-
-def test_the_multipliers_explain_the_motion_with_the_friction_they_cause() -> None:
-    mechanism = crank_slider()
-    evaluator, states = Evaluator(mechanism), random_states(mechanism, 40)
-    found = metrics.reactions(evaluator, as_trajectory(states))
-    J = evaluator.constraints(states.t, states.q, states.v).J
-    acting = evaluator.applied.generalised(states.q, states.v) + evaluator.friction.generalised(states.q, states.v, found)
-    rest = states.a * evaluator.mass + (np.swapaxes(J, -1, -2) @ found[..., None])[..., 0] - acting
-    assert np.abs(rest).max() < 1e-11 * np.abs(found).max()
-    assert np.abs(evaluator.friction.generalised(states.q, states.v, found)).max() > 1e-2 * np.abs(acting).max()  # not a trifle
 
 
 def test_joint_forces_leave_friction_out() -> None:
@@ -202,29 +187,10 @@ def test_redundant_rows_leave_the_friction_undetermined_and_are_refused() -> Non
 # Work -------------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("linkage", "scenario"), CASES)
-def test_friction_never_does_positive_work(linkage: str, scenario: str) -> None:
-    mechanism = crank_slider() if linkage == "friction" else rubbing(linkage, scenario)
+def test_friction_never_does_positive_work() -> None:
+    mechanism = rubbing("shaper", "torque")
     states = random_states(mechanism, 50)
     assert (metrics.friction_power(Evaluator(mechanism), as_trajectory(states)) < 0).all()
-
-
-def test_a_driven_crank_supplies_what_friction_dissipates_over_a_turn() -> None:
-    mechanism = crank_slider("driven")
-    evaluator = Evaluator(mechanism)
-    turn = as_trajectory(build_reference(mechanism, 1.0))
-    assert turn.t[-1] == 1.0
-    torque = metrics.driving_forces(evaluator, turn)[:-1, 0]
-    dissipated = -metrics.friction_power(evaluator, turn)[:-1].mean() * 1.0  # W over one turn of 1 s
-    # mean values over the equal parts of a period: the change of energy drops out up to rounding
-    assert torque.mean() * 2 * np.pi == pytest.approx(dissipated, rel=1e-11)
-    assert dissipated > 0.1  # J
-    free = replace(mechanism, frictions=())
-    without = metrics.driving_forces(Evaluator(free), turn)[:-1, 0]
-    assert np.abs(without.mean()) < 1e-12
-
-
-# Integration ------------------------------------------------------------------------------------------------------------
 
 
 # Files ------------------------------------------------------------------------------------------------------------------

@@ -1,7 +1,6 @@
 """Loops and link units against the printed matrices of Wang et al. (2010), closed forms and the constraint equations."""
 
 import csv
-import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,24 +10,23 @@ import numpy as np
 import pytest
 
 from gauss_bench.kinematics.basic_coordinates import basic_motion
-from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition, describe_drivers
+from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
 from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way, link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.kinematics.topology import find_graph
 from gauss_bench.linkage.load import load, load_document
-from gauss_bench.mechanism.coordinates import acceleration, position, value, velocity
+from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import AngleDriver, LengthDriver, Mechanism
-from gauss_bench.mechanism.motion_laws import MotionLaw, constant, rise
+from gauss_bench.mechanism.motion_laws import MotionLaw, constant
 from tests.conftest import DATA, driven, everything, redundant
 from tests.four_bars import four_bar
 
 Solver = Callable[..., Motion]
 SOLVERS = [loop_motion, basic_motion]
 SIX = ["crank_slider", "four_bar", "parallelogram", "six_bar", "shaper", "eight_bar"]
-ROUNDING = 1e-14  # sums of a few numbers of order one
 
 
 def pin(name: str, at: complex) -> Element:
@@ -119,13 +117,6 @@ def test_loops_are_independent_and_leave_every_link_as_often_as_they_enter_it(na
     np.testing.assert_array_equal(crossed @ M.T, 0)
 
 
-def test_links_may_share_two_joints_and_multiple_joints_are_merged() -> None:
-    assert find_graph(redundant()).loops[-1].joints == ("D", "again")
-    jansen = find_graph(load("jansen"))
-    assert {"B", "B.001"} <= {pair.name for pair in jansen.pairs}
-    assert {name for loop in jansen.loops for name in loop.joints} == {pair.node for pair in jansen.pairs}
-
-
 def test_loops_that_repeat_each_other_are_taller_than_wide_and_still_solved() -> None:
     for mechanism, shape in ((replace(load("parallelogram", "driven"), drivers=()), (4, 3)), (redundant(), (4, 2))):
         assert mechanism.crank is not None
@@ -142,7 +133,7 @@ def test_loops_that_repeat_each_other_are_taller_than_wide_and_still_solved() ->
 
 
 def assert_satisfies(mechanism: Mechanism, motion: Motion, times: np.ndarray) -> None:
-    """The joints hold, and so do the drivers of the mechanism, on all three levels; the rows are independent of loops."""
+    """Check that the motion satisfies the rows of joints and drivers on all three levels; these rows know nothing of loops."""
     rows = Constraints(mechanism)(times, motion.q, motion.v)
     scale = np.abs(motion.a).max() + 1.0
     assert np.abs(rows.phi).max() < 1e-13  # sums of lengths below 2 m and of angles below 10 rad
@@ -173,69 +164,12 @@ def test_driven_points_agree_with_closed_forms_in_forty_digits(name: str, solve:
 
 
 @pytest.mark.parametrize("solve", SOLVERS)
-def test_a_slide_can_be_the_input(solve: Solver) -> None:
-    mechanism = load_document(tomllib.loads((DATA / "pushed.toml").read_text(encoding="utf-8")))
-    times = np.linspace(0.0, 1.0, 21)
-    motion = solve(mechanism, times)
-    assert_satisfies(mechanism, motion, times)
-    np.testing.assert_allclose(value(mechanism.slides[0].motion, motion.q), mechanism.drivers[0].law(times)[0], atol=1e-12)
-
-
-def test_the_guide_may_move_along_a_block_of_the_frame() -> None:
-    """The same slider-crank with guide and block exchanged, and lines that turn them against each other."""
-    document = tomllib.loads((DATA / "pushed.toml").read_text(encoding="utf-8"))
-    lines = {"angle_deg": 35.0, "block_angle_deg": 10.0, "offset": 0.03}
-    document["joints"]["guide"] = {"type": "prismatic", "guide": "slider.B", "block": "ground.G"} | lines
-    document["assembly"]["angles_deg"] = {"slider": -25.0}
-    law = {"joint": "guide", "law": "constant", "start": -0.37, "speed": -0.08}
-    document["scenarios"] = {"push": {"duration": 1.0, "driver": law}}
-    mechanism = load_document(document)
-    times = np.linspace(0.0, 1.0, 11)
-    motion = loop_motion(mechanism, times)
-    assert_satisfies(mechanism, motion, times)
-    np.testing.assert_allclose(motion.q[:, 8], np.radians(-25.0), atol=ROUNDING)
-
-
-@pytest.mark.parametrize("solve", SOLVERS)
 def test_active_bars_are_links_of_their_own(solve: Solver) -> None:
     mechanism = load("excavator")
     times = np.linspace(0.0, 2.0, 21)
     motion = solve(mechanism, times)
     assert_satisfies(mechanism, motion, times)
     np.testing.assert_allclose(motion.q[0], mechanism.q0, atol=1e-13)  # the bars' own angles are found from the points
-
-
-def test_two_inputs_drive_a_five_bar() -> None:
-    """Its middle joint lies where two circles meet."""
-    mechanism = load("five_bar", "spring")
-    left, right = (next(i for i, x in enumerate(mechanism.links) if x.name == name) for name in ("left", "right"))
-    q0 = mechanism.q0
-    laws = rise("sine", float(q0[3 * left + 2]), 2 * np.pi, 1.0), rise("poly345", float(q0[3 * right + 2]), 2 * np.pi + 0.3, 1.0)
-    times = np.linspace(0.0, 1.0, 41)
-    motion = loop_motion(driven(mechanism, left=laws[0], right=laws[1]), times)
-    assert_satisfies(mechanism, motion, times)
-    np.testing.assert_allclose(motion.v[:, [3 * left + 2, 3 * right + 2]], np.transpose([law(times)[1] for law in laws]))
-    B, D = 0.2 * np.exp(1j * laws[0](times)[0]), 0.5 + 0.2 * np.exp(1j * laws[1](times)[0])
-    half = (D - B) / 2
-    C = B + half + 1j * half / np.abs(half) * np.sqrt(0.4**2 - np.abs(half) ** 2)
-    arm = next(i for i, x in enumerate(mechanism.links) if x.name == "left_arm")
-    np.testing.assert_allclose(position(motion.q, mechanism.point(arm, "C")) @ [1.0, 1.0j], C, atol=1e-14)
-
-
-@pytest.mark.parametrize("solve", SOLVERS)
-def test_in_an_open_chain_everything_is_input(solve: Solver) -> None:
-    mechanism = load(DATA / "kinematics" / "chain.toml")
-    laws = rise("sine", 0.4, 1.0, 1.0), rise("sine", -0.3, 2.0, 1.0), rise("poly345", 0.1, 0.2, 1.0)
-    times = np.linspace(0.0, 1.0, 11)
-    first, second = (link.name for link in mechanism.links[:2])
-    motion = solve(driven(mechanism, **{first: laws[0], second: laws[1], "P": laws[2]}), times)
-    assert_satisfies(mechanism, motion, times)
-    a, b, s = (law(times)[0] for law in laws)
-    # the block's point lies s along y and 0.04 to the left, -x, of G; its own line is at 0.2 rad
-    end = 0.1 + 0.2j + 0.3 * np.exp(1j * a) + np.exp(1j * b) * (0.2 + 0.1j + 1j * s - 0.04)
-    K = mechanism.point(2, "K")
-    np.testing.assert_allclose(position(motion.q, K) @ [1.0, 1.0j], end, atol=ROUNDING)
-    np.testing.assert_allclose(motion.q[:, 8], b + 0.5 * np.pi - 0.2, atol=ROUNDING)
 
 
 def test_sampling_and_the_way_to_the_first_sample_do_not_change_the_assembly() -> None:
@@ -253,12 +187,6 @@ def test_sampling_and_the_way_to_the_first_sample_do_not_change_the_assembly() -
 
 def turned(mechanism: Mechanism, speed: float) -> Mechanism:
     return driven(mechanism, **{mechanism.links[0].name: constant(float(mechanism.q0[2]), speed)})
-
-
-def test_drivers_are_told_with_their_units() -> None:
-    mechanism = load("excavator", "dig")
-    told = describe_drivers(mechanism, {x.name: 0.5 for x in mechanism.drivers})
-    assert told == ", ".join(f"{x.name} = 0.5 m" for x in mechanism.drivers)
 
 
 @pytest.mark.parametrize("step", [0.01, 0.5])
@@ -279,7 +207,7 @@ def test_a_limit_of_motion_is_a_typed_error_that_says_where(step: float) -> None
 
 
 def test_next_to_a_limit_positions_are_passed_but_rates_are_refused() -> None:
-    """The Jacobian falls with the square root of the distance: 1e-4 of it means some 1e-8 rad."""
+    """The smallest singular value falls with the square root of the distance: a ratio of 1e-4 is at some 1e-8 rad."""
     mechanism = load_document(four_bar(0.3, 0.2, 0.25, 0.4))
     limit = np.arccos((0.3**2 + 0.4**2 - (0.2 + 0.25) ** 2) / (2 * 0.3 * 0.4))
     once, far = np.array([1.0]), limit - float(mechanism.q0[2])
@@ -297,13 +225,6 @@ def test_a_change_point_is_a_singular_position_not_a_limit(solve: Solver, near: 
         solve(turned(mechanism, np.pi), np.linspace(0.0, 1.2, samples))
     (reached,) = caught.value.inputs.values() if solve is loop_motion else caught.value.inputs
     assert reached == pytest.approx(np.pi, abs=near)
-
-
-@pytest.mark.parametrize("solve", SOLVERS)
-def test_a_slider_cannot_start_its_crank_from_the_dead_centre(solve: Solver) -> None:
-    slider = load("crank_slider", "driven")  # stretched out at the start
-    with pytest.raises(SingularPosition, match=r"guide = 0\.71 .*rank [13] of [24]"):
-        solve(driven(slider, guide=constant(0.71, -0.1)), np.array([0.0, 0.1]))
 
 
 def test_inputs_that_do_not_fit_are_refused() -> None:

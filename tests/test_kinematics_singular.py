@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.kinematics.singular import ChangePoint, Singular, singular_positions
-from gauss_bench.linkage.load import document_of, load, load_document
+from gauss_bench.linkage.load import load, load_document
 from tests.four_bars import four_bar
 
 EXACT = 1e-11  # [rad] Newton ends near rounding; a fold doubles the digits lost
@@ -59,7 +59,7 @@ def test_more_freedom_than_one_is_refused() -> None:
 
 
 def without_crank(measure: dict[str, Any] | None, first: str) -> dict[str, Any]:
-    """A crank and rocker whose links are listed from `first` on, without a crank; the file may name what is measured."""
+    """Return a crank-rocker without the key `crank`, its links listed from `first` on; it may name the measured coordinate."""
     document = four_bar(0.12, 0.36, 0.30, 0.40)
     del document["crank"]
     links = document["links"]
@@ -79,15 +79,3 @@ def test_without_a_crank_the_measured_coordinate_drives(measure: dict[str, Any] 
     assert rocker == pytest.approx(sorted(s.value for s in known if s.coordinate == "c"), abs=EXACT)
     assert {s.kind for s in found if s.coordinate == "c"} == {"limit" if driving == "c" else "dead centre"}
     assert all(s.input == s.value for s in found if s.coordinate == driving)
-
-
-def test_a_slide_that_is_measured_drives_where_there_is_no_crank() -> None:
-    document, _, _ = document_of("crank_slider")
-    del document["crank"]
-    slide = next(name for name, joint in document["joints"].items() if joint["type"] == "prismatic")
-    document["measure"] = {"joint": slide}
-    document["scenarios"] = {"rest": {"duration": 1.0, "start": {"angles_deg": {"crank": 60.0}}}}
-    found = [s for s in singular_positions(load_document(document)) if s.coordinate == slide]
-    assert {s.kind for s in found} == {"limit"}
-    assert sorted(s.input for s in found) == pytest.approx([0.56 - 0.15, 0.56 + 0.15], abs=1e-14)
-    assert all(np.isnan(s.crank) for s in found)

@@ -1,4 +1,4 @@
-"""Metrics of motions whose drift, forces, energy and errors are known beforehand, and the gate that judges by them."""
+"""Metrics of motions with known drift, forces, energy and errors, and the limits of the judge."""
 
 from dataclasses import replace
 from typing import Any
@@ -193,7 +193,7 @@ def test_small_is_not_dependent(name: str, what: str) -> None:
 
 
 def of(tmp_path_factory: pytest.TempPathFactory, **errors: float) -> dict[str, Any]:
-    """The row of an engine that moves as `gauss` does but for the errors given."""
+    """Return the row of an engine that moves as `gauss` does, with the given errors added."""
     store = str(tmp_path_factory.getbasetemp() / "references")
     with pytest.MonkeyPatch.context() as patched:
         replace_engine(patched, "mujoco", Clock(), Costs(), truth="gauss", **errors)

@@ -1,18 +1,14 @@
 """Scalar coordinates against differences, and the coordinate by which motions are compared."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from gauss_bench.engines.mjcf.forces import native_forces
-from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import document_of, load, load_document
 from gauss_bench.mechanism import coordinates
-from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Law, Point
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Point
 from tests.engine_runs import document, table_of_faults
 
 LINKS = 3
@@ -67,21 +63,6 @@ def test_without_crank_and_driver_the_first_coordinate_that_moves_is_measured() 
     assert (measured.name, measured.unit) == ("angle of bar", "rad")
 
 
-def test_where_nothing_turns_the_slide_is_measured() -> None:
-    document = slotted()
-    document["joints"]["pin"] = {
-        "type": "prismatic",
-        "guide": "block.A",
-        "block": "bar.A",
-        "block_angle_deg": 60.0,
-        "angle_deg": 0.0,
-    }
-    document["assembly"]["sketch"] |= {"pin": [0.1, 0.0]}
-    document["scenarios"]["fall"]["start"] = {"slides": {"guide": 0.1, "pin": 0.0}}
-    measured = load_document(document).measured
-    assert (measured.name, measured.unit) == ("slide guide", "m")
-
-
 @pytest.mark.parametrize(
     ("measure", "name", "unit", "value"),
     [
@@ -116,20 +97,3 @@ def test_a_measure_that_means_nothing_is_refused(measure: dict[str, Any], fault:
     with pytest.raises(LinkageError) as error:
         load_document(slotted(measure=measure))
     assert fault in str(error.value)
-
-
-def test_a_coordinate_of_an_unknown_kind_is_refused() -> None:
-    stranger = replace(load("four_bar", "torque"), forces=(Borrowed(),))  # type: ignore[arg-type]
-    with pytest.raises(AssertionError):
-        Evaluator(stranger).terms(0.0, stranger.q0, stranger.v0)
-    with pytest.raises(AssertionError):
-        native_forces(stranger, spanning_tree(stranger))
-
-
-class Borrowed:
-    """A force on a coordinate that nobody knows."""
-
-    name = "borrowed"
-
-    def to_loads(self) -> tuple[Law, ...]:
-        return (Law("area", bias=1.0),)  # type: ignore[arg-type]

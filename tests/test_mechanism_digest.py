@@ -1,12 +1,7 @@
-"""What makes a linkage another linkage, and a version of the suite another version."""
+"""Digests change with everything that a result depends on, and with nothing else."""
 
 import copy
-import json
-import os
 import pickle
-import shutil
-import subprocess
-import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +10,7 @@ from typing import Any
 import pytest
 
 import gauss_bench
+from gauss_bench.linkage import digest
 from gauss_bench.linkage.digest import content_digest
 from gauss_bench.linkage.load import built_in, document_of, load, load_document, merge
 from gauss_bench.linkage.schema import LinkageTable, Table, physics_digest
@@ -44,7 +40,7 @@ def test_every_certificate_of_the_suite_still_holds() -> None:
 
 
 def leaves(item: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """The place of every number and text of a document."""
+    """Yield the path of every number and text of a document."""
     if isinstance(item, (dict, list)):
         for key, value in item.items() if isinstance(item, dict) else enumerate(item):
             yield from leaves(value, (*path, key))
@@ -86,62 +82,6 @@ def test_how_a_number_is_written_changes_nothing_and_an_override_does() -> None:
     assert physics_digest(document, "torque") != physics_digest(heavier, "torque")
 
 
-KEYS = """
-import json, sys
-from pathlib import Path
-from gauss_bench.bench.journal import fingerprint
-from gauss_bench.linkage.load import load
-from gauss_bench.reference.store import reference_key
-
-package, mechanism = Path(sys.argv[1]), load("four_bar", "torque")
-def keys():
-    return [reference_key(mechanism, 1.0), fingerprint()]
-found = {"before": keys()}
-for name in sys.argv[2:]:
-    source = package / name
-    old = source.read_text()
-    source.write_text(old + "\\n# changed\\n")
-    found[name] = keys()
-    source.write_text(old)
-found["after"] = keys()
-(package / "papers" / "numbers.toml").write_text("a = 1")
-found["data"] = keys()
-for source in (package / "reference").rglob("*.py"):
-    source.unlink()
-try:
-    found["empty"] = keys()
-except FileNotFoundError as error:
-    found["empty"] = str(error)
-print(json.dumps(found))
-"""
-
-
-@pytest.mark.long
-def test_stored_references_and_journals_know_a_change_at_any_depth_of_their_rooms(tmp_path: Path) -> None:
-    shutil.copytree(PACKAGE, tmp_path / "gauss_bench", ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copytree(built_in()["four_bar"].parent, tmp_path / "mechanisms")
-    changed = [
-        "reference/build.py",
-        "reference/taylor/rows.py",
-        "mechanism/forces.py",
-        "terms.py",
-        "engines/exudyn/adapter.py",
-        "cli.py",
-    ]
-    command = [sys.executable, "-c", KEYS, str(tmp_path / "gauss_bench"), *changed]
-    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment, cwd=tmp_path)
-    found = json.loads(done.stdout)
-    reference, run = found["before"]
-    assert found["after"] == found["before"]
-    for name in changed:
-        assert (found[name][0] != reference) == name.startswith(("reference", "mechanism", "terms")), name
-        assert (found[name][1] != run) == (name != "cli.py"), name  # what only prints repeats no run
-    assert found["data"][1] != run
-    assert "reference" in found["empty"]
-    assert "no sources" in found["empty"]
-
-
 def test_a_force_that_varies_tells_what_it_is() -> None:
     def digest(factor: dict[str, Any]) -> str:
         change = {"format": "planar-linkage/2", "forces": {"motor": factor}}
@@ -168,3 +108,23 @@ def test_a_driven_linkage_arrives_in_another_process_as_it_is(law: str) -> None:
     assert sent.driver is not None
     for t in (0.0, 0.1, 0.7):
         assert arrived.driver.law(t) == sent.driver.law(t)
+
+
+def test_a_digest_of_sources_follows_files_at_any_depth_of_its_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(digest, "PACKAGE", tmp_path)
+    for name in ("mechanism/forces.py", "reference/taylor/rows.py", "terms.py", "cli.py"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("x = 1\n", encoding="utf-8")
+
+    def digests() -> list[str]:
+        return [digest.source_digest("mechanism", "terms.py"), digest.source_digest("", without=("cli.py",))]
+
+    before = digests()
+    assert digests() == before
+    for name, differ in (("terms.py", [True, True]), ("reference/taylor/rows.py", [False, True]), ("cli.py", [False, False])):
+        (tmp_path / name).write_text("x = 2\n", encoding="utf-8")
+        assert [x != y for x, y in zip(digests(), before, strict=True)] == differ, name
+        (tmp_path / name).write_text("x = 1\n", encoding="utf-8")
+    (tmp_path / "mechanism" / "forces.py").unlink()
+    with pytest.raises(FileNotFoundError, match="no sources"):
+        digests()

@@ -25,7 +25,7 @@ ROUNDING = 1e-12  # of the largest number in a sum: positions and angles of size
 
 
 def check(mechanism: Mechanism, random: np.random.Generator) -> None:
-    """Hold everything the suite evaluates at a state against the second derivation, at random states and times."""
+    """Compare all terms and powers with the second derivation, at random states and times."""
     e, own = equations(mechanism), Evaluator(mechanism)
     derived = ca.Function("derived", [e.t, e.q, e.v], [e.phi, e.c, e.J, e.gamma, e.Q, e.potential, e.power])
     h = own.constraints.holonomic
@@ -59,7 +59,7 @@ def test_redundant_rows_too(rng: np.random.Generator) -> None:
 
 
 def test_a_fault_in_any_number_of_a_force_shows(rng: np.random.Generator) -> None:
-    """The comparison is no comparison of zeros: one number of one force off by a thousandth fails it."""
+    """The comparison fails if one number of one force is off by a thousandth."""
     mechanism = everything()
     numbers = ("c", "k", "rest", "value", "value.x", "value.y")
     names = [f"forces.{f.name}.{x}" for f in mechanism.forces for x in numbers if np.size(getattr(f, x[:5], ())) == 1 + ("." in x)]

@@ -5,7 +5,7 @@ import pytest
 
 from gauss_bench.engines.tree import Tree, spanning_tree
 from gauss_bench.linkage.load import load
-from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic, Revolute
+from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
 
 SHAPES = pytest.mark.parametrize("least_depth", [False, True], ids=["file order", "least depth"])
 
@@ -24,17 +24,6 @@ def test_states_and_forces_go_there_and_back(least_depth: bool, any_mechanism: M
     q, v, _ = tree.absolute(y, dy, 0 * y)
     assert np.abs(q - any_mechanism.q0).max() < 1e-14
     assert np.abs(v - any_mechanism.v0).max() < 1e-13
-
-
-@SHAPES
-def test_rates_are_the_derivatives_of_positions(least_depth: bool, any_mechanism: Mechanism, rng: np.random.Generator) -> None:
-    tree = spanning_tree(any_mechanism, least_depth)
-    y, dy, ddy = rng.normal(size=(3, tree.n))
-    h = 1e-5
-    ahead, behind = (tree.absolute(y + s * dy + h * h / 2 * ddy, dy + s * ddy, ddy) for s in (h, -h))
-    _, v, a = tree.absolute(y, dy, ddy)
-    assert np.abs((ahead[0] - behind[0]) / (2 * h) - v).max() < 1e-8  # differences of the second order at h = 1e-5
-    assert np.abs((ahead[1] - behind[1]) / (2 * h) - a).max() < 1e-8
 
 
 @SHAPES
@@ -66,11 +55,3 @@ def test_a_chain_of_loops_hangs_from_the_ground(windows: int) -> None:
     mechanism = load(f"n_four_bar_{windows}")
     assert max(depths(spanning_tree(mechanism, least_depth=True)).values()) == 2
     assert max(depths(spanning_tree(mechanism)).values()) == windows + 1
-
-
-def test_least_depth_is_never_deeper_and_takes_the_same_slides(any_mechanism: Mechanism) -> None:
-    chain, near = spanning_tree(any_mechanism), spanning_tree(any_mechanism, least_depth=True)
-    assert max(depths(near).values()) <= max(depths(chain).values())
-    slides = [{id(b.joint) for b in tree.branches if isinstance(b.joint, Prismatic)} for tree in (chain, near)]
-    assert slides[0] == slides[1]
-    assert near.n == chain.n

@@ -23,7 +23,7 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("linkage", exhaustive(read_suite("quick").geometry[0].linkages, "eight_bar", "shaper"))
+@pytest.mark.parametrize("linkage", exhaustive(read_suite("quick").geometry[0].linkages, "shaper"))
 def test_three_independent_ways_tell_one_motion(linkage: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gauss_bench.bench.measurements.geometry.POSITIONS", 73)  # every five degrees
     for row in geometry(linkage, "driven", Geometry(linkages={}))["agreement"]:
@@ -32,23 +32,10 @@ def test_three_independent_ways_tell_one_motion(linkage: str, monkeypatch: pytes
         assert row["acceleration"] < 1e-10, row
 
 
-def test_the_object_has_what_is_promised(capsys: pytest.CaptureFixture[str]) -> None:
-    found = said(capsys, "eight_bar", "--steps", "4", "--points", "rod79.R")
-    assert found["loops"] == [["1", "2", "5", "3"], ["1", "2", "6", "7", "9", "4"], ["1", "2", "6", "8", "10", "4"]]
-    assert set(found["driver"]) == {"angle", "speed", "acceleration"}
-    assert found["driver"]["angle"] == pytest.approx([0.0, np.pi / 2, np.pi, 3 * np.pi / 2, 2 * np.pi])
-    assert list(found["points"]) == ["rod79.R"]
-    assert len(found["links"]["crank"]["theta"]) == 5
-    assert found["branch"]
-    assert {s["kind"] for s in found["singular"]} == {"dead centre"}
-
-
 @pytest.mark.parametrize(
     ("law", "end", "rest"),
     [
-        ("sine:travel_deg=90,time=0.5", np.pi / 2, True),
         ("poly345:travel=1.0,time=2.0", 1.0, True),
-        ("cosine:travel_deg=30,time=1.0", np.pi / 6, False),
         ("constant:speed=2.0,start_deg=10.0", np.radians(10.0) + 2.0, False),
     ],
 )

@@ -1,4 +1,4 @@
-"""No file asks for a joint's kind or counts on three numbers a link but those that are planar, or apart, by their subject.
+"""Only files whose subject is planar ask for the kind of a joint, or count on three numbers per link.
 
 A spatial linkage or a third kind of joint needs new code there and nowhere else.
 """
@@ -61,7 +61,7 @@ def is_three(node: ast.AST | None) -> bool:
 
 
 def questions(source: str) -> Iterator[str]:
-    """Yield the lines that ask."""
+    """Yield the lines with such a question, each with its number."""
     lines = source.splitlines()
     for node in ast.walk(ast.parse(source)):
         if asks(node):

@@ -59,7 +59,7 @@ EXACT = 1e-12
 
 
 def examples(few: int, share: float = 1.0) -> settings:
-    """So many in the tests, always the same; of those asked for at length, a share."""
+    """Return settings for `few` examples, always the same ones, or for a share of the number in PROPERTIES."""
     slow = [HealthCheck.too_slow, HealthCheck.filter_too_much, HealthCheck.data_too_large]
     phases = set(Phase) - {Phase.reuse, Phase.explain}
     return settings(
@@ -102,7 +102,7 @@ class Problem:
 
     @cached_property
     def rounding(self) -> float:
-        """Of |M^(1/2) a|, for ways that are given the same terms."""
+        """The largest difference of |M^(1/2) a| that rounding can cause between methods with the same terms."""
         f = self.motion.evaluator.applied.generalised(self.q, self.v, self.t) / self.motion.root
         size = float(np.linalg.norm(self.b) + np.linalg.norm(f))
         settled = JointFriction.STALLED * size if self.mechanism.has_friction else 0.0  # where the loads of joints are iterated
@@ -110,7 +110,7 @@ class Problem:
 
     @cached_property
     def moved(self) -> float:
-        """Of |M^(1/2) a|, for ways that take the state to be another one by rounding; in three directions, at 1e-7 of its size."""
+        """The same between methods that round the state differently: changes by 1e-7 in three directions show the effect."""
         rng, small = np.random.default_rng(0), 1e-7
         changes = []
         for _ in range(3):
@@ -121,7 +121,7 @@ class Problem:
         return self.rounding + ROOM * max(changes) / small * EPS * self.condition
 
     def off(self, a: Array) -> float:
-        """How far accelerations (n,) are from those it must have, weighted."""
+        """Return the weighted distance of accelerations (n,) from the true ones."""
         return float(np.linalg.norm(a * self.motion.root - self.b))
 
 
@@ -151,7 +151,7 @@ SEEDS = st.integers(0, 99)
 
 
 @given(linkages(), SEEDS)
-@examples(20)
+@examples(12)
 def test_all_formulations_and_pinocchio_accelerate_alike(document: dict[str, Any], seed: int) -> None:
     x = problem(document, seed)
     for name in SOUND:
@@ -165,22 +165,10 @@ def test_all_formulations_and_pinocchio_accelerate_alike(document: dict[str, Any
         assert x.off(engine.build(x.mechanism, STEP).acceleration(x.t, x.q, x.v)) <= x.moved
 
 
-@given(linkages(forces=tuple(x for x in FORCES if x != "friction"), varying=False, bodies=3), SEEDS)
-@examples(2, share=0.1)
-def test_compiled_accelerations_are_those_of_the_formulations(document: dict[str, Any], seed: int) -> None:
-    """Few, since each is compiled; linkages of all sizes are in tests of the compiler."""
-    pytest.importorskip("llvmlite")
-    x = problem(document, seed)
-    for name in ("gauss-native", "lagrange-native"):
-        engine = get(name)
-        assert engine.skip(x.mechanism, STEP) is None
-        assert x.off(engine.build(x.mechanism, STEP).acceleration(x.t, x.q, x.v)) <= x.moved, name
-
-
 @given(linkages())
-@examples(10)
+@examples(6)
 def test_energy_changes_by_the_work_of_what_has_no_potential(document: dict[str, Any]) -> None:
-    """Dampers, dry friction, what turns, varies or drives: along a run, what they do is what energy there is more or less."""
+    """The energy of a run changes by the work of dampers, friction, drivers and forces that turn or vary."""
     mechanism = load_document(document)
     model = get("gauss").build(mechanism, Choice(integrator="dop853"))
     model.prepare(np.linspace(0.0, 0.04, 33))
@@ -239,9 +227,9 @@ def by_name(mechanism: Mechanism, order: list[str], x: Array) -> Array:
     ),
     SEEDS,
 )
-@examples(8, share=0.5)
+@examples(4, share=0.5)
 def test_what_goes_out_as_mjcf_comes_back(document: dict[str, Any], seed: int) -> None:
-    """Masses, dimensions and the start as they were; springs, dampers and other forces by the work they do along what may move."""
+    """Masses, dimensions and the start are the same, and forces do the same work along the free motions."""
     pytest.importorskip("mujoco")
     x = problem(document, seed)
     mechanism = x.mechanism

@@ -1,4 +1,4 @@
-"""No cell of any page or table denies what a stored row shows, worked out from the ladders by other code than the report's."""
+"""No cell of a page or table denies a stored row; this file reads the rows by code of its own, not by that of the report."""
 
 import math
 import re
@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 
 
 class Said(NamedTuple):
-    """What a cell says of an engine on a linkage, for errors that have to hold together."""
+    """The text of a cell about an engine on a linkage, for limits of errors that must hold together."""
 
     place: str
     mechanism: str
@@ -33,7 +33,7 @@ class Said(NamedTuple):
 
 
 def denied(cells: Iterator[Said], run: Run) -> tuple[int, list[Said]]:
-    """How many cells deny something, and those of them that a stored row contradicts."""
+    """Return the number of cells that deny a requirement, and those of them that a stored row contradicts."""
     rows: dict[tuple[str, str], list[Any]] = {}
     for r in run.table("search_ladder"):
         if r["status"] == "ok":
@@ -48,7 +48,7 @@ def denied(cells: Iterator[Said], run: Run) -> tuple[int, list[Said]]:
 
 
 def cells(run: Run) -> Iterator[Said]:
-    """Every cell, line and clause that says whether an engine holds something."""
+    """Yield every cell, line and clause that says whether an engine holds a requirement."""
     names = scenarios(run)
     for name in names:
         shown = answers(run, name)
@@ -93,7 +93,7 @@ def tables(sections: Sequence[Section]) -> Iterator[Table]:
         yield from tables(section.parts)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_cell_of_the_published_rows_denies_what_a_stored_row_shows() -> None:
     run = read_run(ROOT / "reports")
     found = list(cells(run))

@@ -1,8 +1,9 @@
-"""No wrong answer is called ok: the certificate, half the step, the fastest mode and the lost digits, each with a known answer."""
+"""The judge calls no wrong run ok: each of its checks has a case with a known answer."""
 
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -25,21 +26,17 @@ from gauss_bench.runs.scrutiny import (
     at_samples,
     decides,
     depends_on_steps,
-    disagreement,
     evidence_of,
     fastest_rate,
     finer_tolerance,
     first_part,
-    has_sound_rates,
     is_same_run,
     repeat_finer,
     sample_spacing,
     turns,
 )
 from gauss_bench.trajectory import Status, Trajectory, spread_evenly
-from tests.drawn_linkages import random_linkage
 from tests.fuzz.files import toml
-from tests.fuzz.mechanics import Mechanics
 from tests.fuzz.motions import over_motions
 
 MECHANISMS = Path(__file__).parents[1] / "mechanisms"
@@ -83,7 +80,7 @@ def test_samples_lie_close_enough_to_see_what_a_quick_damper_takes(tmp_path: Any
     """A block let go by a stiff spring is at rest after 0.2 ms."""
     path = tmp_path / "oscillator.toml"
     path.write_bytes(toml(oscillator(k=8e8, c=4e4)))
-    found = simulate(str(path), step=2e-6, at=[0.0, 0.005])
+    found = simulate(str(path), step=2e-6, at=[0.0, 0.002])
     assert found.status == "ok", found.message
     assert "not decidable" not in found.message
     assert found.metrics["energy_error"] < 0.03 * found.metrics["energy_scale"]
@@ -105,13 +102,12 @@ def test_energy_that_is_gained_or_lost_where_samples_see_it_is_told() -> None:
 
 
 def test_energy_that_nothing_else_decides_is_objected_to() -> None:
-    drift = metrics.Drift(np.zeros(1), np.zeros(1), np.zeros(1))
-    evidence = judge.Evidence(1.0, drift, np.array([0.0, -1.0]), 0.0, 1.0)
-    assert not judge.judge(evidence).valid
-    decided = judge.Evidence(1.0, drift, evidence.energy, 0.0, 1.0, seen=np.zeros(2))
-    assert judge.judge(decided).valid
-    assert "1 J are lost" in judge.remark(decided)
-    assert not judge.remark(judge.Evidence(1.0, drift, evidence.energy, 0.0, 1.0, seen=evidence.energy))
+    lost = replace(SOUND, energy=FIVE - 1.0)
+    assert not judge.judge(lost).valid
+    hidden = replace(lost, seen=FIVE)
+    assert judge.judge(hidden).valid
+    assert "1 J are lost" in judge.remark(hidden)
+    assert not judge.remark(replace(lost, seen=lost.energy))
 
 
 def test_a_certificate_takes_the_place_of_half_the_step() -> None:
@@ -120,28 +116,7 @@ def test_a_certificate_takes_the_place_of_half_the_step() -> None:
     assert found.metrics["halving_angle"] is None
 
 
-def test_formulations_of_a_sound_linkage_agree() -> None:
-    mechanism = load("four_bar", "torque")
-    still = np.zeros((1, mechanism.n))
-    found = disagreement(mechanism, Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], still, 0))
-    assert found is not None
-    assert found < 1e-12
-
-
-def test_the_mechanics_of_the_tests_and_of_the_suite_agree_on_every_joint_and_force(tmp_path: Any) -> None:
-    """Accelerations at the start, of linkages with slides and springs, derived twice."""
-    kinds = set()
-    for seed in range(12):
-        document = random_linkage(seed)
-        mechanism = load_document(document)
-        kinds |= {x["type"] for part in ("joints", "forces") for x in document[part].values()}
-        own = get("gauss").build(mechanism, Choice("default", "rk4")).acceleration(0.0, mechanism.q0, mechanism.v0)
-        other = Mechanics(document, "run").acceleration(mechanism.q0, mechanism.v0)
-        assert np.abs(own - other).max() <= 1e-9 * np.abs(own).max(), seed
-    assert kinds == {"revolute", "prismatic", "spring_damper", "torque"}
-
-
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_wrong_motion_of_a_random_linkage_is_called_ok() -> None:
     endings = list(over_motions(1, 6))
     assert [sentence for _, _, sentence in endings if sentence] == []
@@ -171,14 +146,14 @@ forces = ["hum"]
 
 @pytest.fixture
 def humming(tmp_path: Path) -> str:
-    """The four-bar under a torque that swings 4000 times a second; no certificate can be had of it."""
+    """Return a file of the four-bar under a torque that swings 4000 times a second, for which there is no certificate."""
     path = tmp_path / "four_bar.toml"
     text = (MECHANISMS / "four_bar.toml").read_text(encoding="utf-8").replace("planar-linkage/1", "planar-linkage/2")
     path.write_text(text + FORCED, encoding="utf-8")
     return str(path)
 
 
-@pytest.mark.parametrize(("step", "status"), [(1e-3, "invalid"), (1e-4, "ok"), (3.7e-5, "ok")])
+@pytest.mark.parametrize(("step", "status"), [(1e-3, "invalid"), (1e-4, "ok")])
 def test_a_step_that_meets_a_swinging_force_in_one_phase_is_not_ok(
     step: float, status: str, humming: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -192,18 +167,6 @@ def test_a_step_that_meets_a_swinging_force_in_one_phase_is_not_ok(
         assert "0.25 steps in a period of the fastest force" in found.message
 
 
-def test_samples_see_a_table_that_rises_and_falls(tmp_path: Path) -> None:
-    """Steps end where a table turns, but samples a millisecond apart meet all of its tops and none of its feet."""
-    rows = [[round(k * 5e-4, 7), (-1.0) ** k] for k in range(41)]
-    text = (MECHANISMS / "four_bar.toml").read_text(encoding="utf-8").replace("planar-linkage/1", "planar-linkage/2")
-    law = f'{{ law = "table", rows = {rows} }}'
-    path = tmp_path / "four_bar.toml"
-    path.write_text(text + re.sub(r"\{ law = .* \}", law, FORCED.replace("value = 1.0", "value = 20.0")), encoding="utf-8")
-    found = simulate(str(path), scenario="hum", step=1e-4)
-    assert found.status == "ok", found.message
-    assert [x.tolist() for x in turns(load(str(path), "hum"))] == [[x for x, _ in rows[1:-1]]]
-
-
 def test_a_table_turns_where_its_slope_changes_sign(tmp_path: Path) -> None:
     """A ramp, a plateau, a fall, and a rise after it."""
     rows = [[0.0, 0.0], [0.1, 1.0], [0.2, 1.0], [0.3, 0.5], [0.4, 0.0], [0.5, 2.0], [0.6, 3.0]]
@@ -214,19 +177,20 @@ def test_a_table_turns_where_its_slope_changes_sign(tmp_path: Path) -> None:
     assert turns(load("four_bar", "torque")) == []
 
 
-def played(linkage: str, scenario: str, until: float, change: Callable[[Trajectory], Trajectory]) -> judge.Judgement:
-    """What the judge says of a sound run by 1 ms that is changed before it, as is its repetition by half the step."""
-    mechanism = load(linkage, scenario)
+@cache
+def sound_run(step: float) -> Trajectory:
+    """The four-bar for 0.2 s, sampled every millisecond."""
+    model = get("gauss").build(load("four_bar", "conservative"), Choice("default", "rk4", step=step))
+    model.prepare(1e-3 * np.arange(201))
+    model.run()
+    return model.read()
 
-    def run(step: float) -> Trajectory:
-        model = get("gauss").build(mechanism, Choice("default", "rk4", step=step))
-        model.prepare(1e-3 * np.arange(round(until / 1e-3) + 1))
-        model.run()
-        return change(model.read())
 
-    first, second = run(1e-3), run(5e-4)
-    finer = Run(Status.OK, "", second, None, sampling(5e-4, until))
-    evidence, _ = evidence_of(mechanism, Choice("default", "rk4"), first, None, finer)
+def played(change: Callable[[Trajectory], Trajectory]) -> judge.Judgement:
+    """Return the judge's verdict on a sound run by 1 ms, if it and its repetition at half the step are changed alike."""
+    finer = Run(Status.OK, "", change(sound_run(5e-4)), None, sampling(5e-4, 0.2))
+    choice = Choice("default", "rk4")
+    evidence, _ = evidence_of(load("four_bar", "conservative"), choice, change(sound_run(1e-3)), None, finer)
     return judge.judge(evidence)
 
 
@@ -244,16 +208,15 @@ CHANGED: dict[str, Callable[[Trajectory], Trajectory]] = {
 }
 
 
-@pytest.mark.parametrize("how", CHANGED)
-@pytest.mark.parametrize("scenario", ["torque", "conservative"])
-def test_a_motion_whose_rates_are_of_another_motion_is_refused(how: str, scenario: str) -> None:
-    assert played("four_bar", scenario, 0.2, lambda x: x).valid
-    assert judge.Subject.RATES in {x.subject for x in played("four_bar", scenario, 0.2, CHANGED[how]).objections}
+def test_a_motion_whose_rates_are_of_another_motion_is_refused() -> None:
+    assert played(lambda x: x).valid
+    for how, change in CHANGED.items():
+        assert judge.Subject.RATES in {x.subject for x in played(change).objections}, how
 
 
 @pytest.mark.parametrize("faster", [1.0, 1.01])
 def test_a_sound_motion_of_another_start_is_refused(faster: float) -> None:
-    """It moves as this linkage would, once it had begun so: nothing but the start tells."""
+    """The run is a motion of this linkage from another start: only the first sample shows the error."""
     mechanism = load("four_bar", "conservative")
     choice = Choice("default", "rk4", step=1e-3)
 
@@ -269,23 +232,8 @@ def test_a_sound_motion_of_another_start_is_refused(faster: float) -> None:
     assert {x.subject for x in judge.judge(evidence).objections} == (set() if faster == 1.0 else {judge.Subject.START})
 
 
-@pytest.mark.parametrize(("share", "valid"), [(0.9, True), (1.1, False)])
-@pytest.mark.parametrize("k", range(4))
-def test_the_limits_of_the_start_are_shares_of_size_and_speed(k: int, share: float, valid: bool) -> None:
-    """Size 0.2 m; 3 m/s and 40 rad/s in 1 s, and the same so slowly that no link leaves its place by it."""
-    none = np.zeros(5)
-    for fastest, limits in (((3.0, 40.0), (2e-6, 1e-5, 3e-5, 4e-4)), ((0.0, 0.0), (2e-6, 1e-5, 2e-6, 1e-5))):
-        start = (*[0.0] * k, share * limits[k], *[0.0] * (3 - k))
-        rates = metrics.RateGaps(none, none, none, none, (0.0, 0.0, 0.0, 0.0), fastest)
-        drift = metrics.Drift(none, none, none)
-        evidence = judge.Evidence(
-            0.2, drift, none, 0.0, 1.0, rates=rates, duration=1.0, start=(start[0], start[1], start[2], start[3])
-        )
-        assert judge.judge(evidence).valid == valid
-
-
 FIVE = np.zeros(5)
-STILL = metrics.RateGaps(FIVE, FIVE, FIVE, FIVE, bars=(0.0, 0.0, 0.0, 0.0), fastest=(3.0, 40.0))
+STILL = metrics.RateGaps(FIVE, FIVE, FIVE, FIVE, bars=metrics.MotionGap(0.0, 0.0, 0.0, 0.0), fastest=(3.0, 40.0))
 SOUND = judge.Evidence(0.2, metrics.Drift(FIVE, FIVE, FIVE), FIVE, 0.0, 7.0, rates=STILL, duration=1.0)
 
 
@@ -294,7 +242,19 @@ def off_by(length: float, angle: float) -> metrics.Errors:
     return metrics.Errors(FIVE, FIVE, each + length, each + angle, each, FIVE, FIVE)
 
 
+def started_off(k: int, x: float, rates: metrics.RateGaps = STILL) -> dict[str, Any]:
+    """Evidence of a first sample that is off by x in the quantity k of place, turn, speed and spin."""
+    return {"start": metrics.MotionGap(*(x if i == k else 0.0 for i in range(4))), "rates": rates}
+
+
+SLOW = replace(STILL, fastest=(0.0, 0.0))  # no link leaves its place within the second of the run
 IN_NUMBERS: dict[str, tuple[float, Callable[[float], dict[str, Any]]]] = {  # limit, and the evidence of a value
+    "start, place": (2e-6, lambda x: started_off(0, x)),
+    "start, angle": (1e-5, lambda x: started_off(1, x)),
+    "start, velocity": (3e-5, lambda x: started_off(2, x)),
+    "start, angular velocity": (4e-4, lambda x: started_off(3, x)),
+    "start, velocity of a slow linkage": (2e-6, lambda x: started_off(2, x, SLOW)),
+    "start, angular velocity of a slow linkage": (1e-5, lambda x: started_off(3, x, SLOW)),
     "loops": (0.002, lambda x: {"drift": metrics.Drift(FIVE + x, FIVE, FIVE)}),
     "energy": (0.07, lambda x: {"energy": FIVE + x}),
     "accelerations": (0.01, lambda x: {"acceleration_error": x}),
@@ -343,7 +303,7 @@ def test_digits_are_told_that_lie_between_a_billionth_and_what_is_refused(lost: 
     assert "keep about 6 digits" in judge.remark(replace(SOUND, disagreement=2.6e-7))
 
 
-@pytest.mark.parametrize("broken", [1, 2, 7, 24])
+@pytest.mark.parametrize("broken", [1, 24])
 def test_a_run_is_trusted_up_to_the_sample_before_the_first_that_is_objected_to(broken: int) -> None:
     mechanism = load("four_bar", "conservative")
     model = get("gauss").build(mechanism, Choice("default", "rk4", step=1e-3))
@@ -364,21 +324,20 @@ def test_a_run_is_trusted_up_to_the_sample_before_the_first_that_is_objected_to(
 @pytest.mark.parametrize("name", ["place", "turn", "speed", "spin"])
 def test_the_limits_of_rates_are_shares_of_size_and_speed(name: str, share: float, valid: bool) -> None:
     """A gap alone; size 0.2 m, speeds 3 m/s and 40 rad/s."""
-    limits = {"place": 0.2 * judge.OFF_RATES, "turn": judge.OFF_RATES, "speed": 3 * judge.OFF_RATES, "spin": 40 * judge.OFF_RATES}
-    none = np.zeros(5)
-    gaps = dict.fromkeys(limits, none) | {name: none + share * limits[name]}
-    drift = metrics.Drift(none, none, none)
-    rates = metrics.RateGaps(**gaps, bars=(0.0, 0.0, 0.0, 0.0), fastest=(3.0, 40.0))
-    evidence = judge.Evidence(0.2, drift, none, 0.0, 1.0, rates=rates, duration=1.0)
+    limit = {"place": 0.005, "turn": 0.025, "speed": 0.075, "spin": 1.0}[name]
+
+    def off(shares: float) -> metrics.RateGaps:
+        return replace(STILL, **{name: FIVE + shares * limit})
+
+    evidence = replace(SOUND, rates=off(share))
     assert judge.judge(evidence).valid == valid
-    again = replace(rates, **{name: none + 0.45 * share * limits[name]})  # a gap that half the step halves is the method's own
-    assert judge.judge(replace(evidence, rates_again=again)).valid
-    huge = replace(rates, **{name: none + 4 * limits[name]})  # but never more than the motion may be off by
-    assert not judge.judge(replace(evidence, rates=huge, rates_again=replace(rates, **{name: none}))).valid
+    # half the step halves a gap of a first-order method, but excuses at most MOST_SHARED limits
+    assert judge.judge(replace(evidence, rates_again=off(0.45 * share))).valid
+    assert not judge.judge(replace(SOUND, rates=off(4.0), rates_again=STILL)).valid
 
 
 def alternating(x: Trajectory) -> Trajectory:
-    """At rest in its first place; velocities turn about from sample to sample, accelerations are wild at every fifth."""
+    """Return a run at rest whose velocities change sign at every sample, with wild accelerations at every fifth."""
     model = get("gauss").build(load("four_bar", "conservative"), Choice("default", "rk4"))
     sign = (-1.0) ** np.arange(len(x.t))
     true = {s: model.acceleration(0.0, x.q[0], s * x.v[0]) for s in (1.0, -1.0)}
@@ -387,20 +346,18 @@ def alternating(x: Trajectory) -> Trajectory:
 
 
 def test_samples_that_swing_do_not_allow_themselves_anything() -> None:
-    """Integrals of what swings from sample to sample change without bounds where every second sample is left out."""
-    found = {x.subject for x in played("four_bar", "conservative", 0.2, alternating).objections}
+    """The integral of samples of alternating sign changes without bounds if every second sample is left out."""
+    found = {x.subject for x in played(alternating).objections}
     assert found == {judge.Subject.RATES, judge.Subject.REPETITION}
 
 
 @pytest.mark.parametrize(("share", "valid"), [(2.9, True), (3.1, False)])
 @pytest.mark.parametrize("name", ["place", "turn", "speed", "spin"])
 def test_what_samples_allow_of_rates_is_at_most_two_limits(name: str, share: float, valid: bool) -> None:
-    """Size, duration and largest speeds 1."""
-    none = np.zeros(5)
-    gaps = dict.fromkeys(("place", "turn", "speed", "spin"), none) | {name: none + share * judge.OFF_RATES}
-    rates = metrics.RateGaps(**gaps, bars=(9.0, 9.0, 9.0, 9.0), fastest=(1.0, 1.0))
-    evidence = judge.Evidence(1.0, metrics.Drift(none, none, none), none, 0.0, 1.0, rates=rates, duration=1.0)
-    assert judge.judge(evidence).valid == valid
+    """Size, duration and largest speeds are 1, and all error bars are 9."""
+    bars = metrics.MotionGap(9.0, 9.0, 9.0, 9.0)
+    rates = replace(STILL, **{name: FIVE + share * judge.OFF_RATES}, bars=bars, fastest=(1.0, 1.0))
+    assert judge.judge(replace(SOUND, size=1.0, rates=rates)).valid == valid
 
 
 @pytest.mark.parametrize(
@@ -408,10 +365,9 @@ def test_what_samples_allow_of_rates_is_at_most_two_limits(name: str, share: flo
     [(0.29, 9.0, 0.0, True), (0.31, 9.0, 0.0, False), (0.31, 9.0, 0.02, True), (0.11, 0.02, 9.0, True), (0.13, 0.02, 9.0, False)],
 )
 def test_what_samples_allow_of_work_is_at_most_two_limits(gained: float, bar: float, floor: float, valid: bool) -> None:
-    """10 J move; rounding is allowed beside the two."""
-    none = np.zeros(2)
-    evidence = judge.Evidence(1.0, metrics.Drift(none, none, none), none + gained, bar, 10.0, energy_floor=floor)
-    assert judge.judge(evidence).valid == valid
+    """10 J move; rounding is allowed beside the two limits."""
+    found = {"energy": FIVE + gained, "energy_bar": bar, "energy_scale": 10.0, "energy_floor": floor}
+    assert judge.judge(replace(SOUND, **found)).valid == valid
 
 
 def test_accelerations_are_judged_where_the_samples_themselves_say() -> None:
@@ -436,6 +392,8 @@ def test_rates_of_a_polynomial_leave_no_gap_and_a_scaled_one_leaves_its_share() 
     q, v, a = (x(t)[:, None] * columns for x in (p, p.deriv(), p.deriv(2)))
     gaps = metrics.rate_gaps(Trajectory(t, q, v, a, 100))
     assert max(float(x.max()) for x in (gaps.place, gaps.turn, gaps.speed, gaps.spin)) < 1e-12
+    # of t^3 the end correction leaves h^3 / 2 = 5e-7, trapezia alone h^2 / 2 = 5e-5
+    assert abs(metrics.integral(t, 3 * t[:, None] ** 2)[-1, 0] - 1.0) < 1e-6
     off = metrics.rate_gaps(Trajectory(t, q, 1.1 * v, a, 100))
     assert off.turn[-1] == pytest.approx(0.1 * abs(p(1.0) - p(0.0)), rel=1e-9)
     assert off.place[-1] == pytest.approx(0.2 * abs(p(1.0) - p(0.0)), rel=1e-9)
@@ -452,13 +410,6 @@ def test_an_integrator_that_chooses_its_steps_is_run_again_at_a_tighter_toleranc
     sound = simulate(str(path), integrator="dop853", at=[0.0, 1.0])
     assert sound.status == "ok"
     assert 0 < sound.metrics["halving_length"] < 1e-6
-
-
-def test_steps_that_end_at_samples_are_halved_with_them() -> None:
-    """Compiled DOP853 takes no step over a sample: a millisecond apart, no tolerance changes a bit of a slow start."""
-    found = simulate("crank_slider", "gauss-native", scenario="paper", integrator="dop853", at=[0.0, 0.05])  # not certified
-    assert found.status == "ok", found.message
-    assert 0 < found.metrics["halving_angle"] < 1e-9
 
 
 def test_a_repetition_is_compared_at_the_samples_of_the_run() -> None:
@@ -544,7 +495,7 @@ def test_what_an_engine_keeps_a_hold_of_changes_nothing_that_was_received() -> N
 
 
 def test_a_certified_motion_is_held_against_its_rates_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An engine whose places are right and whose velocities are half of what they should be, where the truth is known."""
+    """The places of the engine are right and its velocities a tenth too small; the reference is known."""
     read = InterpretedModel.read
     monkeypatch.setattr(InterpretedModel, "read", lambda model: replace(x := read(model), v=0.9 * x.v))
     found = simulate("four_bar", scenario="torque", at=[0.0, 0.2])
@@ -577,17 +528,6 @@ def test_of_a_long_run_the_first_part_is_repeated() -> None:
     assert len(first_part(times, 1e6, 60.0)) == 2
 
 
-def test_rates_are_sound_or_not_whatever_else_is_wrong() -> None:
-    mechanism = load("four_bar", "conservative")
-    model = get("gauss").build(mechanism, Choice("default", "rk4"))
-    model.prepare(1e-3 * np.arange(101))
-    model.run()
-    x = model.read()
-    assert has_sound_rates(mechanism, x)
-    assert has_sound_rates(mechanism, replace(x, q=x.q + 0.1))  # loops that are open are another matter
-    assert not has_sound_rates(mechanism, frozen(x))
-
-
 def test_bits_that_stay_are_a_repetition_of_what_rests_alone() -> None:
     t, rest = np.arange(3.0), np.zeros((3, 3))
     resting = Trajectory(t, rest, rest, rest, 2)
@@ -604,14 +544,6 @@ def test_bits_that_stay_are_a_repetition_of_what_rests_alone() -> None:
         (["loops"], True, False, "do not trust it; take a step smaller than 0.001 s"),
         (["step"], False, True, "do not trust it; ask for a tighter tolerance"),
         (["rates"], False, False, "do not trust it"),
-        (["repetition"], False, True, "do not trust it"),
-        (
-            ["model", "loops"],
-            False,
-            False,
-            "do not trust it; a step smaller than 0.001 s mends accelerations that an engine takes from its steps; "
-            "else look for another engine or setting",
-        ),
         (["motion"], False, False, ""),
     ],
 )

@@ -1,4 +1,4 @@
-"""The schema of tables: what is written is read, what is not declared is refused or left alone, and older files are understood."""
+"""Tables are read as they were written, undeclared columns are refused or ignored, and older formats are read."""
 
 import csv
 import json
@@ -12,7 +12,6 @@ import pytest
 from gauss_bench import checksums, tables
 from gauss_bench.bench.gate import read_baseline
 from gauss_bench.cli import main
-from gauss_bench.report.build import build_report
 from gauss_bench.report.field_run import folders_of
 from gauss_bench.tables import FORMAT, KEY, TABLES, Table, TableError
 
@@ -66,60 +65,39 @@ def test_an_unknown_column_of_a_file_is_ignored(tmp_path: Path) -> None:
     tables.write_schema(tmp_path)
     (found,) = tables.read_table("agreement", tmp_path)
     assert "why" not in found
-    assert build_report(tmp_path)
 
 
-@pytest.mark.parametrize("content", [b"", b"\n"])
-@pytest.mark.parametrize("name", ["agreement", "atlas", "baseline"])
-def test_a_file_without_even_its_columns_is_damaged(
-    name: str, content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+HEAD = "mechanism,first,second,position,velocity"
+DAMAGED = [  # file, content, and what is said of it
+    ("agreement.csv", "", "is empty, without the names of its columns"),
+    ("agreement.csv", f"{HEAD}\nfour_bar,a,b,1,2\n", "column 'acceleration' is missing"),
+    ("agreement.csv", f"{HEAD},acceleration\nfour_bar,a,b,1,2,three\n", "row 1, column 'acceleration'"),
+    (tables.SCHEMA_FILE, json.dumps({"format": FORMAT + 1}), "is later than this version"),
+    (tables.SCHEMA_FILE, json.dumps({"format": "two"}), "'two' is no format"),
+    (tables.SCHEMA_FILE, json.dumps({"format": 0}), "0 is no format"),
+]
+
+
+@pytest.mark.parametrize(("file", "content", "said"), DAMAGED)
+def test_a_damaged_table_is_refused_with_a_sentence(
+    file: str, content: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    tables.write_table(name, [], tmp_path)
+    tables.write_table("agreement", [], tmp_path)
     tables.write_schema(tmp_path)
-    assert tables.read_table(name, tmp_path) == ()
-    for path in (whole := tables.files_of(name, tmp_path)):
-        path.write_bytes(content)
-    with pytest.raises(TableError, match=f"{name}.*empty"):
-        tables.read_table(name, tmp_path)
-    if name != "baseline":
-        before = sorted(tmp_path.rglob("*"))
-        assert main(["report", "--out", str(tmp_path)]) == 2
-        assert whole[0].name in capsys.readouterr().err
-        assert sorted(tmp_path.rglob("*")) == before
+    (tmp_path / tables.checksums.FILE).unlink()  # which would tell it first
+    (tmp_path / file).write_text(content)
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["report", "--out", str(tmp_path)]) == 2
+    told = capsys.readouterr().err
+    assert file in told
+    assert said in told
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_a_column_that_is_not_in_the_schema_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(KeyError, match="invented"):
         tables.write_table("agreement", [{"mechanism": "four_bar", "invented": 1}], tmp_path)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        ("mechanism,first,second,position,velocity\nfour_bar,a,b,1,2\n", "column 'acceleration' is missing"),
-        ("mechanism,first,second,position,velocity,acceleration\nfour_bar,a,b,1,2,three\n", "row 1, column 'acceleration'"),
-    ],
-)
-def test_a_damaged_table_is_refused_with_a_sentence(
-    content: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "agreement.csv").write_text(content)
-    tables.write_schema(tmp_path)
-    assert main(["report", "--out", str(tmp_path)]) == 2
-    told = capsys.readouterr().err
-    assert "agreement.csv" in told
-    assert said in told
-    assert not (tmp_path / "README.md").exists()
-
-
-@pytest.mark.parametrize("form", [FORMAT + 1, "two", 0, None])
-def test_a_format_that_is_not_known_is_refused(form: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    tables.write_table("agreement", [], tmp_path)
-    (tmp_path / tables.SCHEMA_FILE).write_text(json.dumps({"format": form}))
-    assert main(["report", "--out", str(tmp_path)]) == 2
-    assert tables.SCHEMA_FILE in capsys.readouterr().err
-    assert not (tmp_path / "README.md").exists()
 
 
 def test_a_baseline_of_a_later_format_is_refused_and_an_older_one_is_read(tmp_path: Path) -> None:
@@ -140,7 +118,7 @@ LIMIT = 3_000_000  # bytes of what is published beside the code
 
 
 def test_published_files_are_small_and_read_completely() -> None:
-    """Every file is a table of the schema, or one of the few that are none; all that stands in them is read."""
+    """Every published file is a table of the schema or one of a few others, and every column of a table is read."""
     others = {"README.md", "what_changed.md", "environment.json", checksums.FILE, tables.SCHEMA_FILE}
     ignored = ("site", "local", ".run", "pictures", "findings")
     files = [path for path in REPORTS.rglob("*") if path.is_file() and path.relative_to(REPORTS).parts[0] not in ignored]
@@ -171,7 +149,7 @@ def test_times_with_another_meaning_in_earlier_formats_are_missing(form: int, st
 
 
 def of_format_1(folder: Path) -> None:
-    """A folder as earlier versions left it: errors of the crank, and a baseline with its dates and reasons."""
+    """Return a folder of format 1, with errors of the crank and a baseline with dates and reasons."""
     case = "four_bar,torque,gauss,default,rk4,none,0.001,2"
     head = "mechanism,scenario,engine,settings,integrator,stabilization,step,t_end"
     files = {
@@ -205,15 +183,6 @@ def test_errors_of_the_crank_are_read_as_those_of_the_measured_coordinate(rewrit
     assert list(baseline["metric"]) == ["measured_error_t1", "measured_t05"]
     assert list(baseline["value"]) == ["1.5e-07", "0.123456789012345"]
     assert list(baseline["accepted"]) == ["2026-11-21 first baseline", "2026-11-22 a better reference"]
-
-
-def test_migrating_twice_changes_nothing(tmp_path: Path) -> None:
-    of_format_1(tmp_path)
-    tables.write_table("series", [dict.fromkeys(KEY[:6], "x") | {"step": 1e-3, "t": 0.5}], tmp_path)
-    tables.migrate(tmp_path)
-    before = {path.name: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    tables.migrate(tmp_path)
-    assert {path.name: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
 CASE = dict(zip(KEY, ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 2.0), strict=True))
@@ -273,7 +242,7 @@ def test_samples_of_format_4_are_of_one_process(tmp_path: Path) -> None:
 
 
 def test_format_3_is_read_and_migrated_to_separate_files(tmp_path: Path) -> None:
-    """What lay in one file, twice over: figures and times stay, builds too, which mean the same since then."""
+    """Format 3 had all columns in one file, twice. Figures, times and builds stay the same."""
     (tmp_path / "tables.json").write_text('{"format": 3}', encoding="utf-8")
     head = "mechanism,scenario,engine,settings,integrator,stabilization,step,t_end,status,position_error,step_time,build_time"
     (tmp_path / "results.csv").write_text(f"{head}\nfour_bar,torque,gauss,default,rk4,none,0.001,2,ok,1e-6,5.1234567e-5,0.1\n")

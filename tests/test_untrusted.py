@@ -1,4 +1,4 @@
-"""TOML of strangers is measured before it is parsed, and a file that is none is not waited for."""
+"""The depth of untrusted TOML is limited before it is parsed, and reading never waits for a path that is no file."""
 
 import os
 import socket
@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from gauss_bench.cli import main
-from gauss_bench.linkage.load import built_in
 from gauss_bench.studio.document import parse_text
 from gauss_bench.studio.errors import Refused
 from gauss_bench.untrusted import DEEPEST, TooDeep, check_depth, parse_toml
@@ -69,11 +68,6 @@ def test_a_string_that_nothing_closes_is_left_to_the_parser(text: str) -> None:
         parse_toml(text)
 
 
-def test_every_built_in_linkage_passes() -> None:
-    for path in built_in().values():
-        check_depth(path.read_text(encoding="utf-8"))
-
-
 @pytest.mark.parametrize("levels", [20_000, 40_000])
 def test_every_verb_that_reads_a_linkage_refuses_a_deep_key(
     levels: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -90,7 +84,7 @@ def test_every_verb_that_reads_a_linkage_refuses_a_deep_key(
 
 
 def no_files(folder: Path) -> dict[str, Path]:
-    """A path of every kind that is no file, or one that never ends or never begins."""
+    """Return a path of every kind that is no regular file, such as a pipe, a socket or an endless device."""
     os.mkfifo(folder / "pipe.toml")
     (folder / "circle.toml").symlink_to("circle.toml")
     (folder / "folder.toml").mkdir()
@@ -112,16 +106,10 @@ show PATH
 simulate PATH
 kinematics PATH
 kinematics four_bar --driver table:file=PATH
-diagnose PATH --engine gauss
-recommend PATH --position 1e-3
 sweep PATH --vary gravity=1:2:2 --out NEW
-export PATH --engine c --out NEW
 import PATH --out NEW.toml
-certify PATH
 verify PATH
-run PATH --out NEW
 run --suite PATH --out NEW
-check PATH --baseline NEW --accept none
 check --baseline PATH
 """
 
@@ -137,7 +125,7 @@ for arguments in ASKED:
 
 
 def test_what_is_no_file_is_refused_at_once(tmp_path: Path) -> None:
-    """All verbs in one process, which a time limit ends that they come nowhere near."""
+    """One process calls all verbs; its time limit is far above the time that they take."""
     places = tmp_path / "places"
     places.mkdir()
     paths, new = no_files(places), str(tmp_path / "new")

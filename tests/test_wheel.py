@@ -1,7 +1,6 @@
 """The wheel, installed without extras: every verb works, or names the extra that it needs; never a traceback.
 
-Building and installing takes some seconds, and importing the package anew for every verb one more each; whatever can answer
-without an extra is asked for little.
+Building and installing takes some seconds, and each verb imports the package anew. Commands that work without an extra are short.
 """
 
 import json
@@ -32,7 +31,7 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> Bare:
 
 @pytest.mark.slow
 def test_the_environment_is_bare(environment: Bare) -> None:
-    """Otherwise nothing below says anything."""
+    """The environment has no extra and imports the installed package; the other tests of this file rely on it."""
     import subprocess
 
     wanted = {*EXTRAS, "pytest", "sympy"}
@@ -50,7 +49,7 @@ def words(command: str) -> list[str]:
     return [x.format(data=DATA, certificate=CERTIFICATE) for x in command.split()]
 
 
-@pytest.mark.long("atlas", "conformance", "diagnose", "doctor", "export", "recommend", "selftest", "verify")
+@pytest.mark.long(*WORKING.keys() - {"simulate"})
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", WORKING)
 def test_verbs_that_need_no_extra_work(verb: str, environment: Bare) -> None:
@@ -78,6 +77,7 @@ def test_a_suite_runs_and_is_reported_and_says_what_was_left_out(environment: Ba
     assert (environment.folder / "made" / "site" / "index.html").exists()
 
 
+@pytest.mark.long(*EXTRA_OF.keys() - {"gauss-native"})
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", EXTRA_OF)
 def test_an_engine_that_is_missing_names_its_extra(engine: str, environment: Bare) -> None:
@@ -86,6 +86,7 @@ def test_an_engine_that_is_missing_names_its_extra(engine: str, environment: Bar
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.long(*NEEDING.keys() - {"import of MJCF"})
 @pytest.mark.slow
 @pytest.mark.parametrize("what", NEEDING)
 def test_verbs_that_need_an_extra_name_it(what: str, environment: Bare) -> None:

@@ -1,6 +1,6 @@
-"""Formulations: the algebra of one textbook page each, Terms -> Solution. They know numpy and scipy, and nothing of linkages.
+"""Formulations: functions from Terms to Solution, one textbook page each. They use numpy and scipy, and know nothing of linkages.
 
-Those in CONTROLS are wrong on purpose: the suite must flag them, and they are kept out of every ranking.
+The formulations in CONTROLS are wrong on purpose. The suite must detect them, and no ranking has them.
 """
 
 from collections import UserDict
@@ -14,7 +14,7 @@ Formulation = Callable[[Terms], Solution]
 
 
 class Formulations(UserDict[str, Any]):
-    """Formulations by name; one that is given as "module:function" of this package is imported when it is first used."""
+    """Formulations by name; a value "module:function" names a function of this package, which is imported when it is used."""
 
     def __getitem__(self, name: str) -> Formulation:
         found: Formulation = self.data[name]

@@ -27,7 +27,7 @@ from scipy.linalg.lapack import dgels, dgeqp3, dorgqr, dpotrf, dtrtrs
 from gauss_bench.terms import Array, Solution, Terms
 
 RANK_TOLERANCE = 1e-10  # of the largest diagonal entry of R: rounding leaves about 1e-15, a usable linkage keeps about 1e-2
-UNEVEN = 1e6  # ratio of masses beyond which the error of a solution without refinement would reach 1e-10
+UNEVEN = 1e6  # ratio of masses at which the error of a solution without refinement reaches 1e-10
 
 
 def gauss(terms: Terms) -> Solution:
@@ -43,6 +43,7 @@ def gauss(terms: Terms) -> Solution:
         raise np.linalg.LinAlgError("the mass matrix is not positive definite")
 
     def least_constraint(Q: Array, gamma: Array) -> Array:
+        """Return the a (n,) with J a = gamma for which |L^T (a - M^-1 Q)| is least."""
         a: Array = Y @ least_squares(R.T, gamma[order])
         if N.shape[1]:
             a = a + N @ least_squares(L.T @ N, dtrtrs(L, Q, lower=True)[0] - L.T @ a)
@@ -55,22 +56,23 @@ def gauss(terms: Terms) -> Solution:
         r = Y.shape[1]
         multipliers = np.zeros(0)  # LAPACK takes no system without unknowns
         if r:
-            multipliers = dtrtrs(R[:, :r], Y.T @ (Q - M @ a))[0]  # of r independent rows, the others zero
+            multipliers = dtrtrs(R[:, :r], Y.T @ (Q - M @ a))[0]  # of the first r rows in the order P; those of others are zero
         a = a + least_constraint(Q - M @ a - J[order[:r]].T @ multipliers, gamma - J @ a)
     return Solution(a, None, Y.shape[1])
 
 
 def subspaces(J: Array) -> tuple[Array, Array, Array, Array]:
-    """Return Y (n, r), N (n, n - r), R (r, m) and the order P of the rows, with J^T P = Y R and Y^T N = 0."""
+    """Return Y (n, r), N (n, n - r), R (r, m) and the order P (m,) of the rows of J, with J^T P = Y R and Y^T N = 0."""
     m, n = J.shape
     factors, pivots, tau, _, _ = dgeqp3(J.T)
     R = np.where(_below(min(m, n), m), 0.0, factors[: min(m, n)])
     diagonal = np.abs(np.diagonal(R))
     rank = int((diagonal > RANK_TOLERANCE * diagonal.max(initial=0.0)).sum())
+    # LAPACK has Q as reflections in the columns of `factors`; in n columns they give all of it, [Y N]
     reflectors = np.zeros((n, n), order="F")
     reflectors[:, : min(m, n)] = factors[:, : min(m, n)]
     basis = dorgqr(reflectors, tau, overwrite_a=True)[0]
-    return basis[:, :rank], basis[:, rank:], R[:rank], pivots - 1
+    return basis[:, :rank], basis[:, rank:], R[:rank], pivots - 1  # LAPACK counts from 1
 
 
 @cache
@@ -80,6 +82,6 @@ def _below(rows: int, columns: int) -> NDArray[np.bool_]:
 
 
 def least_squares(A: Array, b: Array) -> Array:
-    """Return the x that minimises |A x - b|, for A (k, l) of full column rank with k >= l; it solves A x = b where A is square."""
+    """Return the x (l,) that minimises |A x - b| for A (k, l) of full column rank, k >= l; it solves A x = b if A is square."""
     x: Array = dgels(A, b)[1][: A.shape[1]] if A.shape[1] else np.zeros(0)  # LAPACK takes no system without unknowns
     return x

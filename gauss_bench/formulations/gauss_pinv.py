@@ -4,26 +4,26 @@
     minimise |A h - b|,   A = M^(1/2) (I - J^- J),   b = M^(-1/2) Q - M^(1/2) J^- gamma                     (9)-(11)
     h = A^- b                                                                                               (12), (13)
 
-The paper prints M^(-1/2) in A and in the second term of b; substituting (8) into (2) gives M^(+1/2), used here. The paper's
-next step, eqs (15) and (16), is wrong and lives in `yuan_ge_eq16.py`.
+The paper prints M^(-1/2) in A and in the second term of b. Substituting (8) into (2) gives M^(+1/2), which is used here. The next
+step of the paper, eqs (15) and (16), is wrong; `yuan_ge_eq16.py` has it.
 """
 
 import numpy as np
 
 from gauss_bench.terms import Array, Solution, Terms
 
-RANK_TOLERANCE = 1e-10
+RANK_TOLERANCE = 1e-10  # of the largest singular value, as in `gauss`
 
 
 def gauss_pinv(terms: Terms) -> Solution:
-    """Return accelerations (n,) by two pseudo-inverses of n columns each, and the rank of J."""
+    """Return accelerations (n,) by two pseudo-inverses, of J and of A, and the rank of J."""
     M, J, Q, gamma = terms.M, terms.J, terms.Q, terms.gamma
     root, inverse_root = square_roots(M)
     J_pinv = np.linalg.pinv(J, rcond=RANK_TOLERANCE)
     particular = J_pinv @ gamma
     N = np.eye(len(M)) - J_pinv @ J
-    rank = len(M) - round(float(np.trace(N)))
-    if rank == len(M):  # the constraints leave no freedom: N is rounding alone, and so would be its pseudo-inverse
+    rank = len(M) - round(float(np.trace(N)))  # the trace of a projector is its rank
+    if rank == len(M):  # the constraints leave no freedom: N is rounding, whose pseudo-inverse would be huge
         return Solution(particular, None, rank)
     A = root @ N
     b = inverse_root @ Q - root @ particular

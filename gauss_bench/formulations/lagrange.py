@@ -3,10 +3,10 @@
     [ M  J^T ] [   a    ]   [   Q   ]
     [ J   0  ] [ lambda ] = [ gamma ]
 
-It is solved by LU with partial pivoting. Redundant rows make the matrix singular, which its reciprocal condition number shows. But
-masses that differ by 1e8 and more also make that number small, although no row is redundant. If it is small, rows and columns are
-scaled, masses to about 1 and then rows of J to about 1, and the number of the scaled matrix decides. The factors are powers of two,
-which cause no rounding.
+It is solved by LU with partial pivoting. Redundant rows make the matrix singular, and its reciprocal condition number small. Masses
+that differ by 1e8 and more make this number small too, although no row is redundant. If it is small, rows and columns are scaled,
+masses to about 1 and then rows of J to about 1, and the number of the scaled matrix decides. The factors are powers of two, which
+cause no rounding.
 Sources: Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), eq. (6.3.18); Golub and Van Loan, Matrix
 Computations (4th ed.), section 3.5.2 (scaling).
 """
@@ -20,10 +20,10 @@ SINGULAR = 1e-15  # a few rounding units: LU of an exactly singular KKT matrix l
 
 
 def lagrange(terms: Terms) -> Solution:
-    """Return accelerations (n,) and multipliers (m,).
+    """Return accelerations (n,) and multipliers (m,) by Lagrange's method.
 
     Raises:
-        SingularSystem: redundant constraint rows.
+        SingularSystem: constraint rows are redundant.
     """
     n, m = len(terms.M), len(terms.J)
     K = np.zeros((n + m, n + m), order="F")
@@ -40,8 +40,8 @@ def lagrange(terms: Terms) -> Solution:
 
 
 def solve(K: Array, b: Array) -> tuple[Array, float]:
-    """Return K^-1 b and the reciprocal condition number of K; if that is zero the solution is meaningless."""
-    norm = float(np.abs(K).sum(axis=0).max())
+    """Return K^-1 b and the reciprocal condition number of K; if the number is zero, b itself stands in for the solution."""
+    norm = float(np.abs(K).sum(axis=0).max())  # the 1-norm
     lu, pivots, info = dgetrf(K)
     if info:
         return b, 0.0
@@ -49,7 +49,7 @@ def solve(K: Array, b: Array) -> tuple[Array, float]:
 
 
 def scale_evenly(terms: Terms) -> Array:
-    """Return the powers of two (n + m,) that scale masses, and then the largest entries of the rows of J, to about 1."""
+    """Return the powers of two (n + m,) that scale masses, and then the largest entry of each row of J, to about 1."""
     masses = power_of_two(np.sqrt(np.diagonal(terms.M)))
     return np.concatenate([masses, power_of_two(np.abs(terms.J * masses).max(axis=1))])
 

@@ -15,15 +15,15 @@ SINGULAR = 1e-15  # reciprocal condition; that of the complement is the square o
 
 
 def schur(terms: Terms) -> Solution:
-    """Return accelerations (n,) and multipliers (m,).
+    """Return accelerations (n,) and multipliers (m,) by the Schur complement.
 
     Raises:
-        SingularSystem: redundant constraint rows.
+        SingularSystem: constraint rows are redundant.
     """
     M, J, Q, gamma = terms.M, terms.J, terms.Q, terms.gamma
     if not len(J):
         return Solution(np.linalg.solve(M, Q), np.zeros(0), 0)  # LAPACK takes no system without unknowns
-    weighted = np.linalg.solve(M, np.column_stack([J.T, Q]))
+    weighted = np.linalg.solve(M, np.column_stack([J.T, Q]))  # M^-1 [J^T Q]
     S = J @ weighted
     complement, rhs = S[:, :-1], S[:, -1] - gamma
     factor, info = dpotrf(complement, lower=True)

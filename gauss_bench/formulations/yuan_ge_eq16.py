@@ -2,16 +2,16 @@
 
     a = J^+ gamma + N M^-1 Q,        N = I - J^+ J                                                                (16)
 
-It projects the free acceleration on J a = gamma in the Euclidean metric, not in that of M. The error is exactly
-N M^-1 J^T lambda, so it vanishes for M proportional to the unit matrix and depends on the unit of length otherwise. Because
-J a = gamma holds exactly, no constraint residual can detect it: only a comparison of motions can.
+It projects the free acceleration on J a = gamma in the Euclidean metric instead of that of M. The error is N M^-1 J^T lambda: it
+vanishes if M is proportional to the unit matrix, and depends on the unit of length otherwise. J a = gamma holds exactly, so that
+no residual of the constraints can detect the error. Only a comparison of motions can.
 """
 
 import numpy as np
 
 from gauss_bench.terms import Solution, Terms
 
-RANK_TOLERANCE = 1e-10
+RANK_TOLERANCE = 1e-10  # of the largest singular value, as in `gauss`
 
 
 def yuan_ge_eq16(terms: Terms) -> Solution:

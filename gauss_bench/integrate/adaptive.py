@@ -15,16 +15,20 @@ from gauss_bench.terms import Array
 if TYPE_CHECKING:
     from scipy.integrate import DOP853
 
-MOST = 100_000  # steps: a linkage needs some hundred per second, but where it locks they become ever shorter
+MOST = 100_000  # largest number of steps: a linkage takes some hundred per second, but near a locked position ever shorter ones
 
 
 def dop853(
     acceleration: Acceleration, times: Array, q: Array, v: Array, rtol: float, atol: float, kinks: Sequence[float] = ()
 ) -> tuple[int, int]:
-    """Integrate from the first rows of q, v (k, n) and fill the others; return the numbers of steps and of evaluations.
+    """Integrate from the first row of q, v (k, n) and fill in the rows at the other times; return counts of steps and evaluations.
 
-    At `kinks` [s], where an acceleration has a kink or jumps, the integration is restarted. Rows that are not reached, because an
-    acceleration or the step size control fails, keep their values.
+    Rows that are not reached, because an acceleration or the step size control fails, keep their values.
+
+    Args:
+        times: (k,) times of the rows [s].
+        rtol, atol: relative and absolute tolerance of a step.
+        kinks: times [s] at which an acceleration has a kink or jumps; the integration restarts there.
 
     Raises:
         StepFailure: scipy's step size control fails, or MOST steps are not enough.
@@ -35,7 +39,8 @@ def dop853(
     done = 1  # rows that are filled
     begin, finish, y = float(times[0]), float(times[-1]), np.concatenate([q[0], v[0]])
     for end in (*(t for t in kinks if begin < t < finish), finish):
-        last = np.inf if end == finish else np.nextafter(end, begin)  # before the kink a force that jumps has its old value
+        # latest time of an evaluation: a force that jumps at the kink has its old value just before
+        last = np.inf if end == finish else np.nextafter(end, begin)
 
         def rate(t: float, y: Array, last: float = last) -> Array:
             return np.concatenate([y[n:], acceleration(min(t, last), y[:n], y[n:])])
@@ -55,7 +60,8 @@ def dop853(
 
 
 def _sample_step(solver: "DOP853", times: Array) -> list[Array]:
-    """Return the states at those of the next times that the last step has reached; only times before its end cost evaluations."""
+    """Return the states (2 n,) at the times that the last step has reached, of the increasing times that are still to come."""
     passed = times[: np.searchsorted(times, solver.t, side="right")]
+    # the interpolation inside the step costs evaluations: take it only for times before its end
     inside = solver.dense_output() if len(passed) and passed[0] < solver.t else None
     return [solver.y if inside is None or t == solver.t else inside(t) for t in passed]

@@ -1,4 +1,4 @@
-"""Fixed-step integrators: one step each, from (t, q, v) to t + h.
+"""Integrators with steps of a given size: a function takes one step, from t, q, v (n,) to q, v at t + h.
 
 Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), sections II.1 and, for DOP853, II.5; the
 semi-implicit Euler method as in Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), section I.1.2.
@@ -13,11 +13,12 @@ import numpy as np
 
 from gauss_bench.terms import Array
 
-DIFFERENCE = 1e-7  # [rad, m and per second] of the finite differences from which the Jacobian is computed
-NEWTON_STEPS, CONVERGED = 20, 1e-13  # and the relative change of velocities at which Newton's method ends
-ROUNDING = 4 * np.finfo(float).eps  # relative: two times this close are the same
-Acceleration = Callable[[float, Array, Array], Array]
-Step = Callable[[Acceleration, float, Array, Array, float], tuple[Array, Array]]
+DIFFERENCE = 1e-7  # [rad, m and per second] of the finite differences that give a Jacobian: about the root of rounding
+NEWTON_STEPS = 20  # largest number of iterations of Newton's method
+CONVERGED = 1e-13  # relative change of velocities at which Newton's method ends
+ROUNDING = 4 * np.finfo(float).eps  # relative distance below which two times are the same
+Acceleration = Callable[[float, Array, Array], Array]  # t, q, v -> a
+Step = Callable[[Acceleration, float, Array, Array, float], tuple[Array, Array]]  # acceleration, t, q, v, h -> q, v
 Tableau = tuple[list[float], list[Array], Array]  # nodes, rows of A, weights
 
 
@@ -48,7 +49,7 @@ def explicit_step(tableau: Tableau, acceleration: Acceleration, t: float, q: Arr
     """Take a step of the explicit Runge-Kutta method with these coefficients."""
     nodes, rows, weights = tableau
     n, y = len(q), np.concatenate([q, v])
-    rates = np.empty((len(weights), 2 * n))
+    rates = np.empty((len(weights), 2 * n))  # v and a of each stage
     for k, (node, row) in enumerate(zip(nodes, rows, strict=True)):
         state = y + h * row.dot(rates[:k]) if k else y
         rates[k, :n], rates[k, n:] = state[n:], acceleration(t + node * h, state[:n], state[n:])
@@ -57,7 +58,7 @@ def explicit_step(tableau: Tableau, acceleration: Acceleration, t: float, q: Arr
 
 
 def tableau(name: str) -> Tableau:
-    """Return nodes, rows of A and weights of rk4 or dop853_fixed, as `dop853_tableau` does."""
+    """Return the coefficients of rk4 or dop853_fixed, as `dop853_tableau` does."""
     if name == "rk4":
         rows = [np.array(row) for row in ([], [0.5], [0.0, 0.5], [0.0, 0.0, 1.0])]
         return [0.0, 0.5, 0.5, 1.0], rows, np.array([1.0, 2.0, 2.0, 1.0]) / 6
@@ -66,7 +67,7 @@ def tableau(name: str) -> Tableau:
 
 @cache
 def dop853_tableau() -> Tableau:
-    """Return scipy's coefficients of DOP853: nodes (s,), rows of A (as many entries as stages before), weights (s,) of the step."""
+    """Return scipy's coefficients of DOP853: nodes (s,), rows of A (row k has k entries), and weights (s,)."""
     from scipy.integrate import DOP853  # imported here because it takes longer than most runs
 
     weights = np.ascontiguousarray(DOP853.B)
@@ -76,7 +77,7 @@ def dop853_tableau() -> Tableau:
 
 @cache
 def dop853_estimates() -> tuple[Array, Array]:
-    """Return the weights (s,) that give the difference from an embedded step of order 5, and from one of order 3."""
+    """Return the weights (s,) of the difference from the embedded step of order 5, and of that from the step of order 3."""
     from scipy.integrate import DOP853
 
     s = len(DOP853.B)  # scipy has one weight more, for the first stage of the next step; it is 0
@@ -86,7 +87,7 @@ def dop853_estimates() -> tuple[Array, Array]:
 def gauss_legendre(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
     """Take a step of Gauss's collocation with three stages: order 6, implicit, stable with arbitrarily stiff springs and dampers.
 
-    Newton's method finds all stages at once, with one Jacobian by differences at the beginning of the step.
+    Newton's method finds all stages at once. Its Jacobian is computed once, by differences at the beginning of the step.
 
     Raises:
         LinAlgError: Newton's method does not converge.
@@ -94,9 +95,9 @@ def gauss_legendre(acceleration: Acceleration, t: float, q: Array, v: Array, h: 
     c, A, b = gauss_tableau()
     n, a = len(q), acceleration(t, q, v)
     differences = DIFFERENCE * np.eye(n)
-    stiffness = np.transpose([(acceleration(t, q + d, v) - a) / DIFFERENCE for d in differences])
-    damping = np.transpose([(acceleration(t, q, v + d) - a) / DIFFERENCE for d in differences])
-    # with K = da/dq and D = da/dv, stages z solve z = a(q + c h v + h^2 A A z, v + h A z):
+    stiffness = np.transpose([(acceleration(t, q + d, v) - a) / DIFFERENCE for d in differences])  # K = da/dq (n, n)
+    damping = np.transpose([(acceleration(t, q, v + d) - a) / DIFFERENCE for d in differences])  # D = da/dv (n, n)
+    # the accelerations z (3, n) of the stages solve z = a(q + c h v + h^2 A A z, v + h A z):
     # Newton's matrix is 1 - h^2 A A x K - h A x D (Kronecker products), Hairer and Wanner (1996), section IV.8
     matrix = np.eye(len(c) * n) - h * h * np.kron(A @ A, stiffness) - h * np.kron(A, damping)
     stages = np.tile(a, (len(c), 1))
@@ -111,7 +112,7 @@ def gauss_legendre(acceleration: Acceleration, t: float, q: Array, v: Array, h: 
     raise np.linalg.LinAlgError("the stages of an implicit step do not converge")
 
 
-STAGES = 3  # of an implicit step
+STAGES = 3  # number of stages of an implicit step
 
 
 @cache
@@ -148,7 +149,7 @@ def step_counts(times: Array, step: float) -> list[tuple[int, float]]:
     """
     counts = []
     for gap, end in zip(np.diff(times), times[1:], strict=True):
-        count = max(1, int(np.ceil(gap / step * (1 - 1e-9))))
+        count = max(1, int(np.ceil(gap / step * (1 - 1e-9))))  # a quotient just above an integer is rounding
         whole = abs(gap - count * step) <= ROUNDING * end
         counts.append((count, step if whole else float(gap) / count))
     return counts
@@ -158,8 +159,10 @@ class Equal(NamedTuple):
     """Consecutive samples with equal steps between them.
 
     Attributes:
-        row: index of the sample before the first of them; samples: their number.
-        steps, size: steps from sample to sample, and their size [s].
+        row: index of the sample before the first of these.
+        steps: number of steps from sample to sample.
+        size: size of a step [s].
+        samples: number of these samples.
     """
 
     row: int
@@ -169,10 +172,13 @@ class Equal(NamedTuple):
 
 
 def equal_runs(times: Array, step: float) -> list[Equal]:
-    """Group the consecutive intervals of `step_counts` with equal counts and sizes of steps."""
+    """Return the groups of consecutive samples at `times` (k,) with equal counts and sizes of steps, none longer than `step`."""
     runs: list[Equal] = []
-    for (count, size), group in groupby(step_counts(times, step), key=lambda c: (c[0], round(c[1], 15))):
-        runs.append(Equal(sum(x.samples for x in runs), count, size, len(list(group))))
+    row = 0
+    for (count, size), group in groupby((count, round(size, 15)) for count, size in step_counts(times, step)):
+        samples = len(list(group))
+        runs.append(Equal(row, count, size, samples))
+        row += samples
     return runs
 
 
@@ -180,9 +186,11 @@ class Stretch(NamedTuple):
     """Equal steps without a kink in them.
 
     Attributes:
-        begin: start time [s]; steps, size: number of steps and their size [s].
-        last: [s] the latest time for evaluations: a force that jumps at the end of the steps has its old value there.
-        row: index of the sample at their end; None if they end at a kink between samples.
+        begin: start time [s].
+        steps: number of steps.
+        size: size of a step [s].
+        last: latest time of an evaluation [s]: a force that jumps at the end of the steps has its old value there.
+        row: index of the sample at the end; None if the steps end at a kink between samples.
     """
 
     begin: float
@@ -193,18 +201,19 @@ class Stretch(NamedTuple):
 
 
 def stretches(times: Array, step: float, kinks: Sequence[float] = ()) -> Iterator[Stretch]:
-    """Yield the steps from sample to sample, none longer than `step`, such that a step ends at every kink [s] on the way."""
+    """Yield equal steps from sample to sample at `times` (k,) [s], none longer than `step`; a step ends at every kink [s]."""
     for row, (begin, end) in enumerate(pairwise(times), start=1):
-        near = ROUNDING * max(abs(end), abs(begin))
+        near = ROUNDING * max(abs(end), abs(begin))  # a kink this near to a sample is at the sample
         ends = [*(t for t in kinks if begin + near < t < end - near), end]
         jumps = any(abs(t - end) <= near for t in kinks)
         nodes = np.array([begin, *ends])
         for k, (count, size) in enumerate(step_counts(nodes, step)):
-            whole = k == len(ends) - 1
-            last = np.inf if whole and not jumps else np.nextafter(nodes[k + 1] - (near if whole else 0.0), nodes[k])
-            yield Stretch(float(nodes[k]), count, size, float(last), row if whole else None)
+            at_sample = k == len(ends) - 1
+            kink = nodes[k + 1] - (near if at_sample else 0.0)  # a kink at a sample may differ from it by rounding
+            last = np.inf if at_sample and not jumps else np.nextafter(kink, nodes[k])
+            yield Stretch(float(nodes[k]), count, size, float(last), row if at_sample else None)
 
 
 def held_back(acceleration: Acceleration, last: float) -> Acceleration:
-    """Return the acceleration evaluated no later than `last`: a force that jumps at the end of the steps keeps its old value."""
+    """Return an acceleration that is evaluated no later than `last` [s], so that a force that jumps after it has its old value."""
     return acceleration if last == np.inf else lambda t, q, v: acceleration(min(t, last), q, v)

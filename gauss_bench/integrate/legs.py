@@ -1,8 +1,8 @@
-"""Equal steps past times at which an acceleration has a kink or jumps.
+"""Equal steps of compiled code past times at which an acceleration has a kink or jumps.
 
-    | h | h | a b | h | h |          a kink inside a step: the step is taken in parts a + b = h that end at the kink
+    | h | h | a b | h | h |          a kink inside a step: the step is taken in two parts a + b = h
 
-No part contains a kink, so that steps keep their order, and samples stay where they are.
+No part contains a kink, so that steps keep their order of convergence, and samples keep their times.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,8 +17,11 @@ class Leg:
     """Equal steps without a kink in them.
 
     Attributes:
-        t: start time [s]. h: step size [s]. n: number of steps.
-        every: steps between samples. slots: numbers of samples before these steps and after them.
+        t: start time [s].
+        h: step size [s].
+        n: number of steps.
+        every: number of steps from sample to sample.
+        slots: number of samples up to the start, and up to the end.
     """
 
     t: float
@@ -29,13 +32,13 @@ class Leg:
 
     @property
     def middle(self) -> float:
-        """A time within the leg, at which open parameters have the values that hold for all of its steps."""
+        """A time within the leg; the values of open parameters at this time hold for all of its steps."""
         return self.t + self.h * self.n / 2
 
 
 def legs(t0: float, h: float, n: int, every: int, kinks: Sequence[float]) -> Iterator[Leg]:
-    """Yield n steps of size h from t0 on, divided at the kinks; there is a sample after every `every` steps and after the last."""
-    at = 0
+    """Yield n steps of size h from t0 on, divided at the kinks [s]; samples follow after each `every` steps and after the last."""
+    at = 0  # number of steps that are done
     for step, inside in _find_divided_steps(t0, h, n, kinks):
         yield from _yield_undivided(t0, h, at, step, every, n)
         at = step
@@ -49,11 +52,11 @@ def legs(t0: float, h: float, n: int, every: int, kinks: Sequence[float]) -> Ite
 
 
 def _find_divided_steps(t0: float, h: float, n: int, kinks: Sequence[float]) -> list[tuple[int, list[float]]]:
-    """Return (step, kinks inside it) for every step with a kink; a kink at the beginning of a step gives it an empty list."""
+    """Return the index of every step with a kink and the kinks inside it; the list is empty for a kink at the step's beginning."""
     divided: dict[int, list[float]] = {}
     for kink in kinks:
-        nearest = round((kink - t0) / h)
-        at = t0 + nearest * h
+        nearest = round((kink - t0) / h)  # the step that begins nearest to the kink ...
+        at = t0 + nearest * h  # ... and its time
         if abs(kink - at) <= ROUNDING * max(abs(kink), abs(t0), h):
             if 0 < nearest < n:
                 divided.setdefault(nearest, [])
@@ -64,11 +67,12 @@ def _find_divided_steps(t0: float, h: float, n: int, kinks: Sequence[float]) -> 
 
 def _yield_undivided(t0: float, h: float, begin: int, end: int, every: int, n: int) -> Iterator[Leg]:
     """Yield the legs of undivided steps from `begin` to `end`: up to the next sample, between samples, and after the last one."""
-    first = min(-(-begin // every) * every, end)
-    last = max(first, end // every * every)
+    first = min(-(-begin // every) * every, end)  # rounded up to a sample
+    last = max(first, end // every * every)  # rounded down to a sample
     for a, b in ((begin, first), (first, last), (last, end)):
         if a < b:
-            yield Leg(t0 + a * h, h, b - a, every if (a, b) == (first, last) else b - a, (_slots(a, every, n), _slots(b, every, n)))
+            spacing = every if (a, b) == (first, last) else b - a
+            yield Leg(t0 + a * h, h, b - a, spacing, (_slots(a, every, n), _slots(b, every, n)))
 
 
 def _slots(step: int, every: int, n: int) -> int:

@@ -9,6 +9,6 @@ exceptions of `errors`.
 
 `root_finding` has the solvers of the point equations at one position, and `basins` studies from how far away they converge.
 `singular` finds limits of motion and dead centres, `branches` other assemblies with the same inputs, `assembly` the loop of a
-drawing that does not close. `centres` and `advantage` compute instant centres and ratios of velocities and forces. Two modules
-ignore drivers: `freedom` has the free motions at a position, and `dragging` moves a linkage by one of its points.
+drawing that does not close, `synthesis` four-bars through given poses. `centres` and `advantage` compute instant centres and ratios
+of velocities and forces. `freedom` has the free motions at a position, and `dragging` moves a linkage by one of its points.
 """

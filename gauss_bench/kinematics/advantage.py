@@ -1,11 +1,11 @@
 """Velocity ratios and mechanical advantage of a linkage with one degree of freedom.
 
-With x the free motion and g_in, g_out the gradients of two coordinates, their rates are in the ratio
+With x the free motion and g_in, g_out the gradients of two coordinates, the ratio of their rates is
 
     d out / d in = (g_out . x) / (g_in . x)
 
-Without losses and weights the power that enters at the input leaves at the output. A force or torque at the input therefore
-balances
+Without losses and weights the power that enters at the input leaves at the output. The force or torque F_in at the input that
+balances F_out at the output is therefore
 
     F_in / F_out = d out / d in,        mechanical advantage  F_out / F_in = d in / d out
 
@@ -32,9 +32,9 @@ class Advantage:
 
     Attributes:
         input, output: names of links (for their angles) or slides.
-        units: of input and output, each "rad" or "m".
-        velocity: (k,) d output / d input, infinite at a limit of the input.
-        mechanical: (k,) force or torque at the output for one at the input, infinite where the output stands still.
+        units: units of input and output, each "rad" or "m".
+        velocity: (k,) d output / d input; infinite at a limit of the input.
+        mechanical: (k,) force or torque at the output over that at the input; infinite where the output stands still.
     """
 
     input: str
@@ -45,7 +45,7 @@ class Advantage:
 
 
 def advantages(mechanism: Mechanism, positions: Array) -> tuple[Advantage, ...]:
-    """Return the ratios from the input to every other link or slide on the ground, at positions (k, n).
+    """Return the ratios between the input and every other link or slide on the ground, at positions (k, n).
 
     The input is the first driver of the scenario, else the crank, else the measured coordinate.
 
@@ -68,6 +68,6 @@ def advantages(mechanism: Mechanism, positions: Array) -> tuple[Advantage, ...]:
 
 
 def _divide(a: Array, b: Array) -> Array:
-    """Return a / b, infinite where b is zero up to rounding."""
+    """Return a / b, and infinity where b is zero up to rounding."""
     still = np.abs(b) <= STILL * np.abs(a)
     return np.where(still, np.inf, a / np.where(still, 1.0, b))

@@ -1,8 +1,8 @@
-"""The loop of a drawn linkage that cannot be closed: how far it stays open, and which length would close it.
+"""Find the loop of a drawn linkage that cannot be closed, how far it stays open, and the lengths that would close it.
 
 Without the pairs that close the loops, the linkage is a tree, which can always be assembled. The loops are then closed one after
 the other: a drag brings the two ends of the pin that closes the next loop as near to each other as possible, with the loops before
-it closed. At the nearest position, with the gap g from the one end to the other and w the vector of the loop through a link,
+it closed. At the nearest position, with g the gap from one end to the other and w the vector of the loop through a link,
 
     |g| = |sum w|,    d|g| / d|w| = (w / |w|) . g / |g|
 
@@ -21,19 +21,25 @@ from gauss_bench.linkage.closure import CLOSED
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import Joint, Mechanism
 from gauss_bench.mechanism.spaces import angles
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 
 TRIES = 6  # searches for the nearest position: one from the drawing, the others from drawings with randomly turned links
 TURNED = 1.0  # [rad] largest random turn of a link
 STEPS = 200  # largest number of steps of a search
-ALONG = 0.5  # cosine of the angle to the gap above which a link can close it
-GENERIC = 0.03  # [sizes of the linkage, rad] distance to a neighbouring position, where the rank is not lower than elsewhere
-MOVED = 0.5  # a linkage has moved if it is displaced by more than this share of the attempted step
+ALONG = 0.5  # smallest cosine of the angle between a link and the gap if a change of its length is to close the gap
+GENERIC = 0.03  # [sizes of the linkage, rad] distance to a neighbouring position, at which J has its usual rank
+MOVED = 0.5  # smallest displacement of a linkage that moves, as a share of the attempted step
 
 
 @dataclass(frozen=True)
 class Length:
-    """A length that would close a loop: between two points of a link, its present and its needed value [m]."""
+    """A change that would close a loop.
+
+    Attributes:
+        link: name of the link.
+        points: names of two points of the link.
+        now, needed: present distance of the points, and the distance that would close the loop [m].
+    """
 
     link: str
     points: tuple[str, str]
@@ -50,7 +56,7 @@ class OpenLoop:
         at: name of the pin whose ends stay apart.
         apart: smallest distance of these ends [m].
         alone: whether the loop stays open even without the loops before it.
-        lengths: lengths that would close it, the smallest relative change first, those of the ground last.
+        lengths: single changes that would close it, the smallest relative change first, those of the ground last.
     """
 
     links: tuple[str, ...]
@@ -69,7 +75,9 @@ class OpenLoop:
 
 
 def find_open_loop(mechanism: Mechanism) -> OpenLoop | None:
-    """Close the loops of a linkage, starting from its drawn position q0, and return the first that stays open; drivers are ignored.
+    """Close the loops of a linkage, starting from its drawn position q0, and return the first that stays open, or None.
+
+    Drivers are ignored.
 
     Raises:
         ValueError: the tree of its joints cannot be assembled, which happens only if numbers are not finite.
@@ -92,20 +100,20 @@ def find_open_loop(mechanism: Mechanism) -> OpenLoop | None:
 
 
 def _joints(mechanism: Mechanism, loop: Loop) -> list[Joint]:
-    """Return the joints of a loop in file order."""
+    """Return the pairs of a loop in file order."""
     names = {x.leave.name for x in loop.passages}
     return [x for x in mechanism.joints if x.name in names]
 
 
 def _chord(mechanism: Mechanism, loop: Loop, before: tuple[Loop, ...]) -> Joint:
-    """Return the pair at which a loop is cut open: the last pin in the file that no earlier loop uses, else the last pair."""
+    """Return the pair at which a loop is cut open: the last pin in the file that no loop of `before` has, else the last pair."""
     earlier = {x.name for other in before for x in _joints(mechanism, other)}
     own = [x for x in _joints(mechanism, loop) if x.name not in earlier] or _joints(mechanism, loop)
     return next((x for x in reversed(own) if not x.slides), own[-1])
 
 
 def _close(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
-    """Close some joints near q (n,).
+    """Return the position near q (n,) that closes the given joints.
 
     Raises:
         ValueError: they cannot be closed.
@@ -117,7 +125,10 @@ def _close(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
 
 
 def _approach(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Place) -> tuple[Place, float]:
-    """Return the position in which the ends of a pair are nearest to each other, and their distance there [m]."""
+    """Return the position in which the ends of `chord` are nearest to each other, and their distance there [m].
+
+    The given joints stay closed; `place` is the position from which the search begins.
+    """
     part = replace(mechanism, joints=tuple(joints))
     if chord.slides:  # all pairs of the loop are slides, which have no point to drag
         closed = Freedom(replace(part, joints=(*joints, chord))).close(place.q)
@@ -138,24 +149,25 @@ def _approach(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Pl
 
 
 def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, apart: float) -> tuple[Length, ...]:
-    """Return the lengths that would close a loop whose gap at q (n,) is `apart` [m], the smallest change first."""
+    """Return the changes of length that would close a loop whose gap at q (n,) is `apart` [m], in the order of `OpenLoop`."""
     if chord.slides:
         return ()
     lengths: list[Length] = []
     a, b = chord.ends
     gap = position(q, b) - position(q, a)
-    at = next(k for k, x in enumerate(loop.passages) if x.leave.name == chord.name)
-    sense = -1.0 if loop.passages[at].link == a.link else 1.0  # the loop leads from a to b, so that its vectors add up to a - b
+    before = next(x for x in loop.passages if x.leave.name == chord.name)
+    sense = -1.0 if before.link == a.link else 1.0  # the loop leads from a to b, so that its vectors add up to a - b
     pins = {pin.name: pin.ends for pin in mechanism.pins}
     for passage in loop.passages:
         pairs = (passage.enter.name, passage.leave.name)
-        points = [end for pair in pairs for end in pins.get(pair, ()) if end.link == passage.link]
+        ends = [end for pair in pairs for end in pins.get(pair, ())]
+        points = [end for end in ends if end.link == passage.link]
         if len(points) < 2:  # the loop enters or leaves the link by a slide
             continue
         way = position(q, points[1]) - position(q, points[0])
         now = float(np.hypot(*way))
         cosine = sense * float(way @ gap) / (now * apart) if now else 0.0
-        needed = now - apart / cosine if abs(cosine) > ALONG else 0.0
+        needed = now - apart / cosine if abs(cosine) > ALONG else 0.0  # d|g| / d|w| above
         if needed > 0.0:
             first, second = (point.name.partition(".")[2] for point in points)
             lengths.append(Length(mechanism.link_name(passage.link), (first, second), now, needed))
@@ -165,9 +177,8 @@ def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, a
 def rank_about(mechanism: Mechanism, q: Array) -> int:
     """Return the rank of the joint rows at a generic position near q (n,), or at q itself if the joints are open there.
 
-    The generic rank is the largest of those at q and at positions beside it. Bars in one line lose rank but cannot move, so that
-    there is no position beside them. The rank is then computed with slightly turned links: it is that of a linkage with slightly
-    different lengths.
+    The generic rank is the largest of the ranks at q and at positions beside it. Bars in one line lose rank but cannot move, so
+    that there is no position beside them. The rank is then computed with slightly turned links, as of slightly different lengths.
     """
     freedom, rng = Freedom(replace(mechanism, drivers=(), knife_edges=())), np.random.default_rng(0)
     place = freedom.close(q)
@@ -177,7 +188,7 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
     has_moved = not place.free.size
     for _ in range(3):
         way = place.free @ rng.normal(size=place.free.shape[1])
-        size = float(np.abs(way).max(initial=0.0)) or 1.0
+        size = largest(way) or 1.0
         step = way * (GENERIC * freedom.size / size) / freedom.scale
         beside = freedom.close(place.q + step)
         if beside is None or np.abs((beside.q - place.q) * freedom.scale).max() < MOVED * np.abs(step * freedom.scale).max():

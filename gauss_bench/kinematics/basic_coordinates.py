@@ -6,9 +6,10 @@ With the unknown points p, the equations phi(p, t) = 0 of `point_equations` and 
     velocities     J p' = -phi_t
     accelerations  J p'' = gamma = -(known points' part of phi'') - (products of speeds)
 
-The state of a link follows from two of its points, E = (B - A) / (b - a): theta = arg E, in the turn nearest to the prediction,
-omega = Im(E' conj E), alpha = Im(E'' conj E). A step is halved if the search fails, or ends far from the prediction or on the other
-side of a singular position. An input is thus followed to its limit, and never onto another assembly.
+The state of a link follows from two of its points A and B, at the places a and b in the link: with E = (B - A) / (b - a),
+theta = arg E (in the turn nearest to the prediction), omega = Im(E' conj E), alpha = Im(E'' conj E). A step is halved if the search
+fails, or ends far from the prediction or on the other side of a singular position. The motion therefore follows an input up to its
+limit, and never changes to another assembly.
 Source: Men, Feng, He (see `point_equations`), section 2, for the search from the previous state; differentiated constraints after
 Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 3.2.
 """
@@ -17,20 +18,20 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
+from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition, describe_drivers
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.kinematics.point_equations import PointModel
-from gauss_bench.kinematics.root_finding import ExitFlag, gauss_newton, largest, levenberg_marquardt
+from gauss_bench.kinematics.root_finding import ExitFlag, gauss_newton, levenberg_marquardt
 from gauss_bench.mechanism.close import walk
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.spaces import angles
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 
 LARGEST_TURN = np.radians(10.0)  # [rad] of an input between two solutions: the error of a prediction is then a small part of it
 LARGEST_SLIDE = 0.1  # [sizes of a link] of an input between two solutions, for the same reason
 SHORTEST = 2.0**-20  # shortest step as a share of the largest: a limit of motion is found to 2e-7 rad
-STRAY = 0.5  # largest correction as a share of the prediction, and of angles [rad]; both fall with the step on the same assembly
-TOLERANCE = 1e-14  # share of the largest coordinate: some 50 units of rounding
+STRAY = 0.5  # largest correction, as a share of the prediction, and of angles [rad]; both become small with the step
+TOLERANCE = 1e-14  # largest residual, as a share of the largest coordinate: some 50 units of rounding
 RANK_TOLERANCE = 1e-4  # smallest ratio r of singular values: the error of positions is 1e-14 / r, that of rates 1e-14 / r^2 = 1e-6
 PROBE = 1e-3  # a failure is examined at this share of the largest step beyond it: far above SHORTEST
 
@@ -63,17 +64,17 @@ def basic_motion(mechanism: Mechanism, times: Array) -> Motion:
 
 
 def _motion(mechanism: Mechanism, states: list[Array], corrections: list[int]) -> Motion:
-    """Return the motion of the given states, q, v, a (3, n) each."""
+    """Return the motion through some states; each has q, v and a as rows (3, n)."""
     q, v, a = np.array(states).reshape(-1, 3, mechanism.n).swapaxes(0, 1)
     return Motion(q, v, a, np.array(corrections, dtype=int))
 
 
 def branch_of(mechanism: Mechanism, q: Array) -> Branch:
-    """Return the side of each group of points, +1 or -1, in the state q (n,); the sides distinguish assemblies.
+    """Return the side, +1 or -1, of each group of points at q (n,), by name; the sides distinguish assemblies.
 
-    The side is the sign of the determinant of the group's own equations, for a dyad the side of the line between its ends on which
-    its middle point lies. It changes at singular positions only. A group other than a dyad may have several assemblies with the
-    same side. Groups with a single assembly, or with more equations than unknowns, are left out.
+    The side is the sign of the determinant of the group's own equations. For a dyad it is the side of the line between its ends on
+    which its middle point lies. It changes at singular positions only. A group other than a dyad may have several assemblies with
+    the same side. Groups with a single assembly, or with more equations than unknowns, are left out.
     """
     model = PointModel(mechanism)
     _, J = model.residual(model.points.inputs_at(q))(model.points.unknown_at(q))
@@ -81,14 +82,18 @@ def branch_of(mechanism: Mechanism, q: Array) -> Branch:
 
 
 class _StepTooLong(ArithmeticError):
-    """The result of a step may belong to another assembly."""
+    """A step failed, or its result may belong to another assembly."""
 
 
 class _Follower:
-    """Follow the inputs from the assembled start, by a prediction and a search in each step.
+    """A linkage that follows its inputs from the assembled start, by a prediction and a search in each step.
 
     Attributes:
-        x, p, theta: present inputs (i,), unknown points (2 u,) and angles of the links.
+        x: (i,) present inputs [rad, m].
+        p: (2 u,) present unknown points [m].
+        theta: present angles of the links [rad].
+        largest: (i,) largest change of an input in one step.
+        signs: signs of the groups at the start.
         corrections: iterations of all searches since the last call of `move_to`.
     """
 
@@ -103,7 +108,7 @@ class _Follower:
         self.corrections = 0
 
     def move_to(self, goal: Array) -> None:
-        """Move to the inputs `goal` (i,), halving steps if necessary.
+        """Move to the inputs `goal` (i,) [rad, m], in steps that are halved if necessary.
 
         Raises:
             ValueError: the inputs are not finite.
@@ -125,9 +130,13 @@ class _Follower:
             raise self._failure(longest * gap) from error
 
     def _step(self, x: Array) -> None:
-        """Predict and correct once; raise _StepTooLong and keep the old position if the result is doubtful."""
+        """Move to the inputs x (i,) by one prediction and one search.
+
+        Raises:
+            _StepTooLong: the result is doubtful; the old position is kept.
+        """
         model = self.model
-        Z = model.points.known(self.x, x - self.x, np.zeros_like(x))
+        Z = model.points.known(self.x, x - self.x, np.zeros_like(x))  # rows z, dz: the change of the inputs as their rate
         Z[0] = model.fill(Z[0], self.p)
         r = model.rows(Z[0])
         dp = -self._inverse(model.jacobian(r)) @ (r @ Z[1]).real
@@ -138,14 +147,18 @@ class _Follower:
         if root.flag != ExitFlag.CONVERGED or largest(root.x - self.p - dp) > stray:
             raise _StepTooLong
         E, dE = model.directions @ Z[0], model.directions @ Z[1]
-        near = self.theta + (dE * E.conj()).imag
-        turn = np.angle(model.directions @ model.at(x, root.x) * np.exp(-1j * near))
+        near = self.theta + (dE * E.conj()).imag  # predicted angles
+        turn = np.angle(model.directions @ model.at(x, root.x) * np.exp(-1j * near))  # from these to the solution
         if largest(turn) > STRAY or np.any(model.signs(model.residual(x)(root.x)[1]) != self.signs):
             raise _StepTooLong
         self.x, self.p, self.theta = x, root.x, near + turn
 
     def _inverse(self, J: Array) -> Array:
-        """Return the pseudo-inverse of J; raise _StepTooLong if its columns are dependent."""
+        """Return the pseudo-inverse of J.
+
+        Raises:
+            _StepTooLong: the columns of J are dependent.
+        """
         if not J.shape[1]:
             return np.zeros(J.T.shape)
         U, s, Vt = np.linalg.svd(J, full_matrices=False)
@@ -154,7 +167,7 @@ class _Follower:
         return np.asarray(Vt.T / s @ U.T)
 
     def state(self, rate: Array, second: Array) -> Array:
-        """Return q, v, a (3, n) at the present position, for first and second derivatives (i,) of the inputs."""
+        """Return q, v, a as rows (3, n) at the present position, for first and second derivatives (i,) of the inputs."""
         model = self.model
         Z = model.points.known(self.x, rate, second)
         Z[0] = model.fill(Z[0], self.p)
@@ -171,8 +184,11 @@ class _Follower:
         return np.stack([centre.real, centre.imag, turns], axis=-1).reshape(3, -1)
 
     def _failure(self, step: Array) -> MotionError:
-        """Return the exception for the end of the motion: a limit if there is no solution just ahead, else a singular position."""
-        # least squares come as near as the links reach, where Gauss-Newton would diverge
+        """Return the exception for the end of the motion: a limit if there is no solution just ahead, else a singular position.
+
+        `step` (i,) is the largest step in the direction of the motion.
+        """
+        # Levenberg-Marquardt comes as near as the links reach, where Gauss-Newton would diverge
         ahead = levenberg_marquardt(self.model.residual(self.x + PROBE * step), self.p, self.tolerance)
         same_branch = largest(ahead.x - self.p) < LARGEST_SLIDE * self.model.size
         if ahead.flag == ExitFlag.CONVERGED and same_branch:
@@ -183,11 +199,11 @@ class _Follower:
 
     def _inputs(self) -> str:
         """Describe the present inputs."""
-        drivers = self.model.points.drivers
-        return ", ".join(f"{d.name} = {x:.9g} {d.coordinate.unit}" for d, x in zip(drivers, self.x, strict=True))
+        points = self.model.points
+        return describe_drivers(points.mechanism, {d.name: x for d, x in zip(points.drivers, self.x, strict=True)})
 
     def _singular(self, J: Array) -> SingularPosition:
-        """Return the exception for the present position, whose Jacobian J has lost rank."""
+        """Return the exception for the present position, at which the Jacobian J has lost rank."""
         s = np.linalg.svd(J, compute_uv=False)
         rank = int((s >= RANK_TOLERANCE * s.max(initial=0.0)).sum())
         counts = f"rank {rank} of {J.shape[1]}, smallest singular value {s.min(initial=np.inf):.2g}"

@@ -1,8 +1,8 @@
 """Study of convergence: three root finders from random starts at different distances from the right assembly.
 
 Men, Feng, He (2009) start from the assembly as drawn and then from the last position, and call the search insensitive to its start.
-That depends on the distance. From starts as near as theirs every root finder finds the assembly; from starts anywhere within the
-size of the linkage, none finds it always.
+That depends on the distance: from starts as near as theirs every root finder finds the assembly, but from starts anywhere within
+the size of the linkage none finds it always.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,9 +12,9 @@ import numpy as np
 
 from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.kinematics.point_equations import PointModel
-from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Residual, largest
+from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Residual
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 
 SAME = 1e-6  # [m, rad] largest distance of a root from the right assembly: far above rounding, far below other assemblies
 
@@ -26,8 +26,10 @@ class Basin:
     """The results of one root finder from random starts.
 
     Attributes:
-        spread: largest distance of a start from the solution in any coordinate [m; rad in a form with angles].
-        right, other: shares of starts that ended at the solution, and at another root; the rest did not converge.
+        method: name of the root finder.
+        spread: largest distance of a start from the solution in any coordinate [m, or rad for angles].
+        right: share of starts from which the search ended at the solution.
+        other: share of starts from which it ended at another root; from the rest it did not converge.
         iterations: mean number of iterations to the solution; NaN if no search ended there.
     """
 
@@ -59,7 +61,7 @@ def loop_form(mechanism: Mechanism) -> tuple[Residual, Array]:
 
 
 def whole_turns_apart(x: Array, y: Array) -> Array:
-    """Return the difference of two sets of loop variables modulo whole turns; slides [m] must be shorter than pi."""
+    """Return x - y of loop variables, modulo whole turns of the angles; slides [m] must be shorter than pi."""
     return np.asarray((x - y + np.pi) % (2 * np.pi) - np.pi)
 
 
@@ -74,8 +76,10 @@ def basins(
     """Count how often each root finder finds the assembled start, from the same random starts: a row per spread and method.
 
     Args:
-        form: mechanism -> residual and solution in the coordinates of the search.
-        difference: difference of two points in these coordinates; that of angles is modulo whole turns.
+        spreads: largest distances of a start from the solution.
+        starts: number of random starts.
+        form: function of the mechanism that returns residual and solution in the coordinates of the search.
+        difference: function of two points in these coordinates that returns their difference.
     """
     residual, solution = form(mechanism)
     rows = []
@@ -86,5 +90,6 @@ def basins(
             roots = [end for end in ends if end.flag == ExitFlag.CONVERGED]
             right = [end for end in roots if largest(difference(end.x, solution)) < SAME]
             mean = float(np.mean([end.iterations for end in right])) if right else float("nan")
-            rows.append(Basin(name, float(spread), len(right) / starts, (len(roots) - len(right)) / starts, mean))
+            other = len(roots) - len(right)
+            rows.append(Basin(name, float(spread), len(right) / starts, other / starts, mean))
     return tuple(rows)

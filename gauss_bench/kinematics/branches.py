@@ -1,7 +1,7 @@
 """All assemblies of a linkage with its inputs fixed, found from random starts.
 
-From randomly placed links Levenberg-Marquardt approaches the constraints and Gauss-Newton converges onto them. The search ends
-after a number of starts without a new assembly, so that it may miss some.
+From randomly placed links Levenberg-Marquardt approaches the constraints, and Gauss-Newton converges onto them. The search ends
+after PATIENCE starts without a new assembly, so that it may miss some.
 Source: as in `root_finding`.
 """
 
@@ -25,9 +25,9 @@ SAME = 1e-5  # [sizes of the linkage, rad] distance below which two assemblies a
 
 
 def branches(mechanism: Mechanism, q: Array) -> tuple[Array, ...]:
-    """Return the positions (n,) of all assemblies found: q itself first, then from the nearest to the farthest.
+    """Return the positions (n,) of all assemblies that the search finds: q itself first, then from the nearest to the farthest.
 
-    The coordinates of the scenario's drivers, or the crank's angle, keep their values in q. Angles are within half a turn of q's.
+    The coordinates of the drivers, or the crank's angle, have the same values in all. Angles are within half a turn of those in q.
 
     Raises:
         ValueError: the fixed inputs leave a motion free, or the joints are open at q.
@@ -57,7 +57,11 @@ def branches(mechanism: Mechanism, q: Array) -> tuple[Array, ...]:
 
 
 def hold_inputs(mechanism: Mechanism, q: Array) -> Mechanism:
-    """Return the linkage with its inputs fixed at their values in q (n,)."""
+    """Return the linkage with its drivers, else its crank, fixed at their values in q (n,).
+
+    Raises:
+        ValueError: it has neither.
+    """
     if mechanism.drivers:
         still = tuple(replace(x, law=constant(float(value(x.coordinate, q)), 0.0)) for x in mechanism.drivers)
         return replace(mechanism, drivers=still)
@@ -73,7 +77,7 @@ def _apart(freedom: Freedom, a: Array, b: Array) -> float:
 
 
 def _turn_back(mechanism: Mechanism, q: Array, near: Array) -> Array:
-    """Return q with whole turns removed, so that angles are within half a turn of those in `near`; slides shift links together."""
+    """Return q with whole turns removed, so that angles are within half a turn of `near`; links joined by a slide turn together."""
     q = q.copy()
     turns = 2 * np.pi * np.round(angles(q - near) / (2 * np.pi))
     for link, (root, _) in shared_angles(mechanism).items():

@@ -20,7 +20,7 @@ from gauss_bench.kinematics.freedom import Freedom
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import GROUND, Mechanism, every_two
 from gauss_bench.mechanism.spaces import angle_at, place_at
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 
 STILL = 1e-9  # a relative motion below this share of the fastest motion in the linkage is rounding
 FARTHEST = 1e6  # a centre farther away than this many sizes of the linkage counts as infinitely far
@@ -28,10 +28,11 @@ FARTHEST = 1e6  # a centre farther away than this many sizes of the linkage coun
 
 @dataclass(frozen=True, eq=False)
 class Centre:
-    """The instant centre of two links, given by their indices; GROUND comes first.
+    """The instant centre of two links.
 
     Attributes:
-        at: (2,) [m]; None if the centre is infinitely far away, or if the links do not move relative to each other.
+        links: indices of the links, the smaller first; GROUND is the smallest.
+        at: place (2,) [m]; None if the centre is infinitely far away, or if the links do not move relative to each other.
         along: unit vector (2,) of the relative translation if the centre is infinitely far away, else None.
     """
 
@@ -55,6 +56,7 @@ def free_motion(mechanism: Mechanism, q: Array) -> Array:
 
 @lru_cache(maxsize=1)  # a motion asks for the same linkage at every sample
 def _undriven(mechanism: Mechanism) -> Freedom:
+    """Return the free motions of a linkage without its drivers."""
     return Freedom(replace(mechanism, drivers=()))
 
 
@@ -66,8 +68,8 @@ def centres(mechanism: Mechanism, q: Array) -> tuple[Centre, ...]:
     """
     v, size = free_motion(mechanism, q), mechanism.size
     # a turn of one radian counts as a displacement of the linkage's own size
-    fastest = float(np.abs(v * np.tile([1.0, 1.0, size], len(mechanism.links))).max(initial=0.0))
-    pins = {}
+    fastest = largest(v * np.tile([1.0, 1.0, size], len(mechanism.links)))
+    pins = {}  # indices of two links -> place (2,) of the pin that joins them, which is their centre
     for name in {pin.joint for pin in mechanism.pins}:
         for pair in every_two(tuple(x for x in mechanism.pins if x.joint == name)):
             links = sorted(end.link for end in pair.ends)
@@ -77,10 +79,9 @@ def centres(mechanism: Mechanism, q: Array) -> tuple[Centre, ...]:
         if (a, b) in pins:
             centres.append(Centre((a, b), pins[a, b]))
             continue
-        (z_a, u_a), (z_b, u_b) = ([complex(*place_at(x, link)) for x in (q, v)] for link in (a, b))
-        w_a, w_b = (float(angle_at(v, link)) for link in (a, b))
         # the equation above, as  i turn c = -slip:  slip is the relative velocity of the points of both links at the origin
-        turn, slip = w_b - w_a, (u_b - 1j * w_b * z_b) - (u_a - 1j * w_a * z_a)
+        turn = float(angle_at(v, b) - angle_at(v, a))
+        slip = _velocity_at_origin(q, v, b) - _velocity_at_origin(q, v, a)
         if abs(turn) * size > STILL * fastest and abs(slip) < FARTHEST * size * abs(turn):
             c = 1j * slip / turn
             centres.append(Centre((a, b), np.array([c.real, c.imag])))
@@ -88,3 +89,8 @@ def centres(mechanism: Mechanism, q: Array) -> tuple[Centre, ...]:
             moving = abs(slip) > STILL * fastest
             centres.append(Centre((a, b), None, np.array([slip.real, slip.imag]) / abs(slip) if moving else None))
     return tuple(centres)
+
+
+def _velocity_at_origin(q: Array, v: Array, link: int) -> complex:
+    """Return the velocity u - i omega z of the point of a link at the origin of the world."""
+    return complex(*place_at(v, link)) - 1j * float(angle_at(v, link)) * complex(*place_at(q, link))

@@ -1,9 +1,9 @@
-"""Dragging a linkage by one of its points: the smallest change that brings the point to its target, or as near as possible.
+"""Drag a linkage by one of its points: find the smallest change that brings the point to its target, or as near as possible.
 
 With N a basis of the free motions, y (f,) their amounts, P = dp/dy the Jacobian of the point p, and r = p - target, each step
 solves
 
-    (P^T P + sum_k r_k d^2 p_k / dy^2 + mu 1) y = -P^T r        Levenberg-Marquardt, with mu that makes the matrix positive definite
+    (P^T P + sum_k r_k d^2 p_k / dy^2 + mu 1) y = -P^T r        (Levenberg-Marquardt; mu makes the matrix positive definite)
 
 and Gauss-Newton projects the result back onto the constraints. A step is halved until the linkage certainly moves continuously: the
 free motions turn little, and the projected position is near the prediction to second order. The linkage therefore reaches another
@@ -25,17 +25,17 @@ from gauss_bench.mechanism.spaces import angle_at, angle_slot, place_at
 from gauss_bench.terms import Array
 
 # Lengths below are shares of the linkage's size.
-LARGEST_STEP = 0.15  # largest displacement in one step, and turn of any link [rad]
+LARGEST_STEP = 0.15  # largest displacement in one step, and largest turn of a link [rad]
 LARGEST_MISS = 0.25  # largest distance between prediction and projected position, as a share of the step
-SMALLEST_COSINE = 0.9  # between the free motions before and after a step
-HALVINGS = 12
-MOST_STEPS = 60  # nine sizes of the linkage; the studio then asks where the pointer is meanwhile
+SMALLEST_COSINE = 0.9  # smallest cosine of the angle between the free motions before and after a step
+HALVINGS = 12  # largest number of halvings of a step
+MOST_STEPS = 60  # nine sizes of the linkage; then the studio reads the place of the pointer anew
 NEAR = 1e-13  # distance from the target that only rounding leaves
-RESTING = 1e-8  # a step after which the next, of the order of its square, would be rounding
+RESTING = 1e-8  # size of a step after which the next step, of the order of its square, would be rounding
 REACHED = 1e-10  # distance at which the point counts as being at its target
 FLAT = 1e-9  # share of the largest curvature below which a curvature counts as zero
 MARGIN = 1e-3  # smallest |det P|: about one degree before an arm is stretched, 1e-4 of its length
-STANDING = 5e-3  # size of a move of the point, per move of the linkage, below which it does not count; above what MARGIN leaves
+STANDING = 5e-3  # smallest move of the point per move of the linkage in a direction in which it can move; above MARGIN
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Dragged:
         q: (n,) the position.
         reached: whether the point is at its target.
         apart: distance of the point from its target [m].
-        note: why the target was not reached; empty if it was.
+        note: the reason why the point is not at its target; empty if it is.
     """
 
     q: Array
@@ -82,7 +82,8 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
     for reference in locks.points:
         point = find_point(mechanism, reference)
         at = Point(GROUND, np.array(position(q, point)), f"ground at {reference}")
-        pins += [Revolute(f"lock of {reference}", f"lock of {reference}", at, point)] if point.link != GROUND else []
+        if point.link != GROUND:  # a point on the ground keeps its place in any case
+            pins.append(Revolute(f"lock of {reference}", f"lock of {reference}", at, point))
     for name in locks.joints:
         own = [x for x in mechanism.pins if x.joint == name]
         _check_found(own, "pin joint", name)
@@ -106,7 +107,7 @@ def _check_found(found: list[Any], kind: str, name: str) -> None:
 
 
 def _second_pin(mechanism: Mechanism, q: Array, joint: Revolute) -> Revolute:
-    """Return a second pin between the same two links, away from the first; both together connect the links rigidly."""
+    """Return a second pin between the two links of a pin, away from it, so that both pins connect the links rigidly."""
     at = position(q, joint.a) + np.array([mechanism.size, 0.0])
     ends = []
     for link in (joint.a.link, joint.b.link):
@@ -123,17 +124,23 @@ def find_point(mechanism: Mechanism, reference: str) -> Point:
     """
     try:
         return mechanism.find_point(reference)
-    except (KeyError, StopIteration):
-        raise ValueError(f"no point {reference!r}") from None
+    except (KeyError, StopIteration) as error:
+        raise ValueError(f"no point {reference!r}") from error
 
 
 class Drag:
-    """A drag of one point: each call of `to` continues from the last position."""
+    """A drag of one point; each call of `to` continues from the last position.
+
+    Attributes:
+        place: present position.
+        side: sign of det P, on which the linkage stays; 0 until |det P| has exceeded MARGIN.
+        directions: number of directions in which the point could move at the beginning, at least 1.
+    """
 
     def __init__(self, mechanism: Mechanism, q: Array, point: str | Point, locks: Locks = Locks(), onto: Point | None = None):
-        """Begin at an assembled q (n,), by the point "link.point".
+        """Begin a drag of the point "link.point" at an assembled q (n,).
 
-        Targets are places in the world, or, if a point `onto` of another link is given, vectors from that point.
+        Targets are places in the world or, if a point `onto` of another link is given, vectors from `onto` to the point.
 
         Raises:
             ValueError: the point is on the ground, a name is unknown, or the joints are open at q.
@@ -170,10 +177,7 @@ class Drag:
         return Dragged(self.q, False, apart, why if last else "the target is too far away for one drag")
 
     def is_at_limit(self) -> bool:
-        """Whether the point can move in fewer directions than at the beginning: at the end of its path, or the edge of its area.
-
-        A point that is bound to a path, as a crank's pin is to its circle, seldom reaches the pointer, and is at no limit there.
-        """
+        """Tell whether the point is at the end of its path or the edge of its area: it can move in fewer directions than before."""
         return self._count_directions() < self.directions
 
     def _count_directions(self) -> int:
@@ -186,7 +190,7 @@ class Drag:
         return float(np.hypot(*(self.at(place) - target)))
 
     def _step(self, target: Array, apart: float) -> bool:
-        """Take the best step that brings the point nearer to its target than `apart` [m]; return True if another step may help."""
+        """Take the best step that brings the point nearer to its target than `apart` [m]; tell whether another step may help."""
         bends = self._bends()
         for y in self._steps(self.at(self.place) - target, bends):
             place = self._go(y, bends)
@@ -204,7 +208,7 @@ class Drag:
         N = self.place.free
         f = N.shape[1]
         i, j = np.triu_indices(f)
-        # the bilinear form by its quadratic form: x_i x_j = ((x_i + x_j)^2 - (x_i - x_j)^2) / 4
+        # `bend` is quadratic in a direction; mixed derivatives follow from x_i x_j = ((x_i + x_j)^2 - (x_i - x_j)^2) / 4
         both = np.concatenate([N[:, i] + N[:, j], N[:, i] - N[:, j]], axis=1).T
         quarters = self.freedom.bend(self.place, both) / 4
         bends = np.zeros((f, f, len(self.q)))
@@ -212,15 +216,18 @@ class Drag:
         return bends
 
     def _steps(self, lacking: Array, bends: Array) -> Iterator[Array]:
-        """Yield steps y (f,) that bring the point nearer to first order, for r (2,): the best one first, then shorter ones."""
-        P, N, limit = self._moves(self.place), self.place.free / self.freedom.scale[:, None], LARGEST_STEP * self.freedom.size
+        """Yield steps y (f,) that to first order bring the point nearer: the best for r = `lacking` (2,), then shorter ones."""
+        P, limit = self._moves(self.place), LARGEST_STEP * self.freedom.size
+        N = self.place.free / self.freedom.scale[:, None]  # (n, f) free motions in absolute coordinates
         states, rates = np.broadcast_to(self.q, bends.shape), bends / self.freedom.scale
+        # second derivatives (f, f, 2) of the point: from those of the coordinates, and from turns of its arm
         bent = velocity(states, rates, self.point) - self._centripetal(N, self.point)
         if self.onto:
             bent = bent - velocity(states, rates, self.onto) + self._centripetal(N, self.onto)
         gradient, H = P.T @ lacking, P.T @ P + bent @ lacking
         curvature, V = np.linalg.eigh(H)
         largest = float(np.abs(curvature).max())
+        # mu makes the smallest curvature positive, and as large as its size if it is negative
         mu = max(0.0, FLAT * largest - 2.0 * float(curvature[0])) if curvature[0] < FLAT * largest else 0.0
         y: Array = -V @ ((V.T @ gradient) / (curvature + mu))
         if curvature[0] < -FLAT * largest and np.abs(y).max() < RESTING * self.freedom.size:
@@ -233,20 +240,24 @@ class Drag:
             y = y / 2
 
     def _stay_on_side(self, y: Array, P: Array, bent: Array, gradient: Array, H: Array) -> Array:
-        """Return the step y (2,), or the nearest one that to first order stays on this side of det P = 0."""
-        room = MARGIN - self.side * float(np.linalg.det(P))
-        ahead = self.side * np.array([np.linalg.det([bent[k, 0], P[:, 1]]) + np.linalg.det([P[:, 0], bent[k, 1]]) for k in (0, 1)])
-        if ahead @ y >= room or not ahead.any():
+        """Return the step y (2,) if to first order it stays on this side of det P = 0, else the best step that just does.
+
+        With s the side and d the gradient of s det P by y, the step must have d . y >= MARGIN - s det P. The best step on this line
+        minimises gradient . y + y . H y / 2.
+        """
+        least = MARGIN - self.side * float(np.linalg.det(P))
+        d = self.side * np.array([np.linalg.det([bent[k, 0], P[:, 1]]) + np.linalg.det([P[:, 0], bent[k, 1]]) for k in (0, 1)])
+        if d @ y >= least or not d.any():
             return y
-        base, beside = ahead * room / (ahead @ ahead), np.array([-ahead[1], ahead[0]])
-        curved = abs(float(beside @ H @ beside))
-        return np.asarray(base - beside * float(beside @ (gradient + H @ base)) / max(curved, FLAT * float(beside @ beside)))
+        base, along = d * least / (d @ d), np.array([-d[1], d[0]])  # a point of the line, and its direction
+        curved = abs(float(along @ H @ along))
+        return np.asarray(base - along * float(along @ (gradient + H @ base)) / max(curved, FLAT * float(along @ along)))
 
     def _go(self, y: Array, bends: Array) -> Place | None:
         """Return the position after a step y (f,), or None if the linkage might have jumped to another assembly."""
         N, scale = self.place.free, self.freedom.scale
         way = N @ y
-        guess = self.q + (way + np.einsum("i,ijk,j->k", y, bends, y) / 2) / scale
+        guess = self.q + (way + np.einsum("i,ijk,j->k", y, bends, y) / 2) / scale  # to second order
         place = self.freedom.close(guess)
         if place is None or place.free.shape[1] > N.shape[1]:
             return None
@@ -264,12 +275,12 @@ class Drag:
         return float(np.linalg.det(self._moves(place))) if place.free.shape[1] == 2 and self.onto is None else 0.0
 
     def _side(self) -> float:
-        """Return the sign of det P, which tells the sides of a singular position apart; 0 near it."""
+        """Return the sign of det P, which distinguishes the two sides of a singular position; 0 near it."""
         det = self._det(self.place)
         return float(np.sign(det)) if abs(det) > MARGIN else 0.0
 
     def at(self, place: Place) -> Array:
-        """Return the place (2,) of the point [m], or the vector to it from `onto`."""
+        """Return the place (2,) of the point [m], or the vector to it from `onto`, at a position of the linkage."""
         here = position(place.q, self.point)
         return here if self.onto is None else here - position(place.q, self.onto)
 
@@ -282,5 +293,5 @@ class Drag:
 
     def _centripetal(self, N: Array, point: Point) -> Array:
         """Return the centripetal part (f, f, 2) of a point's second derivatives: omega_i omega_j times its arm, for N (n, f)."""
-        turns = N[angle_slot(point.link)]  # any row serves for the ground, whose arms are zero
+        turns = N[angle_slot(point.link)]  # of the ground this is a meaningless row, but its arms are zero
         return np.outer(turns, turns)[..., None] * arm(self.q, point)

@@ -11,8 +11,8 @@ class MotionError(ArithmeticError):
 
     Attributes:
         inputs: the last values that the inputs reached [rad, m], by name or in order.
-        time: the first sample time that was not reached [s]; NaN where it is not known.
-        reached: the motion up to the sample before.
+        time: the first sample time that was not reached [s]; NaN if it is not known.
+        reached: the motion up to the sample before that time.
     """
 
     def __init__(self, message: str, inputs: Any, time: float = float("nan"), reached: Any = None):
@@ -29,6 +29,6 @@ class SingularPosition(MotionError):
 
 
 def describe_drivers(mechanism: Mechanism, values: Mapping[str, float]) -> str:
-    """Return the values [rad, m] of the drivers of a mechanism in words, with their units."""
+    """Return a text with the given values [rad, m] of drivers and their units, such as "crank = 0.5 rad"."""
     units = {x.name: x.coordinate.unit for x in mechanism.drivers}
     return ", ".join(f"{name} = {value:.10g} {units[name]}" for name, value in values.items())

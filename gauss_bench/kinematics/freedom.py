@@ -1,7 +1,7 @@
 """Free motions at a position: a basis, their second derivatives, and the projection back onto the constraints.
 
-Coordinates are scaled so that a turn of one radian counts as a displacement of the linkage's own size; shortest changes are
-shortest in scaled coordinates. With J the joint rows in scaled coordinates, N a basis of the free motions and y (f,) their amounts,
+Coordinates are scaled: a turn of one radian counts as a displacement by the size of the linkage. With J the joint rows in scaled
+coordinates, N a basis of the free motions and y (f,) their amounts,
 
     J N = 0,  N^T N = 1,    q(y) = q + N y + J^+ gamma(q, N y) / 2 + ...,    J^+ the pseudo-inverse
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 
 RANK_TOLERANCE = 1e-7  # share of the largest singular value below which a singular value counts as zero
 CLOSED = 1e-13  # [sizes of the linkage] a residual that rounding explains
@@ -24,11 +24,12 @@ CORRECTIONS = 12  # largest number of corrections: three are usual from a predic
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A position on the constraints.
+    """A position of a linkage with its free motions.
 
     Attributes:
         q: (n,) absolute coordinates.
-        J: (m, n) joint rows in scaled coordinates. inverse: (n, m) its pseudo-inverse.
+        J: (m, n) joint rows in scaled coordinates.
+        inverse: (n, m) pseudo-inverse of J.
         free: (n, f) orthonormal basis N of the free motions in scaled coordinates.
     """
 
@@ -53,7 +54,7 @@ class Freedom:
         return phi, J / self.scale
 
     def at(self, q: Array) -> tuple[Array, Place]:
-        """Return the residual phi (m,) and the decomposition at any q (n,)."""
+        """Return the residual phi (m,) and the free motions at any q (n,)."""
         phi, J = self.rows(q)
         if not len(J):
             return phi, Place(q, J, np.zeros((len(q), 0)), np.eye(len(q)))
@@ -63,19 +64,19 @@ class Freedom:
 
     def close(self, q: Array) -> Place | None:
         """Return the nearest position on the constraints by Gauss-Newton, or None if it does not converge."""
-        before = np.inf
+        before = np.inf  # residual of the last iteration; rounding may keep it from falling below CLOSED
         for _ in range(CORRECTIONS):
             if not np.isfinite(q).all():
                 return None
             phi, place = self.at(q)
-            error = float(np.abs(phi).max(initial=0.0))
+            error = largest(phi)
             if error <= CLOSED * self.size or (error >= before / 2 and error <= 1e3 * CLOSED * self.size):
                 return place
             before, q = error, q - place.inverse @ phi / self.scale
         return None
 
     def bend(self, place: Place, directions: Array) -> Array:
-        """Return second derivatives (k, n) of q along scaled directions (k, n), without their part along the free motions."""
+        """Return the second derivatives (k, n) J^+ gamma of scaled coordinates along scaled directions (k, n)."""
         still = np.tile(place.q, (len(directions), 1))
         gamma = self.constraints(0.0, still, directions / self.scale).gamma
         return np.asarray(gamma @ place.inverse.T)

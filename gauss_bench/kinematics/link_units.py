@@ -1,18 +1,18 @@
 """Link units: the contribution of one link to the loop equations, computed from its own shape alone.
 
-A loop passes a link from the element where it enters to the one where it leaves. An element lies at r in the frame of the link. One
-that moves along the link by s (the guide of a slide, the far end of an active bar) lies at r + s u. Vectors of the plane are
-complex numbers, E = exp(i phi) is the direction of the link, and w is the vector from element to element in the frame of the link:
+A loop passes a link from the element at which it enters to the element at which it leaves. An element lies at r in the frame of the
+link; an element that moves along the link by s (the guide of a slide, the far end of an active bar) lies at r + s u. Vectors of the
+plane are complex numbers, E = exp(i phi) is the direction of the link, and w is the vector from element to element in its frame:
 
     w = (r + s u)_leave - (r + s u)_enter
     vector unit         A = E w
     Jacobian unit       J = [dA/dphi, dA/ds, ...] = [i E w, +-E u, ...]
     Jacobian-rate unit  J' = [i E (w' + i phi' w), +-i phi' E u, ...]
 
-The sign is + for the element where the loop leaves. This covers every link of the paper: RR, RRR, 4R, RP1 (the slide's element is a
-block, without s), RP2 (it is a guide, with s), PP, active bars S, links of the frame. A link that cannot turn has no column of phi.
-In the paper's table 1 the first column of J' of RP2 ends in -phi' sin phi, phi' cos phi; it must end in -s' sin phi,
-s' cos phi, as the rule above has it.
+The sign is + for the element at which the loop leaves. This covers every link of the paper: RR, RRR, 4R, RP1 (the slide's element
+is a block, without s), RP2 (it is a guide, with s), PP, active bars S, links of the frame. A link that cannot turn has no column
+of phi. Table 1 of the paper has a misprint: the first column of J' of RP2 ends there in -phi' sin phi, phi' cos phi, in place of
+-s' sin phi, s' cos phi.
 Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Trans. CSAM 41(2), 2010,
 eqs. (6)-(10) and table 1.
 """
@@ -35,10 +35,12 @@ class Element:
     """The half of a pair that belongs to one link.
 
     Attributes:
-        pair: name of the pair; node: that of its joint, which a multiple joint shares among its pairs.
+        pair: name of the pair.
+        node: name of the joint, the same for all pairs of a multiple joint.
         kind: PIN, GUIDE, BLOCK, or ROD_END for the pin that an active bar pushes out.
         at: position r in the frame of the link [m].
-        along, slide: unit vector u and name of the coordinate s, for GUIDE and ROD_END.
+        along: unit vector u of a GUIDE or ROD_END.
+        slide: name of the coordinate s of a GUIDE or ROD_END.
     """
 
     pair: str
@@ -51,7 +53,7 @@ class Element:
 
 @dataclass(frozen=True, eq=False)
 class LinkUnit:
-    """The three units of a way through a link: vector (2,) [m], J (2, C) [m/rad, -], J_rate (2, C) the time derivative of J."""
+    """The three units of a way through a link: its vector (2,) [m], J (2, C) [m/rad, -], and J_rate (2, C), the rate of J."""
 
     vector: Array
     J: Array
@@ -65,7 +67,7 @@ class Way:
     Attributes:
         link: index of the link.
         enter, leave: the two elements.
-        turns: whether the link has a variable angle (r of C = r + p1 in the paper).
+        turns: whether the angle of the link is variable.
     """
 
     link: int
@@ -75,17 +77,18 @@ class Way:
 
     @cached_property
     def moving(self) -> list[tuple[float, Element]]:
-        """Signs and elements that have a coordinate of their own, by name, so that both senses have the same order of columns."""
+        """The elements that have a coordinate of their own, with their signs, in the order of the names of the coordinates."""
+        # the order does not depend on the sense of the way, so that the opposite way has the same columns
         ends = [(-1.0, self.enter), (1.0, self.leave)]
-        return sorted(((sign, x) for sign, x in ends if x.kind in MOVING), key=lambda one: one[1].slide)
+        return sorted(((sign, x) for sign, x in ends if x.kind in MOVING), key=lambda end: end[1].slide)
 
     @property
     def slides(self) -> tuple[str, ...]:
-        """Names of the coordinates s, in the order of their columns, which come after the column of the angle."""
+        """The names of the coordinates s, in the order of their columns, which follow the column of the angle."""
         return tuple(element.slide for _, element in self.moving)
 
     def units(self, angle: float, speed: float, places: Sequence[float] | Array, speeds: Sequence[float] | Array) -> LinkUnit:
-        """Return the link units at the link's angle [rad], speed [rad/s], and its slides' coordinates [m] and speeds [m/s]."""
+        """Return the link units at the link's angle [rad] and speed [rad/s], and coordinates [m] and speeds [m/s] of its slides."""
         E = cmath.exp(1j * angle)
         w = self.leave.at - self.enter.at
         w_rate = 0j
@@ -111,8 +114,9 @@ def planar(vectors: Sequence[complex]) -> Array:
 def link_type(elements: Iterable[Element], frame: bool = False) -> str:
     """Return the paper's type of a link with these elements.
 
-    It has an R for each pin and a P for each slide, or from four on their number before one letter. A single slide is followed by 1
-    for its block or 2 for its guide. The type of the frame ends in 0, that of an active bar is S. A multiple joint is one pin.
+    The type has an R for each pin and a P for each slide, but from four on their number and one letter, as in 4R. A single P is
+    followed by 1 for a block or 2 for a guide. The type of the frame ends in 0. An active bar has the type S. A multiple joint
+    counts as one pin.
     """
     kinds = list({element.node: element.kind for element in elements}.values())
     if ROD_END in kinds:
@@ -123,5 +127,5 @@ def link_type(elements: Iterable[Element], frame: bool = False) -> str:
 
 
 def _letters(letter: str, count: int) -> str:
-    """Return the letter `count` times, or from four on the count and the letter."""
+    """Return the letter `count` times; from four on, the count and the letter."""
     return f"{count}{letter}" if count > 3 else letter * count

@@ -17,16 +17,16 @@ from gauss_bench.kinematics.loop_equations import REGULAR, LoopEquations, Stoppe
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.mechanism.close import walk
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 
 LARGEST_TURN = 0.3  # [rad] of any link in one step: far less than the distance of two assemblies away from singular positions
 LARGEST_MISS = 0.05  # [rad] from the prediction, whose error is of the order of the cube of the turn
 SMALLEST_PART = 1e-10  # [rad, m] shortest step of the inputs: the accuracy to which a limit is found
-BEYOND = 1e-3  # [rad, m] beyond the end of a motion: if the loops can be closed there, the end is no limit
+BEYOND = 1e-3  # [rad, m] distance beyond the end of a motion: if the loops can be closed there, the end is no limit
 
 
 class _State(NamedTuple):
-    """A closed state x with its J, and the number of Newton steps spent on it."""
+    """A closed state x (TU + TK,) with its J (2L, TU), and the number of Newton steps that led to it."""
 
     x: Array
     J: Array
@@ -34,7 +34,7 @@ class _State(NamedTuple):
 
 
 class _End(Stopped):
-    """The motion cannot be followed beyond the state x, even with the shortest step."""
+    """The motion cannot be followed beyond the state x (TU + TK,), even with the shortest step."""
 
     def __init__(self, text: str, singular: bool, x: Array):
         super().__init__(text, singular)
@@ -44,12 +44,12 @@ class _End(Stopped):
 def loop_motion(mechanism: Mechanism, times: Array) -> Motion:
     """Compute the motion at times (k,) [s] of a linkage with as many drivers, its inputs, as degrees of freedom.
 
-    The first sample is reached from q0, so that angles are continuous from there. An open chain has no loops: all its coordinates
-    are inputs.
+    The first sample is reached from q0, so that angles are continuous from there. An open chain has no loops, and all its
+    coordinates are inputs.
     Source: Wang et al. (2010), eqs. (1)-(15).
 
     Raises:
-        ValueError: the drivers do not fit the linkage, see LoopEquations.
+        ValueError: the drivers do not fit the linkage, as for LoopEquations.
         LimitOfMotion: an input goes further than the linkage can.
         SingularPosition: the Jacobian loses rank on the way.
     """
@@ -63,7 +63,7 @@ def loop_motion(mechanism: Mechanism, times: Array) -> Motion:
         for goal in goals:
             state = _follow(equations, state, goal)
             x = state.x
-            # the search passes singular positions at a distance where rates are lost already
+            # near a singular position rates are lost while positions can still be found
             equations.check_rank(state.J, REGULAR)
             states.append(state)
     except Stopped as stopped:
@@ -77,10 +77,14 @@ def loop_motion(mechanism: Mechanism, times: Array) -> Motion:
 
 
 def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
-    """Follow the inputs to `goal` (TK,), halving the steps where necessary, and return the closed state there."""
+    """Return the closed state at the inputs `goal` (TK,), reached in steps that are halved if necessary.
+
+    Raises:
+        _End: the inputs cannot be followed to the goal.
+    """
     TU, first, steps = len(equations.unknown), state.x, 0
     change = goal - first[TU:]
-    size = float(np.abs(change).max(initial=0.0))
+    size = largest(change)
 
     def advance(share: float) -> None:
         """Move the inputs to this share of the change."""
@@ -97,20 +101,20 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
 
 
 def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
-    """Return the next state if it certainly belongs to the same assembly.
+    """Return the closed state at the inputs `target` (TK,), which certainly belongs to the same assembly.
 
     Raises:
         Stopped: the step is too long, or leads to no regular position.
     """
     TU, x = len(equations.unknown), state.x
-    slope, bend = equations.rates(x, target - x[TU:], np.zeros_like(target))
+    slope, bend = equations.rates(x, target - x[TU:], np.zeros_like(target))  # by the share of the step
     guess = x + slope + bend / 2
     guess[TU:] = target
     angles = equations.is_angle
-    if not np.abs(guess - x)[angles].max(initial=0.0) < LARGEST_TURN:
+    if not largest((guess - x)[angles]) < LARGEST_TURN:
         raise Stopped("the angles turn too fast", False)
     closed, J, steps = equations.close(guess)
-    if not np.abs(closed - guess)[angles].max(initial=0.0) < LARGEST_MISS:
+    if not largest((closed - guess)[angles]) < LARGEST_MISS:
         raise Stopped("the position is far from the prediction", False)
     if TU and np.linalg.slogdet(state.J.T @ J)[0] <= 0:
         raise Stopped("the Jacobian changes its orientation", True)
@@ -118,14 +122,17 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
 
 
 def _end(equations: LoopEquations, first: Array, last: _State, direction: Array, why: Stopped) -> _End:
-    """Return the exception for the end of a motion: a limit if the loops cannot be closed just beyond it."""
+    """Return the exception for the end of a motion at the state `last`: a limit if the loops cannot be closed just beyond it.
+
+    `first` is the state at which the step to the next sample began, and `direction` (TK,) that of the inputs.
+    """
     TU, x = len(equations.unknown), last.x
-    gone = float(np.abs(x - first)[TU:].max())
-    guess = x + (x - first) * (BEYOND / gone if gone else 0.0)
+    moved = float(np.abs(x - first)[TU:].max())
+    guess = x + (x - first) * (BEYOND / moved if moved else 0.0)
     guess[TU:] = x[TU:] + BEYOND * direction
     try:
         closed, _, _ = equations.close(guess)
-        singular = bool(np.abs(closed - x)[equations.is_angle].max(initial=0.0) < LARGEST_TURN)
+        singular = largest((closed - x)[equations.is_angle]) < LARGEST_TURN
     except Stopped as error:
         singular = error.singular
     if singular:
@@ -134,7 +141,8 @@ def _end(equations: LoopEquations, first: Array, last: _State, direction: Array,
 
 
 def _motion(equations: LoopEquations, states: list[_State], given: list[Array]) -> Motion:
-    """Convert the states to absolute coordinates; `given` are the first and second derivatives (k, TK) of the inputs."""
+    """Return the states in absolute coordinates; `given` has the first and second derivatives (k, TK) of the inputs."""
+    # a motion that ends early has fewer states than the inputs have times
     levels = [(s.x, *equations.rates(s.x, *level)) for s, *level in zip(states, *given, strict=False)]
     x = np.array(levels).reshape(len(states), 3, len(equations.variables)).swapaxes(0, 1)
     return Motion(*equations.absolute(*x), np.array([s.steps for s in states], dtype=int))

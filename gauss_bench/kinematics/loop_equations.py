@@ -1,8 +1,9 @@
 """The loop equations of a linkage, whose drivers are the inputs, put together from link units.
 
-phi are the unknown and q the known variables: angles of links [rad], one for all links joined by slides, and coordinates along
-slides and active bars [m]. A loop l is closed where the vectors through its links add up to zero. Its matrices are sums of the link
-units A_i, J_i, J_i', whose columns U_i and K_i move to those of their variables; the matrices of all loops are stacked:
+phi are the unknown and q the known variables: angles of links [rad] and coordinates along slides and active bars [m]. Links that
+are joined by slides have one angle. A loop l is closed if the vectors through its links add up to zero. Its matrices are sums of
+the link units A_i, J_i, J_i'; U_i and K_i move their columns to those of the unknown and known variables. The matrices of all loops
+are stacked:
 
     A_l = sum A_i,   J_l = sum J_i U_i,   B_l = sum J_i K_i,   Jd_l = sum J_i' U_i,   Bd_l = sum J_i' K_i
 
@@ -26,16 +27,16 @@ from gauss_bench.kinematics.topology import Levels, absolute_states, find_graph,
 from gauss_bench.linkage.closure import CLOSED, RANK_TOLERANCE
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Driver, LengthDriver, Mechanism
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 
 NEWTON_STEPS = 12
 SETTLED = 1e-9  # [rad, m] largest last Newton step: convergence is quadratic, so that the error left is below rounding
-FORKED = 1e-7  # smallest singular value of J, as a share of the largest, down to which assemblies can be distinguished
-REGULAR = 1e-4  # the same for rates, whose relative error is rounding over the square of this: eight digits are left
+FORKED = 1e-7  # smallest ratio of singular values of J at which assemblies can be distinguished
+REGULAR = 1e-4  # smallest ratio for rates, whose relative error is rounding over its square: eight digits are left
 
 
 class Stopped(ArithmeticError):
-    """The loops cannot be closed near a state, or J loses rank there, in which case `singular` is True."""
+    """The loops cannot be closed near a state, or J loses rank there; `singular` is True in the second case."""
 
     def __init__(self, text: str, singular: bool):
         self.singular = singular
@@ -44,7 +45,7 @@ class Stopped(ArithmeticError):
 
 @dataclass(frozen=True)
 class Variable:
-    """The angle of a link and of all links that slides join to it, or, if `link` is None, the coordinate along a slide or bar."""
+    """The angle of a link and of all links that slides join to it or, if `link` is None, the coordinate along a slide or bar."""
 
     name: str
     link: int | None = None
@@ -63,12 +64,12 @@ class Matrices:
 
 @dataclass(frozen=True, eq=False)
 class PlacedWay:
-    """A way through a link, and where its variables are in a state x (TU + TK,).
+    """A way through a link, and the places of its variables in a state x (TU + TK,).
 
     Attributes:
         slides: indices in x of the coordinates of its slides.
-        factors: U and K of eqs. (9)-(10) side by side (C, TU + TK): column c of the link unit belongs to the variable in whose
-            column row c has its one 1.
+        factors: (C, TU + TK) U and K of eqs. (9)-(10) side by side: row c has a 1 in the column of the variable of column c of the
+            link unit, and zeros elsewhere.
     """
 
     way: Way
@@ -77,19 +78,29 @@ class PlacedWay:
 
 
 def solve_rows(J: Array, rhs: Array) -> Array:
-    """Return the least-squares solution of J x = rhs."""
+    """Return the shortest least-squares solution x (TU,) of J x = rhs, for J (2L, TU)."""
     return np.asarray(np.linalg.lstsq(J, rhs, rcond=RANK_TOLERANCE)[0]) if J.size else np.zeros(J.shape[1])
 
 
 class LoopEquations:
-    """The loop equations; states x (TU + TK,) hold the unknown variables, then the known ones.
+    """The equations of L loops; states x (TU + TK,) have TU unknown variables, then TK known ones.
 
-    Unknown variables are in the order of the links, then of the slides; known ones in that of the drivers. A driver of a length is
-    an active bar: one more link, of type S, without mass.
+    Unknown variables are in the order of the links, then of the slides; known variables are in the order of the drivers. A driver
+    of a length is an active bar: one more link, of type S, without mass.
+
+    Attributes:
+        variables: all variables in the order of x.
+        column: index of a link, or name of a slide or bar -> index of its variable in x.
+        is_angle: (TU + TK,) True for angles.
+        turning: (links + 1, TU + TK) matrix that, times x, plus `phase` gives the angles of all links, the frame last.
+        roots: for each of these links, the link with which it shares its angle.
+        phase: angle of each of these links minus that of its root [rad].
+        ways: the ways through the links of each loop.
+        lengths: (TU,) factors that make columns of J per metre and per radian comparable.
 
     Raises:
-        ValueError: there are not as many drivers as degrees of freedom; one drives a link that cannot turn, or two the same
-            variable; no joint connects some link to the frame; the linkage has couplings or knife edges.
+        ValueError: there are not as many drivers as degrees of freedom; a driver turns a link that cannot turn; two drivers
+            prescribe one variable; no joint connects some link to the frame; the linkage has couplings or knife edges.
     """
 
     def __init__(self, mechanism: Mechanism):
@@ -134,12 +145,12 @@ class LoopEquations:
         return matching[0]
 
     def _size(self) -> float:
-        """Return the longest vector through a moving link [m], which makes columns of J per metre and per radian comparable."""
+        """Return the length of the longest vector through a moving link [m]; 1 m if there is none."""
         ways = (p.way for loop in self.ways for p in loop if p.way.link != GROUND)
         return max((abs(way.leave.at - way.enter.at) for way in ways), default=0.0) or 1.0
 
     def _place(self, way: Way) -> PlacedWay:
-        """Find the variables of a way in a state."""
+        """Return a way with the places of its variables in a state."""
         own: list[Variable] = [x for x in self.variables if way.turns and x.link == self.roots[way.link]]
         own += [Variable(name) for name in way.slides]
         factors = np.array([[float(c == x) for x in self.variables] for c in own]).reshape(len(own), len(self.variables))
@@ -158,7 +169,7 @@ class LoopEquations:
         return prescribed[0] - self._phases(), prescribed[1], prescribed[2]
 
     def input_values(self, x: Array) -> dict[str, float]:
-        """Return the value of each input in a state x [rad, m], by name, in the sense of its law."""
+        """Return the value of each input in a state x [rad, m] by name, as its law gives it."""
         values = x[len(self.unknown) :] + self._phases()
         return {driver.name: float(value) for driver, value in zip(self.drivers, values, strict=True)}
 
@@ -172,7 +183,7 @@ class LoopEquations:
         values: dict[str | int, float] = {i: float(theta) for i, theta in enumerate(q[2::3])}
         for slide in self.mechanism.slides:
             values[slide.name] = float(value(slide.motion, q))
-        for i, bar in enumerate(self.bars, start=len(self.mechanism.links)):
+        for i, bar in enumerate(self.bars, start=len(self.mechanism.links)):  # bars are further links
             x, y = position(q, bar.b) - position(q, bar.a)
             values[i], values[bar.name] = float(np.arctan2(y, x)), float(np.hypot(x, y))
         return np.array([values[key] for key in self.column])
@@ -181,7 +192,7 @@ class LoopEquations:
         """Evaluate A and all matrices at a state x and its rate (TU + TK,)."""
         theta, omega = self.turning @ x + self.phase, self.turning @ x_rate
         L, TU = len(self.ways), len(self.unknown)
-        A, both, both_rate = np.zeros(2 * L), np.zeros((2 * L, len(x))), np.zeros((2 * L, len(x)))
+        A, both, both_rate = np.zeros(2 * L), np.zeros((2 * L, len(x))), np.zeros((2 * L, len(x)))  # both: J and B side by side
         for l, ways in enumerate(self.ways):
             rows = slice(2 * l, 2 * l + 2)
             for p in ways:
@@ -203,22 +214,26 @@ class LoopEquations:
             here = self.at(x, still)
             step = solve_rows(here.J, -here.A)
             x[:TU] += step
-            count, last = count + 1, float(np.abs(step).max(initial=0.0))
+            count, last = count + 1, largest(step)
         here = self.at(x, still)
-        if last >= SETTLED or not np.abs(here.A).max(initial=0.0) < CLOSED:
+        if last >= SETTLED or not largest(here.A) < CLOSED:
             raise Stopped("the loops do not close", False)
         self.check_rank(here.J, FORKED)
         return x, here.J, count
 
     def check_rank(self, J: Array, tolerance: float) -> None:
-        """Raise Stopped if J has singular values below the tolerance, relative to the largest."""
+        """Check that no singular value of J is below a share `tolerance` of the largest.
+
+        Raises:
+            Stopped: a singular value is smaller.
+        """
         sizes = np.linalg.svd(J * self.lengths, compute_uv=False) if J.size else np.zeros(0)
         rank = int((sizes > tolerance * sizes.max(initial=0.0)).sum())
         if rank < len(self.unknown):
             raise Stopped(f"the Jacobian has rank {rank} of {len(self.unknown)}", True)
 
     def rates(self, x: Array, speed: Array, second: Array) -> tuple[Array, Array]:
-        """Return first and second derivatives of x (TU + TK,) for those of the inputs, `speed` and `second` (TK,)."""
+        """Return the first and second derivative of x (TU + TK,) for those of the inputs, `speed` and `second` (TK,)."""
         here = self.at(x, np.zeros_like(x))
         x_rate = np.concatenate([solve_rows(here.J, -here.B @ speed), speed])
         here = self.at(x, x_rate)
@@ -226,7 +241,7 @@ class LoopEquations:
         return x_rate, np.concatenate([solve_rows(here.J, -bias), second])
 
     def absolute(self, x: Array, x_rate: Array, x_second: Array) -> Levels:
-        """Return q, v, a (k, n) of states x (k, TU + TK)."""
+        """Return q, v, a (k, n) for states x (k, TU + TK) and their first and second derivatives."""
         angles = (x @ self.turning.T + self.phase, x_rate @ self.turning.T, x_second @ self.turning.T)
         slides = {v.name: (x[:, k], x_rate[:, k], x_second[:, k]) for k, v in enumerate(self.variables) if v.link is None}
         return absolute_states(self.graph, len(self.mechanism.links), angles, slides)

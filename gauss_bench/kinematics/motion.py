@@ -1,4 +1,4 @@
-"""The motion of a linkage that follows its inputs, the common result of loop closure and point equations."""
+"""The motion of a linkage that follows its inputs: the result of both loop closure and point equations."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,11 @@ from gauss_bench.terms import Array
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """States at k times.
+    """The states at k times.
 
     Attributes:
-        q, v, a: (k, n) absolute positions, velocities, accelerations as in Mechanism; angles are unwrapped, continuous from q0.
-        iterations: (k,) corrections of the solver on the way from the sample before.
+        q, v, a: (k, n) absolute positions, velocities, accelerations as in Mechanism; angles are continuous from q0 on.
+        iterations: (k,) iterations of the solver on the way from the sample before.
     """
 
     q: Array

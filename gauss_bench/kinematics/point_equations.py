@@ -1,6 +1,6 @@
-"""The equations between the points of a linkage, their exact Jacobian and bias, and groups of them that can be solved separately.
+"""The equations between the points of a linkage, their exact Jacobian and bias, and the groups that can be solved separately.
 
-With z as in `points`, every equation is at most quadratic and consists of three constant rows a, b, c:
+With z the vector of all points and inputs, as in `points`, every equation is at most quadratic and has three constant rows a, b, c:
 
     phi = Re(conj(a z) (b z) + c z),    dphi = Re(r dz)  with  r = conj(b z) a + conj(a z) b + c
     phi'' = Re(r z'') + 2 Re(conj(a z') (b z'))
@@ -14,9 +14,9 @@ so that Jacobian and acceleration bias are exact. The kinds of equations are, wi
     u . (P - G) - s                    a driven slide
     (|B - A|^2 - L(t)^2) / 2 size      an active bar
 
-All residuals are in metres. Lengths to a third point would also admit the mirror image of the link, and the cross product of the
-directions of two bars also a turn by 180 degrees; the linear rows exclude both. A line is a cross product instead of the printed
-quotient of differences, which is 0/0 if the line is parallel to the x axis.
+All residuals are in metres. Lengths to a third point would admit the mirror image of the link, and cross products of the directions
+of two bars a turn by 180 degrees; the linear rows exclude both. The paper prints the equation of a line as a quotient of
+differences, which is 0/0 if the line is parallel to the x axis; here it is a cross product.
 Source: Men, Feng, He, General simulation software of planar linkages based on geometric constraints, J. Mechanical Transmission
 33(4), 2009, section 1: eq. (2).
 """
@@ -31,17 +31,21 @@ import numpy as np
 from gauss_bench.kinematics.points import SAME, Points, place
 from gauss_bench.kinematics.root_finding import Residual
 from gauss_bench.mechanism.model import Mechanism, Prismatic
-from gauss_bench.terms import Array, Vectors
+from gauss_bench.terms import Array, Vectors, largest
 
 Equation = tuple[Vectors, Vectors, Vectors]  # rows a, b, c (N,)
 
 
 @dataclass(frozen=True, eq=False)
 class PointGroup:
-    """Points that can only be solved together (an Assur group): its name, and its rows and columns of the Jacobian.
+    """Points that can only be solved together (an Assur group).
 
-    The sign of the group's determinant distinguishes assemblies: for a dyad it is the side on which the middle point lies. It
-    changes only where the determinant vanishes, which is a singular position.
+    The sign of its determinant distinguishes assemblies: for a dyad it is the side on which the middle point lies. The sign changes
+    only at a singular position.
+
+    Attributes:
+        name: names of the points, joined by "+".
+        rows, columns: indices of the group's equations and unknowns in the Jacobian.
     """
 
     name: str
@@ -52,7 +56,7 @@ class PointGroup:
 def link_equations(p: Points, link: int) -> Iterator[Equation]:
     """Yield the equations that keep the points of one link at their places in it."""
     anchor, none = p.anchor[link], np.zeros(p.N, dtype=complex)
-    owner, A, B = p.base.get(p.frames[link][0], (None, -1, -1))
+    owner, A, B = p.base.get(p.frames[link][0], (None, -1, -1))  # no owner if the direction is known
     if link == owner:
         L = abs(p.local(link, B) - p.local(link, A))
         bar = (p.unit(B) - p.unit(A)) / np.sqrt(2 * L)
@@ -74,16 +78,23 @@ def slide_equations(p: Points, slide: Prismatic) -> Iterator[Equation]:
 
 
 def bar_equation(p: Points, name: str) -> Equation:
-    """Return |b - a|^2 = L^2 of an active bar, over twice the size of the linkage; L^2 is an entry of z."""
-    bar, size = p.bars[name], np.sqrt(2 * p.size)
-    gap = (p.point(bar.b.link, place(bar.b)) - p.point(bar.a.link, place(bar.a))) / size
-    return gap, gap, -p.unit(p.stretched[name]) / size**2
+    """Return the equation |b - a|^2 = L^2 of an active bar, over twice the size of the linkage; L^2 is an entry of z."""
+    bar, root = p.bars[name], np.sqrt(2 * p.size)
+    gap = (p.point(bar.b.link, place(bar.b)) - p.point(bar.a.link, place(bar.a))) / root
+    return gap, gap, -p.unit(p.stretched[name]) / root**2
 
 
 class PointModel:
     """Points and equations of a mechanism, whose drivers are the inputs.
 
-    Unknowns are p (2 u,), x before y of each unknown point [m]; there are m >= 2 u equations, more if the linkage is redundant.
+    Unknowns are p (2 u,), x before y of each unknown point [m]. There are m >= 2 u equations, more if the linkage is redundant.
+
+    Attributes:
+        a, b, c: (m, N) rows of the equations.
+        unknown: (u,) indices in z of the unknown points.
+        names: names of the unknown points.
+        directions: (links, N) rows whose products with z are exp(i theta) of the links.
+        centres: (links, N) rows whose products with z are the centres of mass.
     """
 
     def __init__(self, mechanism: Mechanism):
@@ -153,7 +164,7 @@ class PointModel:
         return np.asarray(2 * ((self.a @ dz).conj() * (self.b @ dz)).real)
 
     def signs(self, J: Array) -> Array:
-        """Return the sign (g,) of the determinant of each group."""
+        """Return the sign (g,) of the determinant of each group in J (m, 2 u)."""
         signs = [np.sign(np.linalg.det(J[np.ix_(group.rows, group.columns)])) for group in self.groups]
         return np.array(signs, dtype=int)
 
@@ -161,25 +172,27 @@ class PointModel:
 def find_groups(model: PointModel) -> tuple[PointGroup, ...]:
     """Return the groups that have more than one assembly, in an order in which they can be solved.
 
-    Each unknown is matched with an equation, which makes it depend on the other unknowns in that equation. Unknowns that depend on
-    each other form a group. Groups of linear equations are left out, because they have one solution, and so are groups that depend
-    on redundant equations, because they have more equations than unknowns and therefore no determinant.
+    Each unknown is matched with an equation, and so depends on the other unknowns in that equation. Unknowns that depend on each
+    other form a group. Two kinds of groups are left out: those of linear equations, which have one solution, and those that depend
+    on redundant equations, which have more equations than unknowns and therefore no determinant.
     """
     # the pattern of J at random points, where no entry is zero by chance
     z: Vectors = np.random.default_rng(0).normal(size=(model.points.N, 2)) @ np.array([1.0, 1.0j])
     z[0] = 1.0
     J = model.jacobian(model.rows(z))
     m, n = J.shape
-    pattern = np.abs(J) > SAME * np.abs(J).max(initial=0.0)
-    graph = nx.Graph((("row", i), ("column", k)) for i, k in np.argwhere(pattern).tolist())
-    tops = [node for node in graph if node[0] == "row"]
-    matched = nx.bipartite.hopcroft_karp_matching(graph, sorted(tops))
+    pattern = np.abs(J) > SAME * largest(J)
+    columns_of = [np.flatnonzero(row).tolist() for row in pattern]  # the unknowns in each equation
+    graph = nx.Graph((("row", i), ("column", k)) for i in range(m) for k in columns_of[i])
+    tops = sorted(node for node in graph if node[0] == "row")
+    matched = nx.bipartite.hopcroft_karp_matching(graph, tops)
     row_of = {k: matched["column", k][1] for k in range(n) if ("column", k) in matched}
-    free = {i for i in range(m) if pattern[i].any() and ("row", i) not in matched}
-    needs = nx.DiGraph((k, other) for k, i in row_of.items() for other in np.flatnonzero(pattern[i]).tolist())
-    redundant: set[int] = set()
-    for start in {k for i in free for k in np.flatnonzero(pattern[i]).tolist()}:
-        redundant |= {start} | nx.descendants(needs, start)
+    needs = nx.DiGraph((k, other) for k, i in row_of.items() for other in columns_of[i])
+    redundant: set[int] = set()  # unknowns in equations without a match, and those on which they depend
+    for i in range(m):
+        if ("row", i) not in matched:
+            redundant.update(*({k} | nx.descendants(needs, k) for k in columns_of[i]))
+    # an equation is quadratic if both a and b have entries at points
     curved = np.any(model.a[:, model.points.first :] != 0, axis=1) & np.any(model.b[:, model.points.first :] != 0, axis=1)
     groups = []
     for part in nx.strongly_connected_components(needs):

@@ -1,17 +1,17 @@
-"""Basic points of a linkage: those that pivots and inputs determine, and the unknown ones, which determine all links.
+"""Basic points of a linkage: known points, which pivots and inputs determine, and unknown points, which determine all links.
 
-Points and directions of the plane are complex numbers. A position is one vector
+Points and directions of the plane are complex numbers. A position of the linkage is one vector
 
     z = [1, inputs, points]        an input: exp(i theta) of a link, s along a slide, or L^2 of an active bar
 
-A link with the points A and B at the places a and b in its own frame turns a vector s of that frame into s (B - A) / (b - a), which
-is linear in z. Every point of a link of known direction is linear in z too, once one of its points is known.
+A vector s in the frame of a link is s (B - A) / (b - a) in the world, with A and B two points of the link and a and b their places
+in its frame. This is linear in z. If the direction of a link is known, its points are linear in z and in one of these points.
 """
 
 from cmath import exp
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import combinations, permutations
 
 import numpy as np
 
@@ -25,7 +25,7 @@ SAME = 1e-12  # [m] distance below which two places in a file are the same up to
 
 @dataclass(frozen=True, eq=False)
 class BasicPoint:
-    """A point of one or more links; `at` has its complex place in each of them, from the centre of mass [m]."""
+    """A point of one or more links; `at` has, by index of the link, its complex place [m] from the link's centre of mass."""
 
     name: str
     at: Mapping[int, complex]
@@ -37,18 +37,26 @@ def place(point: Point) -> complex:
 
 
 def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], turned: set[int]) -> list[BasicPoint]:
-    """Return pins, merged where they coincide in a link, blocks of slides, and the points that links need to show their direction.
+    """Return the basic points: pins (merged if they coincide in a link), blocks of slides, and points that show directions.
 
-    `frames` is that of `shared_angles`; the roots in `turned` have a known direction and need no second point.
+    Args:
+        frames: result of `shared_angles`.
+        turned: roots of known direction, whose links need no second point.
     """
     basic: list[BasicPoint] = []
 
     def add(name: str, *ends: Point) -> None:
-        """Add a point, merged with those that lie at the same place of a link."""
+        """Add a point that lies at `ends` of one or more links, merged with the points at the same place of one of these links."""
         at = {end.link: place(end) for end in ends}
-        met = [x for x in basic if any(link in x.at and abs(x.at[link] - s) < SAME for link, s in at.items())]
-        merged = BasicPoint(met[0].name if met else name, {k: s for x in met for k, s in x.at.items()} | at)
-        basic[:] = [x for x in basic if all(x is not y for y in met)] + [merged]
+
+        def coincides(x: BasicPoint) -> bool:
+            return any(link in x.at and abs(x.at[link] - s) < SAME for link, s in at.items())
+
+        met = [x for x in basic if coincides(x)]
+        merged: dict[int, complex] = {}
+        for x in met:
+            merged |= x.at
+        basic[:] = [x for x in basic if x not in met] + [BasicPoint(met[0].name if met else name, merged | at)]
 
     slides = mechanism.slides
     for pin in mechanism.pins:
@@ -65,7 +73,7 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
     size = link_size(basic)
     for root in sorted({root for root, _ in frames.values()} - turned):
         members = [link for link, (r, _) in frames.items() if r == root]
-        if all(sum(link in x.at for x in basic) < 2 for link in members):
+        if all(sum(link in x.at for x in basic) < 2 for link in members):  # no two points show the direction: add one
             guide = next((j for j in slides if j.guide.link in members), None)
             link, angle = (guide.guide.link, guide.angle) if guide else (root, 0.0)
             start = next((x.at[link] for x in basic if link in x.at), 0j)
@@ -76,8 +84,11 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
 
 def link_size(points: list[BasicPoint]) -> float:
     """Return the largest distance of two points of a moving link [m]; 1 m if no link has two points."""
-    spans = (abs(p.at[k] - q.at[k]) for p in points for q in points for k in p.at.keys() & q.at.keys() if k != GROUND)
-    return max(spans, default=0.0) or 1.0
+    largest = 0.0
+    for p, q in combinations(points, 2):
+        for link in p.at.keys() & q.at.keys() - {GROUND}:
+            largest = max(largest, abs(p.at[link] - q.at[link]))
+    return largest or 1.0
 
 
 def active_bars(mechanism: Mechanism) -> dict[str, LengthDriver]:
@@ -88,10 +99,11 @@ def active_bars(mechanism: Mechanism) -> dict[str, LengthDriver]:
 class Points:
     """The vector z (N,) of a mechanism, whose drivers are the inputs, and rows (N,) of quantities linear in z.
 
-    A root is a link whose angle others share, as in `shared_angles`; an entry is an index in z.
+    A root is a link whose angle other links share, as in `shared_angles`. An entry is an index in z.
 
     Attributes:
-        points: all basic points; the entry of the first is `first`.
+        points: all basic points.
+        first: entry of the first of these points; the others follow.
         unknown: (u,) entries of the points that no link of known direction carries.
         of: link -> entries of its points.
         anchor: link -> entry of the point from which its other points are computed.
@@ -114,7 +126,8 @@ class Points:
         self.first = 1 + len(self.drivers)
         self.N = self.first + len(self.points)
         self.of = {i: [k for k, x in enumerate(self.points, self.first) if i in x.at] for i in self.frames}
-        if bare := [link for link, entries in self.of.items() if not entries and link != GROUND]:
+        bare = [link for link, entries in self.of.items() if not entries and link != GROUND]
+        if bare:
             raise ValueError(f"{mechanism.name}: {mechanism.link_name(bare[0])} has no joint, so that nothing places it")
         self.anchor = {i: entries[0] for i, entries in self.of.items() if entries}
         self.placed_by: dict[int, int] = {}
@@ -125,7 +138,7 @@ class Points:
         self.anchor |= {link: A for link, A, _ in self.base.values()}
 
     def _enter_inputs(self) -> tuple[dict[int, int], dict[str, int], dict[str, int]]:
-        """Return `turned`, `pushed` and `stretched`.
+        """Return the attributes `turned`, `pushed` and `stretched`, which follow from the drivers alone.
 
         Raises:
             ValueError: a driver prescribes something that is known already.
@@ -146,7 +159,7 @@ class Points:
         return turned, pushed, stretched
 
     def unit(self, entry: int) -> Vectors:
-        """Return the row that is one entry of z."""
+        """Return the row whose product with z is one entry of z."""
         row = np.zeros(self.N, dtype=complex)
         row[entry] = 1.0
         return row
@@ -156,7 +169,7 @@ class Points:
         return self.points[entry - self.first].at[link]
 
     def direction(self, link: int) -> Vectors:
-        """Return the row of exp(i theta) of a link, from its known direction or from two points."""
+        """Return the row whose product with z is exp(i theta) of a link, from its known direction or from two points."""
         root, phase = self.frames[link]
         if root in self.turned:
             return self.unit(self.turned[root]) * exp(1j * phase)
@@ -165,7 +178,7 @@ class Points:
         return (self.unit(B) - self.unit(A)) * turn / (self.local(owner, B) - self.local(owner, A))
 
     def point(self, link: int, s: complex) -> Vectors:
-        """Return the row of the point at the place s [m] in a link."""
+        """Return the row whose product with z is the point at the place s [m] in a link."""
         if link == GROUND:
             return self.unit(0) * s
         anchor = self.anchor[link]
@@ -178,33 +191,33 @@ class Points:
         return min(self.of[link], key=lambda k: abs(self.local(link, k) - place(slide.block)))
 
     def _place(self) -> None:
-        """Fill `placed_by` and `rows` with the points that pivots and driven links alone determine, one link after the other."""
+        """Fill `placed_by` and `rows` with the points that pivots and driven links determine, one link after the other."""
         link: int | None = GROUND
         waiting = {i for i, (root, _) in self.frames.items() if root in self.turned and i != GROUND}
         while link is not None:
             for k in self.of[link]:
                 if k not in self.placed_by:
                     self.rows[k], self.placed_by[k] = self.point(link, self.local(link, k)), link
-            reached = ((i, k) for i in sorted(waiting) for k in self.of[i] if k in self.placed_by)
-            link, known = next(reached, (None, 0))
+            # next comes a link of known direction with a point that is placed
+            link = next((i for i in sorted(waiting) if self.placed_by.keys() & set(self.of[i])), None)
             if link is not None:
-                self.anchor[link] = known
+                self.anchor[link] = next(k for k in self.of[link] if k in self.placed_by)
                 waiting.remove(link)
 
     def _base(self, root: int) -> tuple[int, int, int]:
-        """Return a link and two of its points that give the direction of a root; they are known ones if possible, and far apart."""
+        """Return a link, and two entries of its points, that give the direction of a root: known points if possible, far apart."""
         members = [link for link, (r, _) in self.frames.items() if r == root]
         pairs = [(link, A, B) for link in members for A, B in permutations(self.of[link], 2)]
 
         def rank(pair: tuple[int, int, int]) -> tuple[bool, float, int]:
-            """Return the order of preference of a link and two of its points."""
+            """Return the rank of a pair: a known first point counts first, then a large distance, then the order of the points."""
             link, A, B = pair
             return A in self.placed_by, abs(self.local(link, B) - self.local(link, A)), -B
 
         return max(pairs, key=rank)
 
     def known(self, x: Array, rate: Array, second: Array) -> Vectors:
-        """Return z, z', z'' (3, N) with unknown points at zero, for inputs and their first and second derivatives (i,) [rad, m]."""
+        """Return z, z', z'' as rows (3, N) with unknown points at zero, for inputs (i,) [rad, m] and their two derivatives."""
         Z = np.zeros((3, self.N), dtype=complex)
         Z[0, 0] = 1.0
         for k, driver in enumerate(self.drivers):

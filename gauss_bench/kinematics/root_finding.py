@@ -1,10 +1,10 @@
-"""Three methods for a root of F(x) = 0, with the same arguments and result.
+"""Three methods that find a root of F(x) = 0, with the same arguments and result.
 
 With the Jacobian J at x, the step h of each is
 
     Newton-Raphson        J h = -F, taken in full
     Gauss-Newton          the same h, halved until |F|^2 falls enough (backtracking, condition of Armijo)
-    Levenberg-Marquardt   (J^T J + mu I) h = -J^T F, mu after Nielsen: smaller where the linear model predicts well, else larger
+    Levenberg-Marquardt   (J^T J + mu I) h = -J^T F, mu after Nielsen: smaller if the linear model predicts |F| well, else larger
 
 There may be more equations than unknowns if they are consistent; J h = -F is then solved in the least-squares sense.
 Sources: Nocedal and Wright, Numerical Optimization (2006), sections 3.1, 10.3 and 11.1; Madsen, Nielsen, Tingleff, Methods for
@@ -14,30 +14,28 @@ Non-Linear Least Squares Problems (2004), algorithm 3.16.
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 
-Residual = Callable[[Array], tuple[Array, Array]]
+Residual = Callable[[Array], tuple[Array, Array]]  # x (n,) -> F (m,), J (m, n)
 
 TOLERANCE = 1e-13  # of max |F| at a root, in the unit of F
 LIMIT = 100  # largest number of iterations
 RANK_TOLERANCE = 1e-9  # share of the largest singular value, as in `linkage/closure.py`
-SUFFICIENT = 1e-4  # share of the predicted decrease that a step must bring: the usual choice of Armijo's constant
+SUFFICIENT = 1e-4  # smallest decrease by a step, as a share of the predicted decrease: the usual constant of Armijo's condition
 HALVINGS = 30  # largest number of halvings: the step is then shorter by 1e-9
 DAMPING = 1e-3  # first mu as a share of the largest diagonal entry of J^T J, for a fair first guess
-FLAT = 1e-8  # |J^T F| / (|J| |F|) at a minimum of |F|; at a double root F is near 1e-16 before the ratio is as small
+FLAT = 1e-8  # |J^T F| / (|J| |F|) at a minimum of |F| that is no root; at a double root F is 1e-16 before the ratio is this small
 
 
 class ExitFlag(StrEnum):
     """The reason why a search ended."""
 
     CONVERGED = "converged"
-    STALLED = "stalled"  # no step reduces |F| (a minimum that is no root), or F is not finite
-    SINGULAR = "singular"  # J has lost rank, so that the step is not determined
+    STALLED = "stalled"  # no step reduces |F| (at a minimum that is no root), or F is not finite
+    SINGULAR = "singular"  # J has lost rank, so that it does not determine the step
     TOO_MANY = "too many iterations"
 
 
@@ -61,19 +59,14 @@ class Root:
 RootFinder = Callable[..., Root]
 
 
-def largest(x: NDArray[np.inexact[Any]]) -> float:
-    """Return the largest absolute value, 0 of an empty array."""
-    return float(np.abs(x).max(initial=0.0))
-
-
 def at_rest(x: Array, h: Array) -> bool:
-    """Tell whether a step is smaller than the rounding of x."""
+    """Tell whether a step h (n,) is smaller than the rounding of x (n,)."""
     eps = np.finfo(float).eps
     return bool(largest(h) <= eps * (largest(x) + eps))
 
 
 def end_search(x: Array, F: Array, tolerance: float, iteration: int) -> Root | None:
-    """Return the result if x is a root or F is not finite there, else None."""
+    """Return the result of a search at x (n,) if it is a root, or if F is not finite there; else None."""
     if largest(F) <= tolerance:
         return Root(x, ExitFlag.CONVERGED, iteration, largest(F))
     return None if np.isfinite(F).all() else Root(x, ExitFlag.STALLED, iteration, largest(F))
@@ -88,24 +81,24 @@ def full_step(F: Array, J: Array) -> Array | None:
 
 
 def newton_raphson(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
-    """Take full steps from x (n,) until max |F| <= `tolerance`, at most LIMIT of them.
+    """Search for a root from x (n,) by at most LIMIT full steps, until max |F| <= `tolerance`.
 
-    `residual` maps x to F (m,) and J (m, n), m >= n. This is the fastest method near a root; far from one its steps may go
-    anywhere.
+    This is the fastest method near a root. Far from a root its steps may lead anywhere.
     """
     return search_along(residual, x, tolerance, halvings=0)
 
 
 def gauss_newton(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
-    """As `newton_raphson`, but halve each step until |F|^2 falls by a share of the predicted decrease."""
+    """Search as `newton_raphson` does, but halve each step until |F|^2 falls by a share of the predicted decrease."""
     return search_along(residual, x, tolerance, HALVINGS)
 
 
 def search_along(residual: Residual, x: Array, tolerance: float, halvings: int) -> Root:
-    """Iterate with steps h of J h = -F, each halved up to `halvings` times until |F| falls enough; with 0 take full steps."""
+    """Search by steps h of J h = -F, each halved up to `halvings` times until |F| falls enough; with 0 all steps are full."""
     F, J = residual(x)
     for iteration in range(LIMIT):
-        if end := end_search(x, F, tolerance, iteration):
+        end = end_search(x, F, tolerance, iteration)
+        if end:
             return end
         h = full_step(F, J)
         if h is None:
@@ -129,11 +122,12 @@ def give_up(x: Array, F: Array, tolerance: float) -> Root:
 
 
 def levenberg_marquardt(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
-    """As `newton_raphson`, but with damped steps, which are determined even where J loses rank."""
+    """Search as `newton_raphson` does, but with damped steps, which are determined even if J loses rank."""
     F, J = residual(x)
     mu, growth = DAMPING * float((J * J).sum(axis=0).max(initial=0.0)), 2.0
     for iteration in range(LIMIT):
-        if end := end_search(x, F, tolerance, iteration):
+        end = end_search(x, F, tolerance, iteration)
+        if end:
             return end
         gradient = J.T @ F
         if largest(gradient) <= FLAT * float(np.linalg.norm(J)) * float(np.linalg.norm(F)):
@@ -144,7 +138,7 @@ def levenberg_marquardt(residual: Residual, x: Array, tolerance: float = TOLERAN
         if at_rest(x, h):
             return Root(x, ExitFlag.STALLED, iteration, largest(F))
         G, K = residual(x + h)
-        gain = float(F @ F - G @ G) / float(h @ (mu * h - gradient))
+        gain = float(F @ F - G @ G) / float(h @ (mu * h - gradient))  # decrease of |F|^2, over that of the linear model
         if gain > 0:
             x, F, J = x + h, G, K
             mu, growth = mu * max(1 / 3, 1 - (2 * gain - 1) ** 3), 2.0

@@ -1,9 +1,9 @@
-"""Singular positions of a linkage with one degree of freedom: limits of motion and dead centres, solved exactly.
+"""Find the singular positions of a linkage with one degree of freedom, limits of motion and dead centres, to rounding.
 
 The positions form a curve q(s) with the tangent x, J x = 0. A coordinate c(q) with gradient g reverses where g . x = 0, and cannot
-drive the linkage there. For the crank such a position is a limit of its motion, for any other coordinate a dead centre. The curve
-is followed in steps of its own length s, which is regular at such positions. Where g . x changes its sign between two positions,
-the root lies on the curve between them. It is searched along the tangent, with the constraints closed at every trial.
+drive the linkage there. For the crank this is a limit of its motion, for any other coordinate a dead centre. The curve is followed
+in steps of its length s, because it is regular there as a function of s. If g . x changes its sign between two positions, the root
+between them is searched along the tangent, with the constraints closed at every trial.
 Source: Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria (2000), sections 2.4 and 3.2 (fold points).
 """
 
@@ -15,16 +15,16 @@ from scipy.optimize import brentq
 from gauss_bench.mechanism.close import project
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.evaluate import Constraints
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Measured, Mechanism
+from gauss_bench.mechanism.model import GROUND, Angle, Measured, Mechanism
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 
 STEP = 0.02  # [rad, m] length of a step along the curve
 LONGEST = 4000  # largest number of steps: more than ten turns of the fastest link
-ENDS = (-0.1 * STEP, 1.1 * STEP)  # distances back along the tangent between which a reversal lies that the last step has passed
-NEWTON_STEPS = 30
-TOLERANCE = 1e-12
-REVERSED = 1e-9  # largest |g . x| at a root; where the curve forks, the search ends at a jump of g . x instead
+ENDS = (-0.1 * STEP, 1.1 * STEP)  # distances back along the tangent between which the last step has passed a reversal
+NEWTON_STEPS = 30  # largest number of corrections of a position
+TOLERANCE = 1e-12  # [rad, m] largest last correction; |g . x| below it is zero
+REVERSED = 1e-9  # largest |g . x| at a root; at a fork of the curve the search ends at a jump of g . x instead
 SAME = 1e-6  # [rad, m] distance below which two positions are the same
 RANK_TOLERANCE = 1e-7  # share of the largest singular value below which a singular value counts as zero
 
@@ -40,7 +40,8 @@ class Singular:
     Attributes:
         coordinate: name of the link (for its angle) or slide that reverses.
         kind: "limit" if this coordinate is the driving one, else "dead centre".
-        value, input: values of this coordinate and of the driving one at the position [rad, m].
+        value: value of the coordinate at the position [rad, m].
+        input: value of the driving coordinate at the position [rad, m].
         driving: the driving coordinate: the crank's angle or, without a crank, the measured coordinate.
         q: (n,) the position.
     """
@@ -54,7 +55,7 @@ class Singular:
 
     @property
     def crank(self) -> float:
-        """Angle of the crank at the position [rad]; NaN if the driving coordinate is not an angle."""
+        """The angle of the crank at the position [rad]; NaN if the driving coordinate is not an angle."""
         return self.input if isinstance(self.driving.coordinate, Angle) else float("nan")
 
 
@@ -62,20 +63,15 @@ def input_coordinate(mechanism: Mechanism) -> Measured:
     """Return the driving coordinate: the crank's angle, or the measured coordinate of a linkage without crank."""
     if mechanism.crank is not None:
         return Measured(mechanism.links[mechanism.crank].name, Angle(GROUND, mechanism.crank))
-    measured = mechanism.measured
-    # under the name of its link or slide where it is one of the coordinates that can drive
-    return next((x for x in driving_coordinates(mechanism) if _is_same(x.coordinate, measured.coordinate)), measured)
-
-
-def _is_same(a: Coordinate, b: Coordinate) -> bool:
-    """Tell whether two coordinates are the angle of the same link, or the displacement along the same slide."""
-    if isinstance(a, Angle) and isinstance(b, Angle):
-        return (a.a, a.b) == (b.a, b.b)
-    return isinstance(a, Along) and isinstance(b, Along) and (a.origin, a.point, a.angle) == (b.origin, b.point, b.angle)
+    for x in driving_coordinates(mechanism):
+        # a coordinate that can drive has the bare name of its link or slide
+        if mechanism.measured.name == f"{'angle of' if isinstance(x.coordinate, Angle) else 'slide'} {x.name}":
+            return x
+    return mechanism.measured
 
 
 def driving_coordinates(mechanism: Mechanism) -> list[Measured]:
-    """Return the coordinates that a motor or cylinder on the ground can drive: of its pins and of its slides."""
+    """Return the coordinates that a motor or cylinder on the ground can drive: those of pins and slides on the ground."""
     coordinates = []
     for joint in mechanism.joints:
         links = [end.link for end in joint.ends]
@@ -96,7 +92,7 @@ class Curve:
         self.constraints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
 
     def tangent(self, q: Array, along: Array | None = None) -> Array:
-        """Return the unit tangent (n,), turned to the side of the vector `along`.
+        """Return the unit tangent (n,) at q (n,), with the sign for which its product with the vector `along` is not negative.
 
         Raises:
             ChangePoint: J has lost rank.
@@ -109,7 +105,7 @@ class Curve:
         return -x if along is not None and x @ along < 0 else x
 
     def orientation(self, q: Array, x: Array) -> float:
-        """Return the sign of det [J; x], which changes where another curve crosses; 0 if the matrix is not square."""
+        """Return the sign of det [J; x], which changes at a crossing with another curve; 0 if the matrix is not square."""
         A = np.vstack([self.constraints.residual(q)[1], x])
         return float(np.linalg.slogdet(A)[0]) if A.shape[0] == A.shape[1] else 0.0
 
@@ -123,13 +119,16 @@ class Curve:
         def shortest(J: Array, phi: Array) -> Array:
             return np.asarray(np.linalg.lstsq(J, phi, rcond=RANK_TOLERANCE)[0])
 
-        return project(q, self.constraints.residual, shortest, NEWTON_STEPS, still=lambda _, size: bool(size < TOLERANCE))
+        def is_still(_: Array, size: Array) -> bool:
+            return bool(size < TOLERANCE)
+
+        return project(q, self.constraints.residual, shortest, NEWTON_STEPS, still=is_still)
 
     def refine(self, coordinate: Measured, q: Array, x: Array) -> Array:
-        """Return the position before q, at most a step away, at which g . x = 0.
+        """Return the position (n,) before q, at most a step away, at which a coordinate has g . x = 0; x is the tangent at q.
 
         Raises:
-            ChangePoint: there is none, as happens where the curve forks.
+            ChangePoint: there is no such position, as at a fork of the curve.
         """
 
         def rate(back: float) -> float:
@@ -154,8 +153,8 @@ def singular_positions(mechanism: Mechanism) -> list[Singular]:
     curve = Curve(mechanism)
     coordinates, driving = driving_coordinates(mechanism), input_coordinate(mechanism)
     positions: list[Singular] = []
-    q, x = mechanism.q0, curve.tangent(mechanism.q0)
-    x = -x if gradient(driving.coordinate, q) @ x < 0 else x
+    q = mechanism.q0
+    x = curve.tangent(q, gradient(driving.coordinate, q))  # so that the driving coordinate grows
     first, side = x, curve.orientation(q, x)
     signs = [gradient(c.coordinate, q) @ x for c in coordinates]
     for count in range(LONGEST):
@@ -165,7 +164,7 @@ def singular_positions(mechanism: Mechanism) -> list[Singular]:
             raise ChangePoint(f"change point near {_describe(driving, q)}: the curve forks, the motion can go on in two ways")
         for k, c in enumerate(coordinates):
             sign = gradient(c.coordinate, q) @ x
-            if sign * signs[k] < 0 or (count == 0 and abs(signs[k]) < TOLERANCE):
+            if sign * signs[k] < 0 or (count == 0 and abs(signs[k]) < TOLERANCE):  # a reversal since the last position, or at q0
                 at = curve.refine(c, q, x)
                 kind = "limit" if c.name == driving.name else "dead centre"
                 # a start at a dead centre is found a second time when the curve closes

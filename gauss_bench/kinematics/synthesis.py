@@ -1,8 +1,8 @@
-"""A four-bar whose coupler takes three given poses, and whether it moves through them without being taken apart.
+"""Find a four-bar whose coupler takes three given poses, and tell whether it moves through them without being taken apart.
 
-A pin of the coupler has three places; the centre of the circle through them is its fixed pivot. Seen from the coupler it is the
+A pin of the coupler has three places, and the centre of the circle through them is its fixed pivot. Seen from the coupler it is the
 other way round: a fixed pivot has three places, and the centre of their circle is the pin. If its places lie on a line, the pin
-slides. Places are complex numbers x + i y [m]; a pose is the place and the angle [rad] of the coupler's frame.
+slides. Places are complex numbers x + i y [m]. A pose is the place and the angle [rad] of the coupler's frame.
 Source: Sandor, Erdman (1984), Advanced Mechanism Design, vol. 2; for branch and order Waldron, Kinzel (1999), Kinematics, Dynamics,
 and Design of Machinery.
 """
@@ -16,9 +16,9 @@ Pose = tuple[complex, float]
 NAMES = ("first", "second")  # connections of the coupler to the ground
 ORDER = ("first", "second", "third")  # poses
 LINE = 1e-9  # height of a triangle, in lengths of its longest side, below which its corners lie on a line
-FARTHEST = 100.0  # largest radius of a circle, in lengths of that side: beyond it, the pivot moves by metres for a hair of a pose
-SAME = 1e-6  # smallest distance of two places, in lengths of the coupler or of the way
-DEAD = 1e-6  # sine of the angle between coupler and output at which a pose is at a dead point: it belongs to both branches
+FARTHEST = 100.0  # largest distance to a pivot, in lengths of that side: a farther one moves by metres for a tiny change of a pose
+SAME = 1e-6  # smallest distance of two different places, as a share of the lengths that they are compared with
+DEAD = 1e-6  # largest sine of the angle between coupler and output at a dead point, which belongs to both branches
 
 
 class NoFourBar(ValueError):
@@ -30,10 +30,10 @@ class Connection:
     """One connection of the coupler to the ground: a bar that turns about a pivot, or a slide.
 
     Attributes:
-        pin: the pin in the frame of the coupler.
-        places: the pin at each pose.
-        pivot: the fixed pivot; of a slide the pin's first place.
-        direction: the unit vector of a slide's line; None for a bar.
+        pin: place of the pin in the frame of the coupler.
+        places: place of the pin at each pose.
+        pivot: the fixed pivot of a bar; the pin's first place for a slide.
+        direction: unit vector along a slide; None for a bar.
     """
 
     pin: complex
@@ -47,23 +47,23 @@ class Connection:
         return abs(self.places[0] - self.pivot)
 
     def input(self, place: complex) -> float:
-        """Return the angle of the bar [rad], or the distance along the slide [m], with the pin at a place."""
+        """Return the angle of the bar [rad], or the distance along the slide [m], if the pin is at a place."""
         along = place - self.pivot
         return phase(along) if self.direction is None else (along * self.direction.conjugate()).real
 
     def at(self, value: float) -> complex:
-        """Return the place of the pin at a value of the input."""
+        """Return the place of the pin at a value of the input [rad, m]."""
         return self.pivot + (rect(self.length, value) if self.direction is None else self.direction * value)
 
 
 @dataclass(frozen=True)
 class Drive:
-    """Whether a four-bar moves through its three poses if one of its connections is driven.
+    """The motion of a four-bar through its three poses if one of its connections is driven.
 
     Attributes:
-        fault: "" if it does; "branch" if it does not get from pose to pose; "order" if it passes the third pose before the second.
-        text: the sentence for the user.
-        travel: of the input from the first to the third pose [rad, m], counter-clockwise or along the slide; 0 if there is a fault.
+        fault: "branch" if it does not get from pose to pose; "order" if it passes the third pose before the second; else "".
+        text: a sentence for the user.
+        travel: travel of the input from the first to the third pose [rad, m]; 0 if there is a fault.
     """
 
     fault: str
@@ -73,7 +73,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class FourBar:
-    """A four-bar through three poses: its two connections, and what happens if the first or the second is driven."""
+    """A four-bar through three poses: its two connections, and its motion if the first or the second is driven."""
 
     connections: tuple[Connection, Connection]
     drives: tuple[Drive, Drive]
@@ -110,7 +110,7 @@ def four_bar_of_pivots(poses: Sequence[Pose], pivots: Sequence[complex]) -> Four
 
 
 def connect(pin: complex, places: tuple[complex, complex, complex], name: str) -> Connection:
-    """Return the circle, or the line, through the three places of a pin.
+    """Return the connection for a pin with three places: a bar along their circle, or a slide along their line.
 
     Raises:
         NoFourBar: places coincide, or the circle is too large; `name` begins the message.
@@ -153,12 +153,13 @@ def join(first: Connection, second: Connection) -> FourBar:
 
 
 def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
-    """Tell whether the coupler passes the three poses in their order, on one branch, if one connection is driven."""
+    """Return whether the coupler passes the three poses in their order, on one branch, if one connection is driven."""
     coupler = abs(driven.pin - other.pin)
     part = f"the {name} bar" if driven.direction is None else f"the {name} slide"
     sides = [side_of(other, a, b, coupler) for a, b in zip(driven.places, other.places, strict=True)]
     if {1, -1} <= {*sides}:
-        k = next(i for i, x in enumerate(sides) if x == -next(y for y in sides if y))
+        first_side = next(x for x in sides if x)  # a pose at a dead point belongs to both branches
+        k = sides.index(-first_side)
         return Drive("branch", f"Driven by {part}, it does not get from pose to pose: the {ORDER[k]} is on the other branch.")
     values = [driven.input(x) for x in driven.places]
     for way, (second, third) in ways(driven, values):
@@ -178,11 +179,16 @@ def side_of(other: Connection, a: complex, b: complex, coupler: float) -> int:
         sine = cross(b - a, other.pivot - b) / (coupler * other.length)
     else:
         sine = ((b - a) * other.direction.conjugate()).real / coupler
-    return 0 if abs(sine) < DEAD else 1 if sine > 0 else -1
+    if abs(sine) < DEAD:
+        return 0
+    return 1 if sine > 0 else -1
 
 
 def ways(driven: Connection, values: list[float]) -> list[tuple[int, tuple[float, float]]]:
-    """Return the ways from the first pose: direction, and the travel of the input to the second and third pose."""
+    """Return the ways from the first pose to the others: sense +1 or -1, and travels of the input to the second and third pose.
+
+    `values` are those of the input at the poses.
+    """
     second, third = (x - values[0] for x in values[1:])
     if driven.direction is not None:
         return [(1, (second, third)), (-1, (second, third))]
@@ -195,13 +201,15 @@ def ways(driven: Connection, values: list[float]) -> list[tuple[int, tuple[float
 def stays_closed(driven: Connection, other: Connection, coupler: float, start: float, end: float) -> bool:
     """Tell whether the coupler reaches the other connection at every input from `start` to the larger `end`.
 
-    What decides is the distance of the driven pin from the other pivot or line: its extremes are at the ends, or where the pin is
-    nearest to it or farthest from it.
+    The distance of the driven pin from the other pivot or line decides. Its extremes are at the ends of the way, or at the inputs
+    at which the pin is nearest or farthest.
     """
     tried = [start, end]
     if driven.direction is None:
         towards = phase(other.pivot - driven.pivot) if other.direction is None else phase(1j * other.direction)
-        tried += [x for k in range(-4, 5) if start < (x := towards + k * pi) < end]
+        # the driven bar points to the other pivot, or square to the other line, or the opposite way
+        extremes = [towards + k * pi for k in range(-4, 5)]
+        tried += [x for x in extremes if start < x < end]
     elif other.direction is None:
         nearest = driven.input(other.pivot)
         tried += [nearest] if start < nearest < end else []

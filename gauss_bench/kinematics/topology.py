@@ -1,14 +1,14 @@
 """The links and pairs of a linkage as a graph, and its independent loops.
 
 Links are nodes and pairs are edges. A joint of m links is m - 1 pairs J, J.001, ... at the same place, so that every pair joins two
-links. Two links may share several pairs. Of the p pairs between n links (frame included) a tree takes n - 1, and each of the other
+links. Two links may share several pairs. A tree has n - 1 of the p pairs between n links (frame included). Each of the other
 
     L = p - n + 1
 
 pairs closes one loop, whose other pairs lie on the path through the tree. The tree is the breadth-first one from the frame, which
 keeps the loops short and near the frame.
-Source: Wang et al., Trans. CSAM 41(2), 2010, sections 2.2 and 3.1 (L, offset multiple joints). How the loops are
-chosen is not printed there; those of the breadth-first tree are the printed ones.
+Source: Wang et al., Trans. CSAM 41(2), 2010, sections 2.2 and 3.1 (L, offset multiple joints). The paper does not say how loops are
+chosen, but its examples have those of the breadth-first tree.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,12 +22,12 @@ from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Elemen
 from gauss_bench.mechanism.model import GROUND, Joint, LengthDriver, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.terms import Array
 
-Levels = tuple[Array, Array, Array]  # a quantity and its first and second derivative in time
+Levels = tuple[Array, Array, Array]  # a quantity and its first and second derivatives by time
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A joint of two links: their indices, and the element of each. The guide of a slide comes first."""
+    """A joint of two links: their indices, and the element of each; the guide of a slide comes first."""
 
     links: tuple[int, int]
     elements: tuple[Element, Element]
@@ -39,7 +39,7 @@ class Pair:
 
     @property
     def node(self) -> str:
-        """Name of the joint, which a multiple joint shares among its pairs."""
+        """The name of the joint, the same for all pairs of a multiple joint."""
         return self.elements[0].node
 
     def element(self, link: int) -> Element:
@@ -49,7 +49,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Passage:
-    """The part of a loop that passes one link: it enters by one pair and leaves by the next."""
+    """The part of a loop in one link, which it enters by one pair and leaves by the next."""
 
     link: int
     enter: Pair
@@ -62,13 +62,13 @@ class Passage:
 
 @dataclass(frozen=True)
 class Loop:
-    """Passages in cyclic order, from the link nearest to the frame, which it leaves by the earlier of its two pairs."""
+    """Passages in cyclic order, from the link nearest to the frame on, which the loop leaves by the earlier pair in the file."""
 
     passages: tuple[Passage, ...]
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints around the loop; the pairs of one multiple joint are one name."""
+        """The names of the joints around the loop; a multiple joint has one name."""
         nodes = [passage.leave.node for passage in self.passages]
         merged = [node for k, node in enumerate(nodes) if k == 0 or node != nodes[k - 1]]
         return tuple(merged[:-1] if len(merged) > 1 and merged[0] == merged[-1] else merged)
@@ -88,7 +88,14 @@ class TreeEdge:
 
 @dataclass(frozen=True, eq=False)
 class LinkageGraph:
-    """The pairs, the edges of the breadth-first tree (parents first) and the loops; `links` counts links without the frame."""
+    """The graph of a linkage.
+
+    Attributes:
+        links: number of links without the frame.
+        pairs: all pairs.
+        tree: edges of the breadth-first tree, parents first.
+        loops: one loop for each pair outside the tree.
+    """
 
     links: int
     pairs: tuple[Pair, ...]
@@ -101,7 +108,7 @@ class LinkageGraph:
 
 
 def pairs_of(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> tuple[Pair, ...]:
-    """Return the pairs of the joints in file order, then two pins for each active bar, which is one more link after the others."""
+    """Return the pairs of the joints in file order, then two pins for each active bar; a bar is one more link after the others."""
     pairs = [_pair(joint) for joint in mechanism.joints]
     for k, bar in enumerate(bars, start=len(mechanism.links)):
         a, b = bar.a, bar.b
@@ -139,7 +146,8 @@ def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Linka
         raise ValueError(f"{mechanism.name}: no joints hold {', '.join(loose)} to the frame; loops do not determine where they are")
     tree = nx.Graph()
     for i, parent in parents.items():
-        tree.add_edge(parent, i, pair=next(iter(net[parent][i].values()))["pair"])
+        first = next(iter(net[parent][i].values()))  # of the pairs between both links
+        tree.add_edge(parent, i, pair=first["pair"])
     edges = tuple(TreeEdge(i, parent, tree[parent][i]["pair"]) for i, parent in parents.items())
     used = {edge.pair.name for edge in edges}
     return LinkageGraph(links, pairs, edges, tuple(_loop(tree, pair, pairs) for pair in pairs if pair.name not in used))
@@ -161,11 +169,13 @@ def loose_links(mechanism: Mechanism) -> tuple[int, ...]:
 
 
 def pin_loose_links(mechanism: Mechanism) -> Mechanism:
-    """Add a pin to the frame for every group of links that no joint connects to it; such a pin closes no loop."""
-    while loose := loose_links(mechanism):
+    """Return the linkage with a pin on the frame for every group of links that no joint connects to it; it closes no loop."""
+    loose = loose_links(mechanism)
+    while loose:
         name = f"loose {loose[0]}"
         pin = Revolute(name, name, Point(GROUND, np.zeros(2), "ground."), Point(loose[0], np.zeros(2), ""))
         mechanism = replace(mechanism, joints=(*mechanism.joints, pin))
+        loose = loose_links(mechanism)  # without the group of this link
     return mechanism
 
 
@@ -185,7 +195,7 @@ def _loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair]) -> Loop:
 def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
     """Return link -> (root, phase) with theta = theta_root + phase [rad]; links that slides join turn by the same angle.
 
-    The root of links that slide on the frame is the frame. The root of others is the first one that is not the block of a slide.
+    The root of links that slide on the frame is the frame. The root of other links is the first that is not the block of a slide.
     """
     blocks = {j.block.link for j in mechanism.slides}
     roots: dict[int, tuple[int, float]] = {}
@@ -204,8 +214,8 @@ def absolute_states(graph: LinkageGraph, links: int, angles: Levels, slides: Map
     """Return q, v, a (k, 3 links) of the first `links` links, computed along the tree from the frame.
 
     Args:
-        angles: angles, angular speeds and accelerations (k, n) of all links, those of the frame last.
-        slides: name -> coordinate along a slide or active bar, its speed and acceleration (k,).
+        angles: angles, angular speeds and angular accelerations (k, links + 1) of all links, the frame last.
+        slides: name of a slide or active bar -> coordinate along it, speed and acceleration (k,).
     """
     theta, omega, alpha = angles
     E = np.exp(1j * theta)
@@ -219,6 +229,7 @@ def absolute_states(graph: LinkageGraph, links: int, angles: Levels, slides: Map
         e, o = E[:, i], omega[:, i]
         return e * w, e * (s_rate + 1j * o * w), e * (s_second + 2j * o * s_rate + turning[:, i] * w)
 
+    # link -> place of its centre and two derivatives, complex (k,)
     at: dict[int, tuple[Array, ...]] = {GROUND: (np.zeros(len(theta)),) * 3}
     for edge in graph.tree:
         near = arm(edge.parent, edge.pair.element(edge.parent))

@@ -1,15 +1,16 @@
-"""Expand shorthand of a file before anything is computed: cylinders become links and joints, welded links become one body.
+"""Expand cylinders into links and joints, and merge welded links into one body.
 
 A cylinder C between the points P and Q is a link C_barrel pinned at P, a link C_rod pinned at Q, and the slide C between them,
-along the line of both pins: its coordinate is the length of the cylinder. The x axes of barrel and rod point from P to Q.
+along the line of both pins. The coordinate of the slide is the length of the cylinder. The x axes of barrel and rod point from P
+to Q.
 
-A body has the frame and the name of one of its links, its root; a point P of another link L becomes the point L.P of the body.
+A body has the frame and the name of one of its links, its root. A point P of another link L becomes the point L.P of the body.
 With mass m_i, centre c_i and inertia I_i of the parts, in the frame of the body,
 
     m = sum m_i,    m c = sum m_i c_i,    I = sum (I_i + m_i |c_i - c|^2)        (parallel axes)
 
-Point masses are parts without inertia. `spread` computes results for the links of the file again, and `weld_forces` in metrics.py
-the force in a weld, from the motion of the links beyond it.
+Point masses are parts without inertia. `spread` in mechanism/coordinates.py computes the motion of single links from that of the
+bodies, and `weld_forces` in metrics.py the force in a weld from the motion of the links that it carries.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,7 +26,7 @@ from gauss_bench.terms import Array
 Welds = Mapping[str, Mapping[str, Any]]  # tables by name
 
 BARREL, ROD = "barrel", "rod"
-PIN, END = "pin", "end"  # points of either part of a cylinder
+PIN, END = "pin", "end"  # names of the points of a barrel or rod
 SAME = 1e-6  # relative: largest mismatch of the distances between two pairs of points that a weld makes coincide
 
 
@@ -36,16 +37,15 @@ def write_out(document: dict[str, Any]) -> dict[str, Any]:
         return document
     links, joints = dict(document["links"]), dict(document.get("joints", {}))
     for name, cylinder in cylinders.items():
-        ends = dict(zip((BARREL, ROD), cylinder["between"], strict=True))
-        for part, at in ends.items():
-            links[f"{name}_{part}"] = _cylinder_part(cylinder[part], 1 if part == BARREL else -1)
+        for part, sense, at in zip((BARREL, ROD), (1, -1), cylinder["between"], strict=True):
+            links[f"{name}_{part}"] = _cylinder_part(cylinder[part], sense)
             joints[f"{name}_{part}"] = {"type": "revolute", "at": [at, f"{name}_{part}.{PIN}"]}
         joints[name] = {"type": "prismatic", "guide": f"{name}_{BARREL}.{PIN}", "block": f"{name}_{ROD}.{PIN}"}
     return {key: x for key, x in document.items() if key != "cylinders"} | {"links": links, "joints": joints}
 
 
 def _cylinder_part(part: dict[str, Any], sense: int) -> dict[str, Any]:
-    """Return the table of a bar from its pin along x, in the direction `sense`: +1 for the barrel, -1 for the rod."""
+    """Return the table of a bar from its pin in the direction `sense` of x: +1 for the barrel, -1 for the rod."""
     link: dict[str, Any] = {key: part[key] for key in ("mass", "kg_per_m", "inertia") if key in part}
     if "com" in part:
         link["com"] = [sense * part["com"], 0]
@@ -53,7 +53,7 @@ def _cylinder_part(part: dict[str, Any], sense: int) -> dict[str, Any]:
 
 
 class Mass(NamedTuple):
-    """Mass [kg], centre of mass (2,) [m], and inertia about the centre of mass [kg m^2]."""
+    """A mass [kg], its centre (2,) [m], and its inertia about the centre [kg m^2]."""
 
     mass: Any
     com: Array
@@ -69,7 +69,7 @@ class Pose(NamedTuple):
 
 
 def together(parts: Sequence[Mass]) -> Mass:
-    """Return mass, centre and inertia of rigidly connected parts together, by the parallel-axis theorem."""
+    """Return mass, centre and inertia of rigidly connected parts, by the parallel-axis theorem."""
     mass = sum((x.mass for x in parts[1:]), start=parts[0].mass)
     com = sum((x.mass * x.com for x in parts[1:]), start=parts[0].mass * parts[0].com) / mass
     inertia = [x.inertia + x.mass * length(x.com - com) ** 2 for x in parts]
@@ -77,7 +77,7 @@ def together(parts: Sequence[Mass]) -> Mass:
 
 
 def poses(links: Mapping[str, Link], welds: Welds, preferred: Sequence[str], number: Number) -> dict[str, Pose]:
-    """Return the pose of every link in its body.
+    """Return the pose of every link in its body, by link.
 
     The root of a body is its first link in `preferred`, else the link that is not welded to another one.
 
@@ -87,9 +87,11 @@ def poses(links: Mapping[str, Link], welds: Welds, preferred: Sequence[str], num
     zero = number("0")
     poses = {name: Pose(name, pair(number, (0, 0)), zero) for name in links}
     waiting = dict(welds)
-    while waiting:  # welds form a forest: take a weld whose `to` is not itself waiting for a pose
-        key, weld = next((k, x) for k, x in waiting.items() if all(x["to"] != other["link"] for other in waiting.values()))
-        del waiting[key]
+    while waiting:
+        # welds form a forest, so that some weld leads to a link whose pose is known already
+        unknown = {weld["link"] for weld in waiting.values()}
+        key = next(key for key, weld in waiting.items() if weld["to"] not in unknown)
+        weld = waiting.pop(key)
         origin, turn = _pose_on(links[weld["to"]], links[weld["link"]], key, weld, number)
         base = poses[weld["to"]]
         poses[weld["link"]] = Pose(base.root, base.origin + turn_vector(origin, base.turn), base.turn + turn)
@@ -109,9 +111,10 @@ def _pose_on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Nu
     turn = angle_of(weld, "angle", number)
     if "points" not in weld:
         return pair(number, weld["origin"]), turn
+    # pairs "to.P", "link.Q" of points that coincide: their places in the frames of both links
     points = [(to.points[a.partition(".")[2]], link.points[b.partition(".")[2]]) for a, b in weld["points"]]
     on_to, on_link = points[0]
-    if len(points) == 2:
+    if len(points) == 2:  # the second pair gives the angle
         line_to, line_link = points[1][0] - on_to, points[1][1] - on_link
         if length(line_link) == 0 or abs(length(line_to) - length(line_link)) > SAME * length(line_link):
             apart = f"{float(length(line_to)):.6g} m apart on {to.name}, {float(length(line_link)):.6g} m on {link.name}"
@@ -127,7 +130,7 @@ def bodies(links: Mapping[str, Link], poses: Mapping[str, Pose]) -> tuple[Link, 
 
 
 def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) -> Link:
-    """Return one link for a body: `root` with the points, bars and masses of all members, in the root's frame."""
+    """Return a body as one link: its root, with the points, bars and masses of all `members` (link -> pose in the root's frame)."""
     if len(members) == 1:
         return root
     points: dict[str, Array] = {}
@@ -147,23 +150,24 @@ def parts(links: Mapping[str, Link], poses: Mapping[str, Pose], bodies: Sequence
     index = {body.name: i for i, body in enumerate(bodies)}
     parts = []
     for name, link in links.items():
-        pose = poses[name]
-        i = index[pose.root]
-        parts.append(Part(name, i, pose.origin + turn_vector(link.com, pose.turn) - bodies[i].com, pose.turn))
+        root, origin, turn = poses[name]
+        i = index[root]
+        parts.append(Part(name, i, origin + turn_vector(link.com, turn) - bodies[i].com, turn))
     return tuple(parts)
 
 
 def read_welds(links: Mapping[str, Link], welds: Welds) -> tuple[Weld, ...]:
-    """Return the welds: of each the links beyond it, and the point about which its moment is reported."""
+    """Return the welds of a file, each with the links that it carries and the point about which its moment is reported."""
     names = list(links)
     found = []
     for key, weld in welds.items():
-        beyond = {weld["link"]}  # grows to every link that this weld carries
-        while more := {x["link"] for x in welds.values() if x["to"] in beyond} - beyond:
-            beyond |= more
+        carried = {weld["link"]}  # grows by the links welded to those in it
+        for _ in welds:
+            carried |= {x["link"] for x in welds.values() if x["to"] in carried}
         link = links[weld["link"]]
-        point = weld["points"][0][1].partition(".")[2] if "points" in weld else None
-        at = link.points[point] if point else 0 * link.com  # else the origin of the link's frame
-        place = Point(names.index(link.name), at - link.com, f"{link.name}.{point or ''}")
-        found.append(Weld(key, place, tuple(i for i, name in enumerate(names) if name in beyond)))
+        # the first point that the weld names, else the origin of the link's frame
+        point = weld["points"][0][1].partition(".")[2] if "points" in weld else ""
+        at = link.points[point] if point else 0 * link.com
+        place = Point(names.index(link.name), at - link.com, f"{link.name}.{point}")
+        found.append(Weld(key, place, tuple(i for i, name in enumerate(names) if name in carried)))
     return tuple(found)

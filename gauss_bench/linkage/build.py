@@ -1,6 +1,6 @@
 """Build the frozen `Mechanism` of a checked document: resolve points, compute masses, turn names into indices.
 
-All numbers have one type, double by default. Certificates use a wider one, which keeps all decimals of the file.
+All numbers have one type, double by default. Certificates use a longer type, which keeps all decimals of the file.
 """
 
 from collections.abc import Mapping
@@ -40,10 +40,11 @@ from gauss_bench.terms import Array
 
 
 def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, Array]:
-    """Return name -> position (2,) [m] in the link's frame; polar and relative points are resolved."""
+    """Return the position (2,) [m] of every point in the link's frame, by name; polar and relative points are resolved."""
     positions: dict[str, Array] = {}
 
     def resolve(name: str) -> Array:
+        """Return the position of a point, after that of the point to which it is relative."""
         if name not in positions:
             value = table[name]
             if not isinstance(value, dict):
@@ -61,7 +62,11 @@ def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, A
 
 
 def build_link(name: str, table: dict[str, Any], number: Number = float) -> Link:
-    """Return a link. Mass, centre of mass and inertia that the file does not give follow from uniform bars and point masses."""
+    """Return the link of a table; a mass, centre or inertia that is missing follows from uniform bars and point masses.
+
+    Raises:
+        BuildError: a bar has no length, or the link no inertia.
+    """
     points = resolve_points(table["points"], number)
     bars = tuple((a, b) for a, b in table.get("bars", []))
     for i, (a, b) in enumerate(bars):
@@ -73,7 +78,7 @@ def build_link(name: str, table: dict[str, Any], number: Number = float) -> Link
         own = _mass_of_bars(table, [(points[a], points[b]) for a, b in bars], number)
         whole = together([own, *point_masses]) if point_masses else own
     else:
-        # only point masses; an inertia in the file is added as that of a part without mass
+        # there are only point masses; an inertia in the file counts as that of a part without mass
         own_inertia = [Mass(zero, point_masses[0].com, exact(number, table["inertia"]))] if "inertia" in table else []
         whole = together([*point_masses, *own_inertia])
         if not whole.inertia > 0:
@@ -82,7 +87,10 @@ def build_link(name: str, table: dict[str, Any], number: Number = float) -> Link
 
 
 def _mass_of_bars(table: dict[str, Any], bars: list[tuple[Array, Array]], number: Number) -> Mass:
-    """Return mass, centre and inertia of a link without its point masses: from the file, else from uniform thin bars."""
+    """Return mass, centre and inertia of a link without its point masses: from its table, else from uniform thin bars.
+
+    `bars` has the places (2,) [m] of the ends of each bar.
+    """
     zero = number("0")
     lengths = [length(b - a) for a, b in bars]
     middles = [(a + b) / 2 for a, b in bars]
@@ -101,7 +109,9 @@ def _mass_of_bars(table: dict[str, Any], bars: list[tuple[Array, Array]], number
 
 
 class Resolver:
-    """Resolves the names of one document to indices and points. Welded links become bodies, unless `apart` leaves them separate.
+    """The links, points and joints of one document by name, for `read` of forces and constraints (it is a `Names`).
+
+    Welded links become bodies, unless `apart` is true.
 
     Attributes:
         index: link of the file, or "ground" -> index of its body.
@@ -145,16 +155,17 @@ class Resolver:
         return Point(GROUND, pair(self.number_type, (0, 0)), "ground.")
 
     def point(self, reference: str) -> Point:
+        """Return the point "link.point" as a point of the body that carries the link."""
         owner, name = reference.split(".")
         i = self.index[owner]
         if i == GROUND:
             return Point(i, self.ground_points[name], reference)
         body = self.links[i]
-        key = name if body.name == owner else reference  # points of other links that are welded to it have their full names
+        key = name if body.name == owner else reference  # a body has the points of the other links under their full names
         return Point(i, body.points[key] - body.com, f"{body.name}.{key}")
 
     def turn(self, name: str) -> Any:
-        owner = name.partition(".")[0]
+        owner = name.partition(".")[0]  # of a point "link.point"
         return 0 if self.index[owner] == GROUND else self.poses[owner].turn
 
     def build_joint(self, name: str, table: dict[str, Any]) -> list[Joint]:
@@ -169,15 +180,17 @@ class Resolver:
         return [Revolute(n, name, a, b) for n, a, b in zip(names, points, points[1:], strict=False)]
 
     def build_force(self, name: str, table: dict[str, Any]) -> Force | CoulombFriction:
+        """Return the force or dry friction of a table."""
         force: Force | CoulombFriction = FORCES[table["type"]].read(name, table, self)
         return force
 
     def build_driver(self, table: dict[str, Any]) -> Driver:
+        """Return the driver of a table."""
         law = build_law(table, self.number_type, self.turn(table["link"]) if "link" in table else 0)
         return self.drive(table, law)
 
     def drive(self, table: dict[str, Any], law: MotionLaw) -> Driver:
-        """Return the driver of the coordinate that a table names by `joint`, `between` or `link`."""
+        """Return the driver that moves, by a law, the coordinate that a table names by `joint`, `between` or `link`."""
         if "joint" in table:
             slide = next(j for j in self.joints if isinstance(j, Prismatic) and j.name == table["joint"])
             return SlideDriver(slide.name, law, slide)
@@ -193,12 +206,13 @@ class Resolver:
             degrees = float(np.degrees(float(angle)))
             axis = {0.0: "x", 90.0: "y"}.get(degrees, f"way at {degrees:g} deg")
             return Measured(f"{axis} of {table['point']}", Along(self.world, self.point(table["point"]), angle))
-        return self.choose_measured((self.drive(table, motion_laws.constant(0.0, 0.0)),), None)
+        still = motion_laws.constant(0.0, 0.0)  # `drive` finds the coordinate; its law does not matter
+        return self.choose_measured((self.drive(table, still),), None)
 
     def choose_measured(self, drivers: tuple[Driver, ...], crank: str | None) -> Measured:
-        """Return the default measured coordinate: the first driver's, else the crank's angle, else that of the first link.
+        """Return the default measured coordinate: that of the first driver, else the crank's angle, else the first link's angle.
 
-        `assemble` replaces the angle of the first link by the first coordinate that can move.
+        If it is the first link's angle, `assemble` replaces it by the first coordinate that can move.
         """
         match drivers:
             case (SlideDriver() as first, *_):
@@ -211,24 +225,27 @@ class Resolver:
 
 
 def measure_angle(links: tuple[Link, ...], index: int) -> Measured:
+    """Return the angle of a link, under the name that reports print."""
     return Measured(f"angle of {links[index].name}", Angle(GROUND, index))
 
 
 def measure_slide(joint: Prismatic) -> Measured:
+    """Return the coordinate along a slide, under the name that reports print."""
     return Measured(f"slide {joint.name}", joint.motion)
 
 
 def build_law(table: dict[str, Any], number: Number = float, turn: Any = 0) -> MotionLaw:
-    """Return the motion law of a driver's table; `turn` is the angle [rad] of a welded link in its body.
+    """Return the motion law of a driver's table.
 
-    The values of a law `table` are degrees if a link is driven, otherwise metres.
+    Args:
+        turn: angle [rad] of the driven link in the frame of its body; 0 unless it is welded.
     """
     start = angle_of(table, "start", number) - turn
     match table["law"]:
         case "constant":
             return motion_laws.constant(start, exact(number, table["speed"]))
         case "table":
-            convert = radians if "link" in table else exact
+            convert = radians if "link" in table else exact  # rows have degrees if a link is driven, otherwise metres
             times = [exact(number, time) for time, _ in table["rows"]]
             values = [convert(number, value) for _, value in table["rows"]]
             return motion_laws.table(start, np.array(times), np.array(values))
@@ -238,20 +255,23 @@ def build_law(table: dict[str, Any], number: Number = float, turn: Any = 0) -> M
 
 
 def _preferred_roots(document: dict[str, Any]) -> list[str]:
-    """List the links that become roots of their bodies: the crank and the driven links."""
-    drivers = [driver for scenario in document["scenarios"].values() for driver in drivers_of(scenario)]
-    return [name for name in (document.get("crank"), *(driver.get("link") for driver in drivers)) if name]
+    """List the links that become roots of their bodies: the crank, then the driven links."""
+    names = [document.get("crank")]
+    for scenario in document["scenarios"].values():
+        names += [driver.get("link") for driver in drivers_of(scenario)]
+    return [name for name in names if name]
 
 
 def build_mechanism(
     document: dict[str, Any], scenario: str, source: str, sha256: str, number: Number = float, apart: bool = False
 ) -> Mechanism:
-    """Return the mechanism of one scenario in numbers of one type, not yet assembled (q0, v0 empty).
+    """Return the mechanism of one scenario in numbers of one type, not yet assembled: q0 and v0 are empty.
 
-    Welded links become one body, and the mechanism of the unwelded links is its `apart`; with apart=True no link is welded.
+    Welded links become one body, and `apart` of the result is the mechanism of the unwelded links. With the argument `apart` no
+    links are welded.
 
     Raises:
-        BuildError: a fault that only shows in resolved points, such as a bar without length.
+        BuildError: a fault of the resolved numbers, such as a bar without length.
     """
     expanded = write_out(document)
     names = Resolver(expanded, number, apart)

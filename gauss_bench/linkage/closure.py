@@ -1,7 +1,8 @@
 """First assembly: from a rough sketch to a consistent start.
 
-The sketch decides the assembly mode. Gauss-Newton closes the joints from it while no coordinate is held. Then the coordinates that
-the start holds move to their values in small steps, so that the assembly mode is kept. Speeds follow from one linear system.
+The sketch decides the assembly mode. Gauss-Newton closes the joints near the sketch while no coordinate is held. Then the
+coordinates that the start holds move to their values in small steps, so that the assembly mode is kept. Speeds follow from one
+linear system.
 """
 
 from collections.abc import Iterator
@@ -16,32 +17,22 @@ from gauss_bench.linkage.sketch import sketch
 from gauss_bench.mechanism.close import Residual, project
 from gauss_bench.mechanism.coordinates import gradient, spread, value
 from gauss_bench.mechanism.evaluate import Constraints
-from gauss_bench.mechanism.model import (
-    GROUND,
-    Along,
-    Angle,
-    Coordinate,
-    Distance,
-    Law,
-    Measured,
-    Mechanism,
-    Point,
-)
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Law, Measured, Mechanism, Point, Revolute
 from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians
 from gauss_bench.mechanism.spaces import angles
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 from gauss_bench.trajectory import Trajectory
 
 RANK_TOLERANCE = 1e-9  # of the largest singular value: far above rounding, far below any usable transmission angle
 LARGE = 100  # rows and columns from which sparse normal equations are solved
 REGULAR = 1e-8  # smallest pivot of regular normal equations, relative to the largest
-MOVES = 1e-6  # share of a coordinate's gradient that the joints leave free: far above rounding over any usable conditioning
-CLOSED = 1e-10  # [m, rad] a residual that rounding explains; Gauss-Newton ends near 1e-16
-STILL = 1e-15  # [m, rad] a step of Gauss-Newton that only rounding makes
-NEARLY = 1e-9  # [m, rad] the last step of an intermediate closure: convergence is quadratic, so that 1e-18 is left
+MOVES = 1e-6  # part of a gradient that joints leave free: a coordinate that cannot move has only rounding there
+CLOSED = 1e-10  # [m, rad] largest residual of closed joints; Gauss-Newton ends near 1e-16
+STILL = 1e-15  # [m, rad] largest step of Gauss-Newton that is rounding alone
+NEARLY = 1e-9  # [m, rad] largest last step of an intermediate closure: convergence is quadratic, so that 1e-18 is left
 FAR, ROUNDING = 100.0, 4e-16  # coordinates larger than FAR [m, rad] converge only to their own rounding, relative ROUNDING
 LONGEST = 0.5  # [m, rad] longest step of Gauss-Newton
-STEP = np.radians(5.0)  # largest change of a held coordinate between two closures
+STEP = np.radians(5.0)  # [rad, m] largest change of a held coordinate between two closures
 PATIENCE = 1500  # evaluations after which intermediate closures are skipped if the last one failed
 MOST_STEPS = 720  # of STEP, ten turns: a larger gap is first reduced by whole turns, or is crossed in longer steps
 
@@ -51,7 +42,8 @@ class Held:
     """The k coordinates that a start holds.
 
     Attributes:
-        target, rate: (k,) values and rates that they must take [m, rad and per second].
+        target: (k,) values that the coordinates must take [m, rad].
+        rate: (k,) rates that they must take [m/s, rad/s].
     """
 
     coordinates: list[Coordinate]
@@ -65,15 +57,15 @@ class Held:
 
     def distance(self, q: Array) -> float:
         """Return how far the held coordinates at q (n,) are from their targets: the largest difference [m or rad]."""
-        return float(np.abs(self.of(q)[0] - self.target).max(initial=0.0))
+        return largest(self.of(q)[0] - self.target)
 
 
 def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
     """Return the mechanism with its start q0, v0 (n,) and the counts dof and redundant filled in.
 
     Raises:
-        AssemblyError: a link is not placed by the sketch, the joints cannot be closed, the start does not determine the
-            position or speeds, or the counts differ from `expect`.
+        AssemblyError: the sketch does not place a link, the joints cannot be closed, the start does not determine position or
+            speeds, the counts differ from `expect`, or a spring has no direction.
     """
     joints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
     held = list_held(mechanism, document["scenarios"][mechanism.scenario])
@@ -87,7 +79,7 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
         closed = replace(closed, measured=first_moving(closed, J))
     check_expected(closed, document.get("expect", {}))
     check_springs(closed)
-    closed = replace(closed, warnings=tuple(warn_of_zero_length(closed, joints)))
+    closed = replace(closed, warnings=tuple(warn_of_zero_length(closed)))
     return replace(closed, apart=closed.apart and place_apart(closed.apart, closed))
 
 
@@ -95,21 +87,21 @@ def close_sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
     """Return q (n,) with the joints closed near the sketch; the scenario's start is ignored.
 
     Raises:
-        AssemblyError: a link is not placed by the sketch, or the joints cannot be closed.
+        AssemblyError: the sketch does not place a link, or the joints cannot be closed.
     """
     joints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
     return close_joints(mechanism, joints, sketch(mechanism, document))
 
 
 def place_apart(apart: Mechanism, mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism of separate links, placed where the start of the welded bodies puts them."""
+    """Return the mechanism of unwelded links, `apart`, with the start that the welded bodies of `mechanism` have."""
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
     links = spread(mechanism, start)
     return replace(apart, q0=links.q[0], v0=links.v[0])
 
 
 def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
-    """Return names of link angles and slides that, held beside rows J (m, n) at q (n,), leave no freedom; angles come first."""
+    """Return names of link angles and slides that leave no freedom at q (n,) if they are held beside the rows J (m, n)."""
     names = []
     rank = _rank(J)
     # greedy: a coordinate is taken if its gradient raises the rank of the rows taken so far
@@ -122,22 +114,19 @@ def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
 
 
 def _list_coordinates(mechanism: Mechanism) -> list[Measured]:
-    """Return the angle of every link, then the coordinate of every slide."""
+    """Return the angle of every link, then the coordinate along every slide."""
     angles = [measure_angle(mechanism.links, i) for i in range(len(mechanism.links))]
     return [*angles, *map(measure_slide, mechanism.slides)]
 
 
 def first_moving(mechanism: Mechanism, J: Array) -> Measured:
-    """Return the first link angle, or else the first slide, that can move with joint rows J (m, n).
-
-    If the linkage is rigid, this is the angle of the first link.
-    """
+    """Return the first link angle, else the first slide, that the joint rows J (m, n) let move; the first angle if none moves."""
     coordinates = _list_coordinates(mechanism)
     rows = np.array([gradient(x.coordinate, mechanism.q0) for x in coordinates])  # (k, n)
     # a coordinate cannot move if its gradient is a combination of joint rows: subtract the nearest combination
     combination = _shortest(J.T, rows.T)
     moves = np.abs(rows - combination.T @ J).max(axis=1) > MOVES
-    return coordinates[int(moves.argmax())]
+    return coordinates[int(moves.argmax())]  # argmax: the first True
 
 
 def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
@@ -158,33 +147,26 @@ def check_springs(mechanism: Mechanism) -> None:
     """Refuse a spring with a rest length between points that coincide at the start.
 
     Raises:
-        AssemblyError: there is such a spring.
+        AssemblyError: the points of such a spring coincide.
     """
     for name, law, distance in _laws_on_distances(mechanism):
         if (law.rest != 0 or law.bias != 0) and value(distance, mechanism.q0) < CLOSED:
             raise AssemblyError(f"forces.{name}.between", "the points coincide at the start: the force has no direction")
 
 
-def warn_of_zero_length(mechanism: Mechanism, joints: Constraints) -> Iterator[str]:
-    """Warn of springs with a rest length whose end points the linkage can bring together: their force has no direction there."""
+def warn_of_zero_length(mechanism: Mechanism) -> Iterator[str]:
+    """Yield a warning of each spring with a rest length whose end points the linkage can bring together."""
     if mechanism.dof <= len(mechanism.drivers):
         return  # the motion does not follow from forces
-    world = Point(GROUND, np.zeros(2), "ground.")
     for name, law, distance in _laws_on_distances(mechanism):
         if law.k * law.rest + law.bias == 0:
-            continue
-        # if the joints can be closed with x and y of both ends equal, the points can coincide
-        a, b = distance.a, distance.b
-        axes = [(Along(world, a, 0.0, across), Along(world, b, 0.0, across)) for across in (False, True)]
-
-        def residual(q: Array, axes: list[tuple[Along, Along]] = axes) -> tuple[Array, Array]:
-            F, J = joints.residual(q)
-            gaps = [value(at_b, q) - value(at_a, q) for at_a, at_b in axes]
-            return np.append(F, gaps), np.vstack([J, *(gradient(at_b, q) - gradient(at_a, q) for at_a, at_b in axes)])
-
-        if gauss_newton(mechanism.q0, residual)[1] < CLOSED:
+            continue  # a spring without rest length passes through zero smoothly
+        # the points can coincide if the joints can be closed with one more pin between them
+        pin = Revolute(name, name, distance.a, distance.b)
+        pinned = Constraints(replace(mechanism, joints=(*mechanism.joints, pin), drivers=(), knife_edges=()))
+        if gauss_newton(mechanism.q0, pinned.residual)[1] < CLOSED:
             yield (
-                f"forces.{name}: the linkage can bring {a.name} and {b.name} together, where the spring has no "
+                f"forces.{name}: the linkage can bring {pin.a.name} and {pin.b.name} together, where the spring has no "
                 "direction: its force reverses at once, which no step size resolves; keep the motion away from there"
             )
 
@@ -198,24 +180,24 @@ def _laws_on_distances(mechanism: Mechanism) -> Iterator[tuple[str, Law, Distanc
 
 
 def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: float = STILL) -> tuple[Array, float]:
-    """Solve F = 0, where residual(q) returns F and J, by Gauss-Newton with minimum-norm steps of at most LONGEST.
+    """Solve F = 0, where residual(q) returns F (m,) and J (m, n), by Gauss-Newton with minimum-norm steps of at most LONGEST.
 
-    The iteration ends if a step is smaller than `enough`, or than the rounding of coordinates that are large.
+    The iteration ends if a step is shorter than `enough` [m, rad], or than the rounding of large coordinates.
 
     Returns:
-        q (n,) and max |F| there; infinity if the iteration diverged.
+        q (n,), and max |F| there; infinity if the iteration diverged.
     """
 
     def is_infinite(_: Array, F: Array, J: Array) -> bool:
         return not (np.isfinite(F).all() and np.isfinite(J).all())
 
-    def still(q: Array, size: Array) -> bool:
-        largest = float(np.abs(q).max(initial=0.0))
-        return bool(size < (enough if largest < FAR else max(enough, ROUNDING * largest)))
+    def is_still(q: Array, size: Array) -> bool:
+        far = largest(q)
+        return bool(size < (enough if far < FAR else max(enough, ROUNDING * far)))
 
-    q = project(q, residual, _shortest, iterations, is_infinite, still, LONGEST)
+    q = project(q, residual, _shortest, iterations, is_infinite, is_still, LONGEST)
     F, J = residual(q)
-    return q, np.inf if is_infinite(q, F, J) else float(np.abs(F).max(initial=0.0))
+    return q, np.inf if is_infinite(q, F, J) else largest(F)
 
 
 def _shortest(J: Array, F: Array) -> Array:
@@ -236,7 +218,7 @@ def _rank(J: Array) -> int:
 
 
 def _normal_equations(J: Array) -> tuple[Any, Any] | None:
-    """Return sparse J and LU factors of the smaller of J J^T and J^T J; None if J is small or they are nearly singular."""
+    """Return sparse J and LU factors of the smaller of J J^T and J^T J; None if J is small or the product is nearly singular."""
     if min(J.shape) < LARGE:
         return None
     from scipy.sparse import csc_array
@@ -253,7 +235,7 @@ def _normal_equations(J: Array) -> tuple[Any, Any] | None:
 
 
 def levenberg_marquardt(q: Array, residual: Residual) -> Array:
-    """Search for a root by Levenberg-Marquardt, for a sketch from which Gauss-Newton does not close the joints."""
+    """Return q (n,) nearer to a root of `residual`, by Levenberg-Marquardt: from there Gauss-Newton may converge."""
     from scipy.optimize import least_squares
 
     tolerances = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
@@ -261,46 +243,53 @@ def levenberg_marquardt(q: Array, residual: Residual) -> Array:
 
 
 def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
-    """Return q (n,) that closes all joints, near the sketch q (n,).
+    """Return a position (n,) near the sketch q (n,) that closes all joints.
 
     Raises:
-        AssemblyError: the joints cannot be closed; the widest open one is named.
+        AssemblyError: the joints cannot be closed; the message names the joint with the widest gap.
     """
     closed, error = gauss_newton(q, joints.residual)
     if error > CLOSED:
         closed, error = gauss_newton(levenberg_marquardt(q, joints.residual), joints.residual)
     if error > CLOSED:
         row = int(np.abs(joints.residual(closed)[0]).argmax())
-        name = mechanism.joints[row // 2].name
+        name = mechanism.joints[row // 2].name  # each joint has two rows
         raise AssemblyError("assembly", f"cannot be assembled from the sketch: joint {name} stays open by {error:.3g} (m or rad)")
     return closed
 
 
 def list_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:
     """List the angles, slides, points and lengths that the start and the drivers at t = 0 hold, with their values and rates."""
-    held: list[tuple[Coordinate, Any, Any]] = []  # coordinate, value, rate
+    coordinates: list[Coordinate] = []
+    targets: list[Any] = []
+    rates: list[Any] = []
+
+    def hold(coordinate: Coordinate, target: Any, rate: Any) -> None:
+        """Add a coordinate that must take this value and rate."""
+        coordinates.append(coordinate)
+        targets.append(target)
+        rates.append(rate)
+
     for driver in mechanism.drivers:
-        target, rate, _ = driver.law(number("0"))
-        held.append((driver.coordinate, target, rate))
-    for link, (target, rate) in _list_held_angles(mechanism, scenario, number).items():
-        held.append((Angle(GROUND, link), target, rate))
+        hold(driver.coordinate, *driver.law(number("0"))[:2])
     start = scenario.get("start", {})
+    for link, (angle, speed) in _list_held_angles(mechanism, start, number).items():
+        hold(Angle(GROUND, link), angle, speed)
     slides = {joint.name: joint for joint in mechanism.slides}
     for name, target in start.get("slides", {}).items():
-        rate = start.get("slide_speeds", {}).get(name, 0)
-        held.append((slides[name].motion, exact(number, target), exact(number, rate)))
+        speed = start.get("slide_speeds", {}).get(name, 0)
+        hold(slides[name].motion, exact(number, target), exact(number, speed))
     world = Point(GROUND, pair(number, (0, 0)), "ground.")
-    for reference, targets in start.get("points", {}).items():
-        rates = start.get("point_velocities", {}).get(reference, (0, 0))
+    for reference, place in start.get("points", {}).items():
+        velocity = start.get("point_velocities", {}).get(reference, (0, 0))
         point = mechanism.find_point(reference)
-        for across, target, rate in zip((False, True), targets, rates, strict=True):  # x, then y
-            held.append((Along(world, point, 0.0, across), exact(number, target), exact(number, rate)))
-    return Held([x for x, _, _ in held], np.array([target for _, target, _ in held]), np.array([rate for _, _, rate in held]))
+        for across, target, speed in zip((False, True), place, velocity, strict=True):  # x, then y
+            hold(Along(world, point, 0.0, across), exact(number, target), exact(number, speed))
+    return Held(coordinates, np.array(targets), np.array(rates))
 
 
-def _list_held_angles(mechanism: Mechanism, scenario: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
-    """Return index of a body -> angle [rad] and angular speed [rad/s] that the start holds."""
-    start = scenario.get("start", {})
+def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
+    """Return the angle [rad] and angular speed [rad/s] of each body that the table `start` holds, by index of the body."""
     speeds: dict[int, Any] = {}
     for name, speed in start.get("speeds", {}).items():
         body, _ = mechanism.find_body(name)
@@ -325,19 +314,23 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
         AssemblyError: the held coordinates cannot be reached, or leave the position undetermined.
     """
     path = f"scenarios.{mechanism.scenario}.{'driver' if mechanism.drivers else 'start'}"
-    evaluations = 0
+    evaluations = 0  # of all attempts together
 
-    def follow(state: Array, closed: bool) -> tuple[Array, float]:
-        """Return the end of the homotopy and its residual; with `closed`, stop at the first position that cannot be closed."""
+    def follow(state: Array, stays_closed: bool) -> tuple[Array, float]:
+        """Return the end of the way from a state to the targets, and its residual.
+
+        With `stays_closed`, stop at the first position that cannot be closed.
+        """
         # homotopy: the held coordinates must equal target + part * gap, with part falling from 1 to 0
         gap, error = held.of(state)[0] - held.target, np.inf
         steps = 1 + min(MOST_STEPS, int(held.distance(state) / STEP))
         for part in np.linspace(1.0, 0.0, steps + 1)[1:]:
             if part and error > CLOSED and evaluations > PATIENCE:
-                continue
+                continue  # lost: try the target itself without further delay
             goal = held.target + part * gap
 
             def residual(x: Array, goal: Array = goal) -> tuple[Array, Array]:
+                """Return the residuals of the joints and of the held coordinates, and their Jacobian."""
                 nonlocal evaluations
                 evaluations += 1
                 F, J = joints.residual(x)
@@ -345,7 +338,7 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
                 return np.concatenate([F, values - goal]), np.vstack([J, rows])
 
             state, error = gauss_newton(state, residual, enough=NEARLY if part else STILL)
-            if closed and error > CLOSED:
+            if stays_closed and error > CLOSED:
                 break
         return state, error
 
@@ -355,8 +348,8 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
     attempts = [(q, True), (near, True), (q, False)]
     if held.distance(q) > MOST_STEPS * STEP:
         attempts = [(near, True), (near, False)]
-    for start, closed in attempts:
-        reached, error = follow(start, closed)
+    for start, stays_closed in attempts:
+        reached, error = follow(start, stays_closed)
         if error <= CLOSED:
             break
     else:
@@ -372,9 +365,9 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
 
 
 def turn_links(mechanism: Mechanism, held: Held, q: Array) -> Array:
-    """Return the same pose with each held angle within half a turn of its target, by adding whole turns.
+    """Return q (n,) with whole turns added to links, so that each held angle is within half a turn of its target.
 
-    Links that slides connect to a turned link are turned with it, because a slide compares the angles of its links.
+    Links that slides connect to a turned link turn with it, because a slide compares the angles of its links.
     """
     q = q.copy()
     slides = [{end.link for end in joint.ends} for joint in mechanism.slides]
@@ -399,7 +392,7 @@ def start_velocity(mechanism: Mechanism, held: Held, q: Array) -> Array:
     A = np.vstack([rows.J, held.of(q)[1]])
     b = np.concatenate([np.zeros(len(rows.J)), held.rate])
     v = _shortest(A, b)
-    if np.abs(A @ v - b).max(initial=0.0) > CLOSED * max(1.0, np.abs(b).max(initial=0.0)):
+    if largest(A @ v - b) > CLOSED * max(1.0, largest(b)):
         raise AssemblyError(f"scenarios.{mechanism.scenario}.start", "the speeds violate the constraints")
     return v
 

@@ -1,4 +1,4 @@
-"""Digests of everything that a result depends on: the numbers of a mechanism, and the source files that compute it."""
+"""Digests that identify what a result depends on: the numbers of a mechanism, and the source files that compute the result."""
 
 import hashlib
 from collections.abc import Collection, Iterator, Mapping
@@ -12,26 +12,27 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 
 PACKAGE = Path(__file__).parents[1]
-NO_EFFECT = {"title", "scenarios", "source", "sha256", "digest", "warnings", "apart"}  # fields of a mechanism
+NO_EFFECT = {"title", "scenarios", "source", "sha256", "digest", "warnings", "apart"}  # fields of a mechanism that move nothing
 
 
 def source_digest(*folders: str, without: Collection[str] = ()) -> str:
-    """Return SHA-256 of the names and contents of all files in folders of the package, at every depth.
+    """Return the SHA-256 of the names and contents of all files in folders of the package, at every depth.
 
     Args:
         folders: folders or files of the package; "" is the whole package.
-        without: names of folders and files that are left out.
+        without: names of folders and files to leave out.
 
     Raises:
-        FileNotFoundError: a folder has no files, so that its versions have no digest.
+        FileNotFoundError: a folder has no files.
     """
     digest = hashlib.sha256()
     for folder in folders:
         place = PACKAGE / folder
         files = [place] if place.is_file() else sorted(x for x in place.rglob("*") if x.is_file())
         names = [x.relative_to(PACKAGE) for x in files]
-        used = [x for x in names if "__pycache__" not in x.parts and not {*without} & {x.parts[0], x.name}]
-        if not used:
+        left_out = {*without}
+        used = [x for x in names if "__pycache__" not in x.parts and not left_out & {x.parts[0], x.name}]
+        if not used:  # a digest of nothing would be the same for all versions
             raise FileNotFoundError(f"{place}: no sources whose digest would identify a version")
         for name in used:
             digest.update(f"{name.as_posix()}\n".encode() + (PACKAGE / name).read_bytes())
@@ -39,10 +40,10 @@ def source_digest(*folders: str, without: Collection[str] = ()) -> str:
 
 
 def content_digest(*values: Any) -> str:
-    """Return SHA-256 of the content of values at every depth; of a mechanism, of the fields that it computes with.
+    """Return the SHA-256 of the content of values at every depth; fields of a mechanism that move nothing are left out.
 
     Raises:
-        TypeError: a value contains something without readable content, such as a function.
+        TypeError: a value contains an object whose content cannot be read, such as a function.
     """
     digest = hashlib.sha256()
     for part in _content(values):

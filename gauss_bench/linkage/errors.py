@@ -7,7 +7,12 @@ from gauss_bench.untrusted import BadInput
 
 @dataclass(frozen=True, order=True)
 class Fault:
-    """One fault: the dotted path of the table and field, and a description."""
+    """One fault of a linkage file.
+
+    Attributes:
+        path: dotted path of the table and field, such as "links.rod.mass"; empty for the whole file.
+        text: what is wrong.
+    """
 
     path: str
     text: str
@@ -17,7 +22,7 @@ class Fault:
 
 
 class LinkageError(BadInput, ValueError):
-    """A linkage file that cannot be used; `faults` lists every independent fault found."""
+    """A linkage file cannot be used; `faults` lists all faults that were found."""
 
     def __init__(self, source: str, faults: list[Fault]):
         self.source = source
@@ -26,7 +31,7 @@ class LinkageError(BadInput, ValueError):
 
 
 class FaultError(ValueError):
-    """One fault that only shows while a linkage is built or assembled."""
+    """A fault that is found only while a linkage is built or assembled."""
 
     def __init__(self, path: str, text: str):
         self.fault = Fault(path, text)
@@ -34,17 +39,17 @@ class FaultError(ValueError):
 
 
 class BuildError(FaultError):
-    """A fault that only shows once points are resolved."""
+    """A fault of numbers that is found when points are resolved, such as a bar of zero length."""
 
 
 class AssemblyError(FaultError):
-    """The linkage does not close, or its start does not determine it."""
+    """The linkage cannot be closed, or its start does not determine its position and speeds."""
 
 
 class NotPlaced(AssemblyError):
-    """The sketch does not determine the places of some links; `links` names them."""
+    """The sketch does not determine the places of the links named in `links`."""
 
     def __init__(self, links: tuple[str, ...]):
         self.links = links
-        names = ", ".join(links)
-        super().__init__("assembly.sketch", f"not placed: {names}; give two points, or one point and an angle, of each")
+        text = f"not placed: {', '.join(links)}; give two points, or one point and an angle, of each"
+        super().__init__("assembly.sketch", text)

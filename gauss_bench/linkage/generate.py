@@ -1,28 +1,27 @@
 """Linkages of any size: the N-four-bar and N pendulums.
 
-n_four_bar_N, of the IFToMM benchmark library (A02): N windows of equal bars stand side by side, N + 1 verticals on ground pivots
-(i l, 0) and N horizontals between their tops. As a parallelogram the linkage moves like a pendulum; it is singular whenever all
-bars lie on the ground line.
+n_four_bar_N, from the IFToMM benchmark library (A02), has N + 1 equal verticals on ground pivots (i l, 0) and N horizontals
+between their tops. It stays a row of parallelograms and moves like a pendulum. It is singular if all bars lie on the ground line.
 
-pendulums_N: a chain of N bars with n = 3N coordinates and m = 2N constraint rows. Gauss has n - m = N unknowns, a full matrix;
-Lagrange has n + m = 5N unknowns, each coupled only with its neighbours. Its motion has no known closed form.
+pendulums_N is a chain of N bars with n = 3N coordinates and m = 2N constraint rows. Gauss has n - m = N unknowns with a full
+matrix. Lagrange has n + m = 5N unknowns, each coupled only with its neighbours. The motion has no known closed form.
 """
 
 from typing import Any
 
 MASS, LENGTH = 1.0, 1.0  # [kg], [m] of every bar
 SPEED = 1.0  # [m/s] of the first top at the start, to the right
-FIRST, FAN = -60.0, 7.0  # [deg] angle of the first pendulum, and of each relative to the one before: no two are in line
+FIRST, FAN = -60.0, 7.0  # [deg] angle of the first pendulum, and of each next one relative to it: no two are in line
 
 
 def n_four_bar(count: int) -> dict[str, Any]:
-    """Return the document of a chain of `count` windows, upright at the start."""
+    """Return the document (the content of a linkage file) of an N-four-bar with `count` windows, upright at the start."""
     verticals = {f"v{i}": _bar("A", "B") for i in range(count + 1)}
     horizontals = {f"h{i}": _bar("B", "C") for i in range(count)}
     joints: dict[str, Any] = {f"A{i}": {"type": "revolute", "at": [f"ground.A{i}", f"v{i}.A"]} for i in range(count + 1)}
     for i in range(count + 1):
-        neighbours = [f"h{i - 1}.C"] * (i > 0) + [f"h{i}.B"] * (i < count)
-        joints[f"B{i}"] = {"type": "revolute", "at": [f"v{i}.B", *neighbours]}
+        before, after = [f"h{i - 1}.C"] if i > 0 else [], [f"h{i}.B"] if i < count else []
+        joints[f"B{i}"] = {"type": "revolute", "at": [f"v{i}.B", *before, *after]}
     upright = {f"v{i}": 90.0 for i in range(count + 1)} | {f"h{i}": 0.0 for i in range(count)}
     return {
         "format": "planar-linkage/1",
@@ -44,7 +43,7 @@ def n_four_bar(count: int) -> dict[str, Any]:
 
 
 def pendulums(count: int) -> dict[str, Any]:
-    """Return the document of a chain of `count` bars, released at rest."""
+    """Return the document (the content of a linkage file) of a chain of `count` bars, released at rest."""
     bars = [f"bar{i}" for i in range(count)]
     above = ["ground.O", *(f"{bar}.B" for bar in bars[:-1])]
     angles = {name: FIRST + FAN * i for i, name in enumerate(bars)}
@@ -63,4 +62,5 @@ def pendulums(count: int) -> dict[str, Any]:
 
 
 def _bar(a: str, b: str) -> dict[str, Any]:
+    """Return the table of a uniform bar with the end points a and b."""
     return {"points": {a: [0.0, 0.0], b: [LENGTH, 0.0]}, "bars": [[a, b]], "mass": MASS}

@@ -1,7 +1,7 @@
 """Limits on counts, magnitudes and characters of a linkage file; `limits.toml` lists each limit with its reason.
 
-The limits are checked before anything else, in one pass without recursion, so that an oversized file is refused at once, with the
-path of the value. Values in a scenario's override have the limits of the values that they replace.
+The limits are checked before anything else, in one pass without recursion, so that an oversized file is refused at once. Values in
+a scenario's override have the limits of the values that they replace.
 """
 
 import tomllib
@@ -18,8 +18,8 @@ LONGEST_KEY = 200  # characters of a key
 LONGEST_TEXT = 10_000  # characters of a text
 CHAINED = 100  # points in a chain in which each is given relative to the next
 SHOWN = 50  # largest number of faults in one error
-MOST = 5000  # entries of a table or list whose name has no count of its own
-ENTRIES = 60_000  # of the whole file: the largest that is generated, 400 windows, has 20,000
+MOST = 5000  # entries of a table or list whose name has no limit of its own
+ENTRIES = 60_000  # of the whole file: the largest generated one, of 400 windows, has 20,000
 SQUARES = "beyond that, sums with it and squares of it lose all digits of other numbers"
 
 
@@ -35,13 +35,13 @@ class Range:
 _bounds = tomllib.loads(Path(__file__).with_name("limits.toml").read_text(encoding="utf-8"))
 COUNTS: dict[str, int] = _bounds["counts"]
 RANGES = {key: Range(**{k: x for k, x in bound.items() if k != "keys"}) for bound in _bounds["ranges"] for key in bound["keys"]}
-ANY = Range(1e15, least=1e-30)
+ANY = Range(1e15, least=1e-30)  # of keys without a range of their own
 
 
 def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
     """List the values that are too deep, too many, too large, too small or not printable.
 
-    If a limit on counts or depth is exceeded, the search ends at once, and only that fault is returned.
+    If a limit on counts or depth is exceeded, the search ends at once, and only that fault is listed.
     """
     faults: list[Fault] = []
     entries = 0
@@ -66,11 +66,11 @@ def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
                 continue
             for name, x in item.items():
                 if len(name) > LONGEST_KEY or any(map(unprintable, name)):
-                    message = f"a key {_show(name)}: keys are printable and have at most {LONGEST_KEY} characters"
-                    faults.append(Fault(path, message))
+                    text = f"a key {_show(name)}: keys are printable and have at most {LONGEST_KEY} characters"
+                    faults.append(Fault(path, text))
                     continue
-                bounds = name if name in RANGES or name in COUNTS else key
-                waiting.append((f"{path}.{name}" if path else name, bounds, x, depth + 1))
+                limited = name if name in RANGES or name in COUNTS else key  # else the limits of the table hold
+                waiting.append((f"{path}.{name}" if path else name, limited, x, depth + 1))
     return sorted(faults[:SHOWN]) or list(_chains(document))
 
 
@@ -97,13 +97,14 @@ def _number_faults(path: str, key: str, x: Any) -> list[Fault]:
 
 
 def _describe(x: Any) -> str:
+    """Return a number as text; a whole number that is too large for a float is described by its number of digits."""
     if isinstance(x, int) and abs(x) > 10**15:
-        return f"a number of {x.bit_length() * 30103 // 100_000 + 1} digits"
+        return f"a number of {x.bit_length() * 30103 // 100_000 + 1} digits"  # log10(2) = 0.30103
     return f"{x:g}"
 
 
 def _chains(document: Mapping[str, Any]) -> Iterator[Fault]:
-    """Report points that are defined relative to each other in too long a chain; `references.py` finds circular chains."""
+    """Yield the fault of points that are given relative to each other in too long a chain; `references.py` finds circular ones."""
     links = document.get("links")
     owners = {"ground": document.get("ground")}
     if isinstance(links, dict):
@@ -120,7 +121,7 @@ def _chains(document: Mapping[str, Any]) -> Iterator[Fault]:
 
 
 def follow(points: Mapping[str, Any], name: Any) -> tuple[list[str], str | None]:
-    """Return the chain of points from which a point is defined, itself first, and the point where the chain closes, or None."""
+    """Return the points from which a point follows by `from`, itself first, and the point at which the chain closes, or None."""
     chain: dict[str, None] = {}  # an ordered set
     while isinstance(name, str) and name not in chain:
         chain[name] = None
@@ -134,4 +135,5 @@ def _show(text: str) -> str:
 
 
 def _beginning(path: str) -> str:
+    """Return the first four keys of a path, which may be very deep."""
     return ".".join(path.split(".")[:4])

@@ -27,9 +27,9 @@ from gauss_bench.untrusted import TooDeep, parse_toml, read_bytes
 Place = Callable[[Mechanism, dict[str, Any]], Mechanism]  # fills in q0, v0 of an unassembled mechanism from its document
 
 MAX_BYTES = 1_048_576  # 3,000 times a four-bar; a larger file is no hand-written linkage
-CACHED = 64  # mechanisms in the cache
+CACHED = 64  # largest number of mechanisms in the cache
 FIXED = ("format", "name", "crank", "expect", "scenarios")  # keys that a scenario may not override
-BUILT_IN = (Path(__file__).parents[1] / "_mechanisms", Path(__file__).parents[2] / "mechanisms")
+BUILT_IN = (Path(__file__).parents[1] / "_mechanisms", Path(__file__).parents[2] / "mechanisms")  # installed, in the repository
 SINGLE = ("pendulum", "projectile")  # linkages in `written/`, whose motion is known in closed form
 FAMILY_MEMBER = re.compile(r"(n_four_bar|pendulums)_([1-9][0-9]{0,2})")  # functions of generate.py, and their argument
 LARGEST = 400  # windows or bars of a generated linkage
@@ -38,28 +38,28 @@ _cache: dict[tuple[str, str, str | None], Mechanism] = {}  # key: path, digest o
 
 
 def built_in_folder() -> Path | None:
-    """Return the folder of the built-in linkages: in the installed package, or in the repository."""
+    """Return the folder of the built-in linkages, in the installed package or in the repository; None if there is none."""
     return next((x for x in BUILT_IN if x.is_dir()), None)
 
 
 def built_in() -> dict[str, Path]:
-    """Return name -> file of the built-in linkages."""
+    """Return the files of the built-in linkages by name."""
     folder = built_in_folder()
     return {path.stem: path for path in sorted(folder.glob("*.toml"))} if folder else {}
 
 
 def find(name_or_path: str | Path) -> Path:
-    """Return the file of a built-in linkage, or the path as given."""
+    """Return the file of the built-in linkage of this name, else the path as given."""
     return built_in().get(str(name_or_path), Path(name_or_path))
 
 
 def load(name_or_path: str | Path, scenario: str | None = None) -> Mechanism:
     """Load a linkage and assemble it in one scenario, by default the first scenario that has a start.
 
-    Equal content returns the same object, so that results cached for a mechanism can be used again.
+    A file of the same content gives the same object, so that results cached for a mechanism serve again.
 
     Raises:
-        LinkageError: naming file, table and field of every independent fault.
+        LinkageError: the linkage has faults; the message names file, table and field of each.
     """
     document, digest, path = document_of(name_or_path)
     key = str(path), digest, scenario
@@ -71,7 +71,7 @@ def load(name_or_path: str | Path, scenario: str | None = None) -> Mechanism:
 
 
 def document_of(name_or_path: str | Path) -> tuple[dict[str, Any], str, Path]:
-    """Return document, digest and path of a linkage: read from a file, or generated from its name.
+    """Return the document (the parsed TOML), its SHA-256 and its path; a linkage without a file is generated from its name.
 
     Raises:
         LinkageError: the file cannot be read.
@@ -90,7 +90,7 @@ def generate(name: str) -> dict[str, Any] | None:
     member = FAMILY_MEMBER.fullmatch(name)
     if member is None or int(member[2]) > LARGEST:
         return None
-    document: dict[str, Any] = resolve_name(f"gauss_bench.linkage.generate:{member[1]}")(int(member[2]))  # few runs import it
+    document: dict[str, Any] = resolve_name(f"gauss_bench.linkage.generate:{member[1]}")(int(member[2]))  # few runs need it
     return document
 
 
@@ -106,10 +106,7 @@ def decimal_document(name_or_path: str | Path) -> dict[str, Any]:
 
 
 def place_by_sketch(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
-    """Return the mechanism at rest with its joints closed near the sketch; the scenario's start is ignored.
-
-    Some freedoms may not be determined.
-    """
+    """Return the mechanism at rest with its joints closed near the sketch; the scenario's start is ignored."""
     q = close_sketch(mechanism, document)
     return replace(mechanism, q0=q, v0=0.0 * q)
 
@@ -122,10 +119,16 @@ def load_document(
     stem: str | None = None,
     place: Place = assemble,
 ) -> Mechanism:
-    """Return the mechanism of a parsed document, as `load` does; `place` finds its start.
+    """Return the mechanism of a document in one scenario, by default the first with a start.
+
+    Args:
+        source: name of the file for messages.
+        sha256: digest of the file's bytes.
+        stem: name of the file without its suffix, which must be the name of the linkage; None if there is no file.
+        place: function that finds the start of the mechanism.
 
     Raises:
-        LinkageError: naming every independent fault. Numbers that overflow or lead to a singular matrix are faults of the file.
+        LinkageError: the document has faults, among them numbers that overflow or lead to a singular matrix.
     """
     scenario = choose_scenario(document, scenario, source, stem)
     merged = merge(document, document["scenarios"][scenario].get("override", {}))
@@ -142,12 +145,13 @@ def load_document(
 
 
 def choose_scenario(document: dict[str, Any], scenario: str | None, source: str, stem: str | None = None) -> str:
-    """Check a document and return the name of the scenario: the one asked for, or the first with a start.
+    """Check a document and return the name of its scenario: the given one, or the first with a start.
 
     Raises:
         LinkageError: the document has faults, or no such scenario.
     """
-    if faults := limit_faults(document) or document_faults(document, stem):
+    faults = limit_faults(document) or document_faults(document, stem)
+    if faults:
         raise LinkageError(source, faults)
     scenarios = document["scenarios"]
     if scenario is None:
@@ -165,7 +169,7 @@ def reduce_to_scenario(document: dict[str, Any], scenario: str) -> dict[str, Any
 
 
 def read(path: Path) -> tuple[dict[str, Any], str]:
-    """Return the document and the sha256 of the file's bytes.
+    """Return the document of a file, and the SHA-256 of its bytes.
 
     Raises:
         LinkageError: the file is missing, empty, too large, not text or not TOML.
@@ -200,7 +204,7 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
 
 
 def _toml_fault(message: str) -> tuple[str, str]:
-    """Return sentence and path for a TOML error; a table that is declared twice is a duplicate name."""
+    """Return the text and the path of the fault for a message of the TOML parser; a table declared twice is a duplicate name."""
     twice = re.match(r"Cannot (?:declare|mutate immutable namespace|overwrite) \((.*?),?\) ?.*(\(at .*\))", message)
     if twice:
         return f"duplicate name: declared twice {twice[2]}", ".".join(re.findall(r"['\"](.*?)['\"]", twice[1]))
@@ -210,9 +214,9 @@ def _toml_fault(message: str) -> tuple[str, str]:
 
 
 def document_faults(document: dict[str, Any], stem: str | None = None) -> list[Fault]:
-    """Return every fault of a document: of keys, values and names, and those that appear with each scenario's override."""
+    """Return every fault of a document: of its keys, values and names, and those that the override of a scenario causes."""
     faults = _faults_without_overrides(document, stem)
-    if any(f.path == "format" for f in faults):
+    if any(f.path == "format" for f in faults):  # another format may have other keys
         return [f for f in faults if f.path == "format"]
     reported = set(faults)
     for name, scenario in items(document, "scenarios"):
@@ -226,25 +230,27 @@ def document_faults(document: dict[str, Any], stem: str | None = None) -> list[F
 
 
 def _faults_without_overrides(document: dict[str, Any], stem: str | None) -> list[Fault]:
-    """Return every fault of a document itself; overrides of scenarios are ignored."""
+    """Return every fault of a document; overrides of scenarios are ignored."""
     faults, accepted = check_grammar(document)
     if any(f.path.startswith("cylinders") for f in faults):
-        return faults  # other names may refer to links of cylinders
+        return faults  # names may refer to links of a faulty cylinder, which does not become links
     return [*faults, *reference_faults(accepted, stem)]
 
 
 def override_faults(document: dict[str, Any], override: dict[str, Any], path: str) -> list[Fault]:
-    """Return the faults of an override's paths: tables that do not exist, and keys that may not change."""
-    faults = [Fault(f"{path}.{key}", "cannot be overridden") for key in override if key in FIXED]
+    """Return the faults of the paths in an override: tables that do not exist, and keys that may not change.
 
-    def walk(existing: Any, change: dict[str, Any], where: str) -> None:
-        for key, value in change.items():
-            if isinstance(value, dict) and key not in existing:
-                faults.append(Fault(f"{where}.{key}", "no such table"))
-            elif isinstance(value, dict) and isinstance(existing[key], dict):
-                walk(existing[key], value, f"{where}.{key}")
-
-    walk(document, {k: v for k, v in override.items() if k not in FIXED}, path)
+    `path` is that of the override, or of a table in it.
+    """
+    faults = []
+    for key, value in override.items():
+        inner = f"{path}.{key}"
+        if key in FIXED and path.endswith(".override"):
+            faults.append(Fault(inner, "cannot be overridden"))
+        elif isinstance(value, dict) and key not in document:
+            faults.append(Fault(inner, "no such table"))
+        elif isinstance(value, dict) and isinstance(document[key], dict):
+            faults += override_faults(document[key], value, inner)
     return faults
 
 

@@ -1,10 +1,10 @@
-"""Checks beyond the schema: names must resolve, points must be determined, and some keys exclude or need each other.
+"""Checks beyond the schema: names must exist, points must be determined, and some keys exclude or need each other.
 
 The schema has replaced every value that it refused by None. Checks skip None, so that all faults of a file are reported at once.
-`grammar.toml` lists the places of names with the kind of thing that each must name, and faults of combinations of keys.
+`grammar.toml` lists the places of names, each with the kind of thing that it must name, and faulty combinations of keys.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from itertools import pairwise
 from typing import Any
 
@@ -16,44 +16,45 @@ from gauss_bench.linkage.schema import GRAMMAR
 Document = dict[str, Any]
 Place = tuple[str, Any]  # path, value
 
-RADIAN_PAIRS = ("angle", "phase", "block_angle", "rest", "start", "travel", "crank")
+IN_DEGREES = ("angle", "phase", "block_angle", "rest", "start", "travel", "crank")  # keys that may also be given as KEY_deg
 
 
 def table(value: Any, key: str) -> dict[str, Any]:
-    """Return the sub-table `key`, or an empty table if there is none."""
+    """Return the table at `key` of a table, or an empty table if there is none."""
     inner = value.get(key) if isinstance(value, dict) else None
     return inner if isinstance(inner, dict) else {}
 
 
 def items(value: Any, key: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Return name and table of each sub-table of `key`; other values are left out."""
+    """Yield name and table of each table in the table at `key`; entries that are no tables are left out."""
     return ((name, entry) for name, entry in table(value, key).items() if isinstance(entry, dict))
 
 
 def sequence(value: Any, key: str) -> list[Any]:
-    """Return the list `key`, or an empty list if there is none."""
+    """Return the list at `key` of a table, or an empty list if there is none."""
     entries = value.get(key) if isinstance(value, dict) else None
     return entries if isinstance(entries, list) else []
 
 
 def drivers_of(scenario: dict[str, Any]) -> list[Any]:
-    """Return the tables of a scenario's drivers: of one `driver`, of several `drivers`, or none."""
+    """Return the tables of a scenario's drivers, from its key `driver` or its list `drivers`."""
     return [scenario["driver"]] if "driver" in scenario else sequence(scenario, "drivers")
 
 
-def places(document: Document, pattern: str) -> list[Place]:
-    """List path and value of the places in a document that match a pattern; places with None are left out.
+def places(document: Document, *patterns: str) -> Iterator[Place]:
+    """Yield path and value of the places in a document that match one of the patterns; places with None are left out.
 
     In a pattern such as `scenarios.*.hold[*]`, * stands for any key, [*] for any entry of a list, and ~ for the keys themselves.
     """
-    found: list[Place] = [("", document)]
-    for part in pattern.replace("[*]", ".[*]").split("."):
-        found = [place for path, x in found for place in _step(path, x, part)]
-    return [(path, x) for path, x in found if x is not None]
+    for pattern in patterns:
+        found: list[Place] = [("", document)]
+        for part in pattern.replace("[*]", ".[*]").split("."):
+            found = [inner for path, x in found for inner in _step(path, x, part)]
+        yield from ((path, x) for path, x in found if x is not None)
 
 
 def _step(path: str, x: Any, part: str) -> Iterator[Place]:
-    """Yield path and value of each place in x that one part of a pattern matches."""
+    """Yield path and value of each place directly in x that one part of a pattern matches; `path` is that of x."""
     if part == "[*]":
         for i, entry in enumerate(x if isinstance(x, list) else ()):
             yield f"{path}[{i}]", entry
@@ -64,10 +65,10 @@ def _step(path: str, x: Any, part: str) -> Iterator[Place]:
 
 
 class Names:
-    """The names that a document defines, and the faults that checks have found.
+    """The names that a document defines, and the faults that the checks have found so far.
 
     Attributes:
-        bodies: link -> the root of its body: the link to which it is welded, directly or through others, or itself.
+        bodies: link -> the link to which it is welded, directly or through others; itself if it is not welded.
         points: link, or "ground" -> names of its points.
     """
 
@@ -83,19 +84,18 @@ class Names:
         self.faults.append(Fault(path, text))
 
     def check(self, path: str, name: str, kind: str) -> None:
-        """Add a fault unless the document defines `name` as the kind of thing that `grammar.toml` asks for at this path."""
+        """Add a fault unless the document defines `name` as a thing of this kind, one of those in `grammar.toml`."""
         if kind in ("point", "own point"):
             self.check_point(path, name, ground=kind == "point")
             return
-        known = {
-            "link": {**self.links, "ground": None},
+        known: dict[str, Collection[str]] = {
+            "link": {*self.links, "ground"},
             "own link": self.links,
             "force": self.forces,
-            "link or joint": {**self.links, **self.joints},
-        }.get(kind, self.joints)
-        if name not in known:
-            what = "joint" if known is self.joints else kind.removeprefix("own ")
-            self.fault(path, f"unknown {what} {name!r}")
+            "link or joint": {*self.links, *self.joints},
+        }
+        if name not in known.get(kind, self.joints):
+            self.fault(path, f"unknown {kind.removeprefix('own ') if kind in known else 'joint'} {name!r}")
         elif kind in ("slide", "start slide") and table(self.joints, name).get("type") != "prismatic":
             self.fault(path, "not a prismatic joint" if kind == "start slide" else f"joint {name!r} is not prismatic")
 
@@ -112,16 +112,17 @@ class Names:
             self.fault(path, f"unknown point {point!r} of {link!r}")
 
     def check_different_links(self, path: str, references: list[Any]) -> None:
-        """Add a fault if two of the points lie on one link, or on links that are welded together."""
+        """Add a fault if two of the links, or points "link.point", are of one link, or of links that are welded together."""
         owners = [r.partition(".")[0] for r in references if r is not None]
         for name in sorted({x for x in owners if owners.count(x) > 1}):
             self.fault(path, f"the link {name!r} appears twice")
-        for a, b in pairwise(sorted({*owners}, key=lambda x: self.bodies.get(x, x))):
-            if self.bodies.get(a, a) == self.bodies.get(b, b):
+        body_of = {name: self.bodies.get(name, name) for name in owners}
+        for a, b in pairwise(sorted(body_of, key=lambda name: body_of[name])):  # links of one body are neighbours
+            if body_of[a] == body_of[b]:
                 self.fault(path, f"the links {a!r} and {b!r} are welded together")
 
     def check_turns_on_ground(self, path: str, link: str) -> None:
-        """Add a fault unless the link has a revolute joint on the ground. If a joint was refused, nothing is checked."""
+        """Add a fault unless the link has a revolute joint on the ground; if some joint was refused, check nothing."""
         points_of_joints = [joint and joint.get("at", ()) for joint in self.joints.values()]
         if link not in self.links or any(at is None or None in at for at in points_of_joints):
             return
@@ -131,7 +132,7 @@ class Names:
 
 
 def reference_faults(document: Document, stem: str | None) -> list[Fault]:
-    """Return every fault of names and combinations; `stem` is the file's name without its suffix, None without a file."""
+    """Return every fault of names and combinations of keys; `stem` is the file's name without its suffix, None without a file."""
     cylinder_faults = _cylinder_faults(document)
     if cylinder_faults:
         return cylinder_faults
@@ -144,21 +145,22 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
     for pattern, kind in GRAMMAR["named"].items():
         for path, name in places(document, pattern):
             names.check(path, name, kind)
-    for pattern in GRAMMAR["lists"]["apart"]:
-        for path, references in places(document, pattern):
-            names.check_different_links(path, references)
+    for path, references in places(document, *GRAMMAR["lists"]["apart"]):
+        names.check_different_links(path, references)
     for rule in GRAMMAR["fault"]:
-        for path, entry in (place for pattern in rule["tables"] for place in places(document, pattern)):
-            given = {key for key, x in entry.items() if x != []} if isinstance(entry, dict) else None
-            if given is not None and {*rule.get("with", ())} <= given and not given & {*rule.get("without", ())}:
+        for path, entry in places(document, *rule["tables"]):
+            if not isinstance(entry, dict):
+                continue  # a point that is given as a list
+            given = {key for key, x in entry.items() if x != []}
+            if {*rule.get("with", ())} <= given and not given & {*rule.get("without", ())}:
                 names.fault(f"{path}.{rule.get('at', '')}".removesuffix("."), rule["text"])
     for rule in GRAMMAR["one_of"]:
-        for path, entry in (place for pattern in rule["tables"] for place in places(document, pattern)):
+        for path, entry in places(document, *rule["tables"]):
             if len(entry.keys() & {*rule["keys"]}) != 1:
                 names.fault(path, f"give exactly one of {', '.join(rule['keys'][:-1])} and {rule['keys'][-1]}")
-    for pattern in GRAMMAR["tables"]["angles"]:
-        for path, entry in places(document, pattern):
-            for key in (x for x in RADIAN_PAIRS if {x, f"{x}_deg"} <= entry.keys()):
+    for path, entry in places(document, *GRAMMAR["tables"]["angles"]):
+        for key in IN_DEGREES:
+            if {key, f"{key}_deg"} <= entry.keys():
                 names.fault(f"{path}.{key}", f"given together with {key}_deg")
     for pattern, check in CHECKS.items():
         for path, entry in places(document, pattern):
@@ -167,16 +169,18 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
 
 
 def _body(document: Document, name: str) -> str:
-    """Return the link that a link is welded to, directly or through others; the link itself if it is not welded."""
+    """Return the link to which a link is welded, directly or through others; the link itself if it is not welded."""
     welds = {weld.get("link"): weld.get("to") for _, weld in items(document, "welds")}
     chain = [name]
-    while (following := welds.get(chain[-1])) is not None and following not in chain:  # welds in a circle are another fault
-        chain.append(following)
+    to = welds.get(name)
+    while to is not None and to not in chain:  # welds in a circle, which are a fault, end before the circle closes
+        chain.append(to)
+        to = welds.get(to)
     return chain[-1]
 
 
 def _cylinder_faults(document: Document) -> list[Fault]:
-    """List the faults of cylinders; a cylinder with a fault cannot be expanded into links and joints."""
+    """List the faults of cylinders; a faulty cylinder cannot be expanded into links and joints."""
     names = Names(document)
     for path, between in places(document, "cylinders.*.between"):
         for i, reference in enumerate(between):
@@ -196,7 +200,7 @@ def _cylinder_faults(document: Document) -> list[Fault]:
 
 
 def _check_points(names: Names, path: str, points: dict[str, Any]) -> None:
-    """Check that each point is given relative to another one, if to any, and not to itself."""
+    """Check that `from` of each point names another point of the link, and that no chain of points closes on itself."""
     for key, value in points.items():
         base = value.get("from") if isinstance(value, dict) else None
         if base is not None and base not in points:
@@ -206,7 +210,7 @@ def _check_points(names: Names, path: str, points: dict[str, Any]) -> None:
 
 
 def _check_link(names: Names, path: str, link: dict[str, Any]) -> None:
-    """Check the points of bars and point masses."""
+    """Check that bars and point masses name points of their link, and that no bar has the same point at both ends."""
     points = table(link, "points")
     for place, bar in places(link, "bars[*]"):
         ends = [end for end in bar if end is not None]
@@ -221,8 +225,8 @@ def _check_link(names: Names, path: str, link: dict[str, Any]) -> None:
 
 
 def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
-    """Check that welds join existing links, each once and not in a circle, and that each determines a pose."""
-    welded: set[str] = set()  # links of the welds so far: a link may be welded only once
+    """Check that welds join existing links, each link once and not in a circle, and that each weld determines a pose."""
+    welded: set[str] = set()  # links of the welds so far
     for key, weld in items(names.document, path):
         place, link, to, pairs = f"{path}.{key}", weld.get("link"), weld.get("to"), sequence(weld, "points")
         for side, name in (("link", link), ("to", to)):
@@ -235,6 +239,7 @@ def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
         if link in welded:
             names.fault(f"{place}.link", f"link {link!r} is welded twice; weld the other link to it instead")
         elif link == to or (names.bodies.get(link) != names.bodies.get(to) and to in names.links):
+            # in a circle, the chains from `link` and from `to` end at different links
             names.fault(place, "welded in a circle")
         welded.add(link)
         for i, pair in enumerate(pairs):
@@ -245,12 +250,13 @@ def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
 
 
 def _check_joint(names: Names, path: str, joint: dict[str, Any]) -> None:
+    """Check that a slide joins different links."""
     if joint.get("type") == "prismatic":
         names.check_different_links(f"{path}.block", [joint.get("guide"), joint.get("block")])
 
 
 def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
-    """Check the names of a force, that it acts between different links, and the radius of dry friction."""
+    """Check the names of a force, that it acts between different links, and that dry friction has a radius in pins alone."""
     kind, joint, frame = (force.get(key) for key in ("type", "joint", "frame"))
     if "link" in force:
         ends = [force["link"], force.get("reaction", "ground")]
@@ -280,17 +286,18 @@ def _check_times(names: Names, path: str, rows: list[Any]) -> None:
 
 
 def _check_sketch(names: Names, path: str, name: str) -> None:
+    """Check that the sketch places an existing joint or point "link.point"."""
     names.check(path, name, "point" if "." in name else "joint")
 
 
 def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
-    """Check that a driver gives all numbers of its law."""
+    """Check that a driver gives the travel that its law needs."""
     if driver.get("law") in ("sine", "cosine", "poly345") and not {"travel", "travel_deg"} & driver.keys():
         names.fault(f"{path}.{'travel_deg' if 'link' in driver else 'travel'}", "required")
 
 
 def _check_scenario(names: Names, path: str, scenario: dict[str, Any]) -> None:
-    """Check that no force acts twice."""
+    """Check that a scenario names no force twice."""
     active = sequence(scenario, "forces")
     for i, force in enumerate(active):
         if force in names.forces and force in active[:i]:
@@ -304,9 +311,9 @@ def _check_angles(names: Names, path: str, owner: dict[str, Any]) -> None:
 
 
 def _check_start(names: Names, path: str, start: dict[str, Any]) -> None:
-    """Check that the crank is held once, and that each rate belongs to a coordinate that is held."""
+    """Check that the crank is held once, and that each rate is of a coordinate that is held."""
     crank = names.document.get("crank") or ""
-    angles = {*table(start, "angles"), *table(start, "angles_deg")}
+    angles = {*table(start, "angles"), *table(start, "angles_deg")}  # links whose angles are held
     holds_crank = bool({"crank", "crank_deg"} & start.keys())
     if (holds_crank or "speed" in start) and "crank" not in names.document:
         names.fault(path, "needs a crank, and the file names none")
@@ -316,16 +323,14 @@ def _check_start(names: Names, path: str, start: dict[str, Any]) -> None:
     if holds_crank:
         angles.add(crank)
     held = {"speeds": angles, "slide_speeds": table(start, "slides"), "point_velocities": table(start, "points")}
-    without_coordinate = [
-        f"{group}.{key}" for group, coordinates in held.items() for key in table(start, group) if key not in coordinates
-    ]
-    if "speed" in start and not holds_crank and crank not in angles:
-        without_coordinate.append("speed")
-    for place in without_coordinate:
+    loose = ["speed"] if "speed" in start and crank not in angles else []
+    for rates, coordinates in held.items():
+        loose += [f"{rates}.{key}" for key in table(start, rates) if key not in coordinates]
+    for place in loose:
         names.fault(f"{path}.{place}", "a rate without its held coordinate")
 
 
-CHECKS: dict[str, Callable[[Names, str, Any], None]] = {
+CHECKS: dict[str, Callable[[Names, str, Any], None]] = {  # pattern -> the check of the values that it matches
     "ground.points": _check_points,
     "links.*.points": _check_points,
     "links.*": _check_link,

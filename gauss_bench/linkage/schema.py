@@ -1,9 +1,9 @@
 """The grammar of linkage files as types: the keys of each table, and the values that they take.
 
-There are two editions of the grammar, planar-linkage/1 and /2. The second adds the keys that a table here lists as `second`. A file
-with one of them must say format = "planar-linkage/2", so that a reader of the first edition does not misread it. One key differs:
-`c` of `joint_damping` on a pin through several links acts between every two of them in the second edition, and only between
-neighbours in the list in the first. `references.py` checks names that refer to each other, `closure.py` everything geometric.
+There are two editions of the grammar, planar-linkage/1 and /2. The second adds the keys that a table lists as `second`. A file with
+one of these keys must say format = "planar-linkage/2", so that a reader of the first edition does not misread it. One key has two
+meanings: `c` of `joint_damping`, on a pin through several links, acts between every two of the links in the second edition, and
+between neighbours in the list in the first. `references.py` checks names and combinations of keys, `closure.py` the geometry.
 """
 
 import copy
@@ -45,7 +45,7 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_]+$")]
 
 
 class Table(BaseModel):
-    """A table of the file.
+    """A table of the file. The class arguments `other`, `second` and `units` of a kind of table list some of its keys.
 
     Attributes:
         other: keys that do not affect a motion, such as a title; all other keys enter `physics_digest`.
@@ -53,7 +53,7 @@ class Table(BaseModel):
         units: key -> unit of its numbers, "1" if they have none; angles are in degrees if their key ends in `_deg`, else in rad.
 
     Raises:
-        TypeError: a class lists a key as `other` or `second`, or gives it a unit, and does not have it.
+        TypeError: a class argument lists a key that the table does not have.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -62,7 +62,7 @@ class Table(BaseModel):
     units: ClassVar[dict[str, str]] = {}
 
     def __init_subclass__(cls, other: str = "", second: str = "", units: str = "", **more: Any) -> None:
-        super().__init_subclass__(**more)
+        super().__init_subclass__(**more)  # the keys of the table are not known yet
 
     @classmethod
     def __pydantic_init_subclass__(cls, other: str = "", second: str = "", units: str = "", **more: Any) -> None:
@@ -79,12 +79,12 @@ class Table(BaseModel):
 
 
 def key_of(kind: type[Table], name: str) -> str:
-    """Return the key in the file of a field of a table; it differs for words of Python, such as `from`."""
+    """Return the key in the file of the field `name`; it differs if the key is a keyword of Python, such as `from`."""
     return kind.model_fields[name].alias or name
 
 
 def one_of(key: str, kinds: Mapping[str, Any]) -> Any:
-    """Return the type of a table that is one of several kinds, named by the value of its `key`."""
+    """Return the union type of several kinds of table; the value of `key` in a table names its kind."""
     tagged: Any = reduce(or_, [Annotated[table, Tag(name)] for name, table in kinds.items()])
     return Annotated[tagged, Discriminator(lambda x: str(x.get(key)) if isinstance(x, dict) else None)]
 
@@ -287,10 +287,7 @@ class TableLaw(DrivenTable, units="rows: s, degrees or m"):
     rows: Annotated[list[Pair], Field(min_length=2)]
 
 
-class StartTable(
-    Table,
-    units="speed: rad/s; slides: m; points: m; speeds: rad/s; slide_speeds: m/s; point_velocities: m/s",
-):
+class StartTable(Table, units="speed: rad/s; slides: m; points: m; speeds: rad/s; slide_speeds: m/s; point_velocities: m/s"):
     crank_deg: Number | None = None
     crank: Number | None = None
     speed: Number = 0.0
@@ -355,12 +352,7 @@ class ExpectTable(Table):
     loops: Annotated[int, Field(strict=True, ge=0)] | None = None
 
 
-class LinkageTable(
-    Table,
-    other="format name title expect observe measure",
-    second="welds cylinders",
-    units="gravity: m/s²",
-):
+class LinkageTable(Table, other="format name title expect observe measure", second="welds cylinders", units="gravity: m/s²"):
     format: Literal["planar-linkage/1", "planar-linkage/2"]
     name: Name
     title: Text = ""
@@ -383,16 +375,16 @@ class LinkageTable(
 def check_grammar(document: dict[str, Any]) -> tuple[list[Fault], dict[str, Any]]:
     """Return every fault of keys and values, and the document with None in place of each refused value.
 
-    A key of the second edition is a fault in a file of the first edition.
+    A key of the second edition is a fault in a file of the first.
     """
     try:
         linkage = LinkageTable.model_validate(document)
     except ValidationError as error:
         faults, accepted = [], copy.deepcopy(document)
-        for e in error.errors(include_url=False):
-            place = _keys_to(e["loc"], document)
-            faults.append(Fault(_path(place), _text(dict(e))))
-            _put_none(accepted, place)
+        for one in error.errors(include_url=False):
+            keys = _keys_to(one["loc"], document)
+            faults.append(Fault(_path(keys), _text(dict(one))))
+            _put_none(accepted, keys)
         return faults, accepted
     if linkage.format == SECOND:
         return [], document
@@ -401,7 +393,7 @@ def check_grammar(document: dict[str, Any]) -> tuple[list[Fault], dict[str, Any]
 
 
 def _keys_of_second(item: Any, path: str = "") -> Iterator[str]:
-    """Yield the paths of keys of the second edition, at every depth."""
+    """Yield the paths of all keys of the second edition in a table, dict or list at `path`."""
     if isinstance(item, Table):
         for name in item.model_fields_set:
             key = key_of(type(item), name)
@@ -419,7 +411,7 @@ def _keys_of_second(item: Any, path: str = "") -> Iterator[str]:
 
 
 def _keys_to(location: tuple[str | int, ...], document: Any) -> list[Any]:
-    """Return the keys that lead to a fault: pydantic's location without the tags of `one_of` that it contains."""
+    """Return the keys that lead to a fault in a document: pydantic's location, without the tags of `one_of` in it."""
     keys: list[Any] = []
     parts = [x for x in location if x not in ("<list>", "<table>", "[key]")]
     for part in parts:
@@ -459,27 +451,27 @@ def _text(error: dict[str, Any]) -> str:
 
 
 def _count_of_entries(error: dict[str, Any], context: dict[str, Any]) -> str:
-    """Return the number of entries that a list must have, such as "at least 2"."""
+    """Return the number of entries that a list must have, such as "at least 2", from the context of pydantic's error."""
     least, most = context.get("min_length"), context.get("max_length")
-    if least == most or error["loc"][-1] in ("value", "com", "gravity", "xy"):  # pairs: pydantic tells the bound that failed
+    if least == most or error["loc"][-1] in ("value", "com", "gravity", "xy"):  # pairs: the context has only the bound that failed
         return str(least if least is not None else most)
     return f"at least {least}" if error["type"] == "too_short" else f"at most {most}"
 
 
 def physics_digest(document: dict[str, Any], scenario: str) -> str:
-    """Return SHA-256 of everything in a document that affects the motion of a scenario; its override is already merged in."""
+    """Return the SHA-256 of everything that affects the motion of a scenario; `document` has its override merged in."""
     physics = _physics(LinkageTable.model_validate(document))
     chosen = physics.pop("scenarios")[scenario]
     acting = {name: physics["forces"][name] for name in chosen.get("forces", [])}
     physics |= {"forces": acting, "scenario": chosen}
     damped = [physics.get("joints", {}).get(f["joint"], {}) for f in acting.values() if f["type"] == "joint_damping"]
     if document["format"] == SECOND and any(len(joint.get("at", ())) > 2 for joint in damped):
-        physics["damping"] = "between every two links of a pin"  # the editions damp such a pin differently
+        physics["damping"] = "between every two links of a pin"  # a pin through several links: the editions differ
     return hashlib.sha256(json.dumps(physics, sort_keys=True).encode()).hexdigest()
 
 
 def _physics(item: Any) -> Any:
-    """Return the keys of a table that affect a motion, at every depth; equal numbers become equal decimal texts."""
+    """Return a table as a dict of the keys that affect a motion, at every depth; equal numbers become equal decimal texts."""
     if isinstance(item, Table):
         given = {key_of(type(item), name): getattr(item, name) for name in item.model_fields_set}
         return {key: _physics(value) for key, value in given.items() if key not in item.other}

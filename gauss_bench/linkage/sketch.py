@@ -36,9 +36,9 @@ class _Placing:
 
     Attributes:
         given: body -> angle [rad] that the file gives.
-        drawn: name of a point -> world position (2,) [m] that the file gives, by joints, single points and ground pivots.
+        drawn: name of a point -> world position (2,) [m] that the file gives for its joint, for itself or for a ground pivot.
         theta, centre: body -> angle [rad] and centre of mass (2,) [m] of the placed bodies.
-        pin_ends: both ends of every pin, in both orders.
+        pin_ends: the two ends of every pin, in both orders.
     """
 
     def __init__(self, mechanism: Mechanism, document: dict[str, Any]):
@@ -56,18 +56,15 @@ class _Placing:
         self.pin_ends = [ends for pin in mechanism.pins for ends in (pin.ends, pin.ends[::-1])]
 
     def _read_points(self, document: dict[str, Any], drawing: dict[str, Any]) -> dict[str, Array]:
-        """Return name -> world position (2,) [m] of the points that the file gives; a joint places all points that it joins."""
+        """Return `drawn`. All points of a joint get the place of the joint, or of its point on the ground, if the file has it."""
         points: dict[str, Any] = {}
         for name, joint in write_out(document).get("joints", {}).items():
             references = joint.get("at") or [joint["block"]]
+            on_ground = next((x.partition(".")[2] for x in references if x.startswith("ground.")), None)
             if name in drawing:
                 points |= dict.fromkeys(references, drawing[name])
-                continue
-            for reference in references:
-                owner, _, point = reference.partition(".")
-                if owner == "ground":  # a pin on the ground places all links that it joins
-                    points |= dict.fromkeys(references, self.mechanism.ground_points[point])
-                    break
+            elif on_ground is not None:
+                points |= dict.fromkeys(references, self.mechanism.ground_points[on_ground])
         points |= {reference: x for reference, x in drawing.items() if "." in reference}
         return {self.mechanism.find_point(reference).name: np.array(x, dtype=float) for reference, x in points.items()}
 
@@ -77,13 +74,14 @@ class _Placing:
     def place(self, i: int) -> bool:
         """Place body i if enough is known, and return whether it was placed."""
         link = self.mechanism.links[i]
+        # point of the body -> its known world position (2,) [m]
         known = {name: self.drawn[f"{link.name}.{name}"] for name in link.points if f"{link.name}.{name}" in self.drawn}
         for mine, other in self.pin_ends:
             if mine.link == i and other.link in self.theta:
                 known.setdefault(mine.name.partition(".")[2], self.world(other))
         if not known:
             return False
-        first = next(iter(known))  # this point is placed exactly, a second one only gives the angle
+        first = next(iter(known))  # the sketch is rough: the body meets this point, and only turns towards a second one
         angle = self._angle(i, first, known)
         if angle is None:
             return False
@@ -92,7 +90,7 @@ class _Placing:
         return True
 
     def _angle(self, i: int, first: str, known: dict[str, Array]) -> float | None:
-        """Return the angle [rad] of body i: from the file, else from a second known point, else from a slide; or None."""
+        """Return the angle [rad] of body i: from the file, else from a second known point, else from a slide; None if unknown."""
         points = self.mechanism.links[i].points
         near, angle = self._angle_by_partner(i), self.given.get(i)
         second = next((name for name in known if np.any(points[name] != points[first])), None)
@@ -116,7 +114,10 @@ class _Placing:
         return None
 
     def _angle_by_line(self, i: int) -> float | None:
-        """Return the angle [rad] of body i from a slide whose guide and block points are known, the block ahead of the guide."""
+        """Return the angle [rad] of body i from a slide whose guide and block points are known; None if there is no such slide.
+
+        The block is taken to be ahead of the guide point, so that the coordinate of the slide is positive.
+        """
         for joint in self.mechanism.slides:
             guide, block = self._find(joint.guide), self._find(joint.block)
             if i not in (joint.guide.link, joint.block.link) or guide is None or block is None:
@@ -130,7 +131,7 @@ class _Placing:
         return None
 
     def _find(self, point: Point) -> Array | None:
-        """Return where a point is: in the drawing, else at a pin that it shares with a placed body; or None."""
+        """Return the world position (2,) [m] of a point: drawn, else that of a pin on a placed body; None if unknown."""
         if point.name in self.drawn:
             return self.drawn[point.name]
         shared = next((other for mine, other in self.pin_ends if mine.name == point.name and other.link in self.theta), None)

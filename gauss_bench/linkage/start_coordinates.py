@@ -1,6 +1,6 @@
-"""Choose the coordinates that a start should hold: those that best determine the position that the joints leave free.
+"""Choose the coordinates that the start of a new file should hold: they determine the position that the joints leave free.
 
-The import of models and the studio write the start of a file with it.
+The import of models and the studio use it.
 """
 
 from dataclasses import dataclass
@@ -12,16 +12,18 @@ from gauss_bench.mechanism.coordinates import gradient
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Mechanism, Point
 from gauss_bench.terms import Array
 
-GOOD = 0.3  # the first coordinate is taken that has at least this share of the best one's sensitivity
+GOOD = 0.3  # smallest sensitivity of a chosen coordinate, as a share of the largest
 TABLES = {"angle": ("angles", "speeds"), "slide": ("slides", "slide_speeds"), "point": ("points", "point_velocities")}
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A coordinate that a start may hold: an "angle", a "slide" or a "point", which is x and y.
+    """Coordinates that a start may hold together.
 
     Attributes:
-        name: link, joint or LINK.POINT.
+        kind: "angle" of a link, "slide", or "point" for x and y of a point.
+        name: of the link or joint, or "LINK.POINT".
+        coordinates: one, or two for a point.
     """
 
     kind: str
@@ -30,7 +32,7 @@ class Candidate:
 
     @property
     def tables(self) -> tuple[str, str]:
-        """The tables of `start` for its value and for its rate."""
+        """The names of the tables in `start` for its value and for its rate."""
         return TABLES[self.kind]
 
 
@@ -46,9 +48,9 @@ def candidates(mechanism: Mechanism) -> list[Candidate]:
 
 
 def choose_held(mechanism: Mechanism, q: Array, free: Array) -> list[Candidate]:
-    """Return candidates that together fix the free directions (n, dof) at q (n,).
+    """Return candidates that together hold the position at q (n,); `free` (n, dof) has the directions that the joints leave free.
 
-    Each time the first candidate is taken whose sensitivity to the remaining freedoms is at least GOOD times the largest one.
+    In turn, the first candidate is chosen whose sensitivity to the remaining freedoms is at least GOOD times the largest.
     """
     offered = candidates(mechanism)
     rows = [np.array([gradient(x, q) for x in candidate.coordinates]) @ free for candidate in offered]
@@ -56,8 +58,8 @@ def choose_held(mechanism: Mechanism, q: Array, free: Array) -> list[Candidate]:
     remaining = np.eye(free.shape[1])  # columns: an orthonormal basis of the freedoms that are not yet held
     while remaining.shape[1]:
         # sensitivity: largest change of the candidate over unit motions in the remaining freedoms
-        sensitivity = [float(np.linalg.norm(x @ remaining, 2)) for x in rows]
-        k = next(k for k, x in enumerate(sensitivity) if x >= GOOD * max(sensitivity))
+        sensitivity = np.array([np.linalg.norm(x @ remaining, 2) for x in rows])
+        k = int(np.argmax(sensitivity >= GOOD * sensitivity.max()))  # the first that is large enough
         chosen.append(offered[k])
         remaining = remaining @ null_space(rows[k] @ remaining, remaining.shape[1])
     return chosen

@@ -1,1 +1,1 @@
-"""The mechanism: links, joints and forces as frozen data, its constraints and its energy, in absolute planar coordinates."""
+"""The mechanism: links, joints and forces as frozen data, its constraint rows and its energy, in absolute planar coordinates."""

@@ -1,7 +1,7 @@
-"""Closing of a linkage: the nearest position that meets its constraints, by Gauss-Newton iteration.
+"""Close a linkage by Gauss-Newton iteration: find the nearest position that satisfies its constraints.
 
-Each correction is the shortest dq with J dq = -F. The caller chooses the solver for it (rank tolerance, units), the residual that
-counts as closed, the correction that counts as converged, and the longest correction.
+Each correction is the shortest dq with J dq = -F. The caller chooses how it is solved for (rank tolerance, units), when the
+iteration stops, and the longest correction.
 """
 
 from collections.abc import Callable
@@ -16,6 +16,7 @@ TINY = 1e-300  # keeps the division by the size of a zero correction finite
 
 
 def never(*_: Array) -> bool:
+    """Return False: a test that never stops the iteration."""
     return False
 
 
@@ -35,9 +36,9 @@ def project(
         residual: function of q that returns F (..., m) and J (..., m, n).
         shortest: function of J and F that returns the shortest x (..., n) with J x = F.
         corrections: largest number of corrections.
-        closed: function of q, F and J, called before each correction; the iteration stops if it returns True.
-        still: function of q and the largest entry (...) of a correction, called after it; the iteration stops if it returns True.
-        longest: largest entry that a correction may have; a longer correction is scaled down.
+        closed: function of q, F and J; if it returns True before a correction, the iteration stops.
+        still: function of q and the largest entry (...) of a correction; if it returns True after the correction, the same.
+        longest: largest allowed entry of a correction; a longer correction is scaled down.
     """
     for count in range(corrections + 1):
         F, J = residual(q)
@@ -52,10 +53,12 @@ def project(
 
 
 def walk(advance: Callable[[float], None], shortest: float, longest: float = 1.0) -> None:
-    """Call `advance(share)` for shares that rise from 0 to 1: halve the step after a failure, double it after a success.
+    """Call `advance(share)` for shares of a way that rise to 1; halve the step after a failure, double it after a success.
+
+    A step is at most `longest`.
 
     Raises:
-        ArithmeticError: `advance` failed for a step as short as `shortest`.
+        ArithmeticError: from `advance`, if even a step of `shortest` fails.
     """
     done, step = 0.0, longest
     while done < 1.0:

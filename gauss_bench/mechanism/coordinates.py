@@ -1,17 +1,17 @@
-"""Scalar coordinates of a linkage, defined once for numbers of any kind; joints and forces use only these.
+"""Scalar coordinates of a linkage, for numbers of any kind (floats, arrays, symbols); joints and forces are defined by them.
 
     Angle       x = theta_b - theta_a
     Along       x = n . (p_b - p_a)     n a direction fixed in the body of a, or in a third one such as the ground
     Distance    x = |p_b - p_a|
     Slip        x' = n . p'             n turns with the body of p; there is no x (a knife edge keeps x' at zero)
 
-Each has a gradient G, with a vector (or None) and a number for every body, and a bias. The bias is the part of the second rate that
-comes from velocities alone:
+p = z + r is the place of a point, with z the centre of mass of its body, u = z', and the arm r from there to the point. Each
+coordinate has a gradient G, stored by body (`Entry`), and a bias, the part of the second rate that comes from velocities alone:
 
     x' = G v,    x'' = G a + bias
 
-The functions below evaluate the coordinates for arrays of states. A force is a law on a coordinate (`Law`): it has a generalised
-force (`push`), a potential (`energy`) and a loss of power.
+A force is a law on a coordinate (`Law`). `push` is its generalised force, `energy` its potential and `loss` its loss of power. The
+functions in the second half of the file evaluate coordinates and points for arrays of states.
 
 Source: Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), sections 3.3 and 3.6. `reference/taylor` derives
 all of this independently and must not import this file: a certificate is only as good as the independence of its two derivations.
@@ -32,7 +32,12 @@ from gauss_bench.trajectory import Trajectory
 
 
 class Entry(NamedTuple):
-    """The gradient of a coordinate at one body: `n` for the velocity of its centre of mass, `m` for its angular speed."""
+    """The gradient of a coordinate at one body.
+
+    Attributes:
+        n: factor of the velocity of its centre of mass; None for an angle, which does not depend on that velocity.
+        m: factor of its angular speed.
+    """
 
     frame: Frame
     n: Vec | None
@@ -44,16 +49,16 @@ class Entry(NamedTuple):
 
 def total(terms: Sequence[Real]) -> Real:
     """Return the sum of numbers of any kind; 0.0 if there are none."""
-    return sum(terms[1:], start=terms[0]) if terms else 0.0
+    return sum(terms[1:], start=terms[0]) if terms else 0.0  # no sum with 0, which would be one more operation of a program
 
 
 def _gap_entries(n: Vec, a: End, b: End) -> tuple[Entry, Entry]:
-    """Return the gradient of n . (p_b - p_a) for a vector n that does not turn."""
+    """Return the gradient of n . (p_b - p_a) at the bodies of a and b, for a vector n that does not turn."""
     return Entry(a.frame, -n, wedge(n, a.arm)), Entry(b.frame, n, wedge(b.arm, n))
 
 
 def _gap_rate(n: Vec, a: End, b: End, entries: Sequence[Entry]) -> Real:
-    """Return the rate of n . (p_b - p_a) from its gradient `entries`; angular speeds of the ground are left out."""
+    """Return the rate of n . (p_b - p_a) from its gradient `entries`; bodies at rest add no angular speed."""
     turning = [e.frame.omega * e.m for e in entries if not e.frame.rests]
     return total([dot(n, b.frame.u - a.frame.u), *turning])
 
@@ -77,6 +82,7 @@ class AlongState:
 
     @cached_property
     def entries(self) -> tuple[Entry, ...]:
+        """The gradient by body: at a, at b, and at the body that turns n."""
         at_a, at_b = _gap_entries(self.n, self.a, self.b)
         if self.axes.rests:
             return at_a, at_b
@@ -118,7 +124,7 @@ class AlongState:
 
 
 class AngleState:
-    """The angle between two bodies at a state, unwrapped."""
+    """The coordinate theta_b - theta_a at a state, unwrapped."""
 
     bias: Real = 0.0
 
@@ -139,9 +145,10 @@ class AngleState:
 
 
 class DistanceState:
-    """The distance x of two points at a state; names with half_square concern x^2 / 2, which needs no square root.
+    """The coordinate x = |p_b - p_a| at a state; members with half_square are those of x^2 / 2, which needs no square root.
 
-    `known` is the value of the distance if another number already holds it, as on a length constraint.
+    Attributes:
+        known: the value of x if it is known without a square root, as on a length constraint; else None.
     """
 
     def __init__(self, a: End, b: End, arithmetic: Arithmetic, known: Real = None):
@@ -184,34 +191,14 @@ class DistanceState:
     def bias(self) -> Real:
         """The bias (gap . centripetal acceleration + (speed across the gap)^2) / x."""
         gap, (a, arm_a), (b, arm_b) = self.gap, self.a, self.b
-        turning = wedge(gap, b.u - a.u) + b.omega * dot(gap, arm_b) - a.omega * dot(gap, arm_a)
+        turning = wedge(gap, b.u - a.u) + b.omega * dot(gap, arm_b) - a.omega * dot(gap, arm_a)  # gap x (p_b' - p_a')
         across = turning * self.inverse
         inward = _centripetal(b.omega, gap, arm_b) - _centripetal(a.omega, gap, arm_a)
         return (inward + across * across) * self.inverse
 
 
-class SlipState:
-    """The speed of a point along a direction that turns with its own body."""
-
-    def __init__(self, direction: Direction, end: End):
-        self.n, self.end = direction.n, end
-
-    @property
-    def entries(self) -> tuple[Entry, ...]:
-        return (Entry(self.end.frame, self.n, wedge(self.end.arm, self.n)),)
-
-    @property
-    def rate(self) -> Real:
-        frame = self.end.frame
-        return dot(self.n, frame.u) + frame.omega * self.entries[0].m
-
-    @property
-    def bias(self) -> Real:
-        return self.end.frame.omega * wedge(self.n, self.end.frame.u)
-
-
 class WeightedState:
-    """The sum of coordinates at a state, each times a number."""
+    """A weighted sum of coordinates at a state."""
 
     def __init__(self, terms: Sequence[tuple["State", float]]):
         self.terms = terms
@@ -237,7 +224,7 @@ State = AngleState | AlongState | DistanceState | WeightedState
 
 
 def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
-    """Evaluate a coordinate at a state of the linkage; `known` is the value of a distance if another number already holds it."""
+    """Return a coordinate at a state of the linkage; `known` is the value of a distance that is known without a square root."""
     match coordinate:
         case Angle(a, b):
             return AngleState(at.frame(a), at.frame(b))
@@ -251,27 +238,30 @@ def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
             assert_never(coordinate)
 
 
-def slip(coordinate: Slip, at: Placement) -> SlipState:
-    """Evaluate a slip at a state of the linkage."""
+def slip(coordinate: Slip, at: Placement) -> tuple[Entry, Real]:
+    """Return the gradient and the bias of a slip n . p' at a state; the direction n turns with the body of the point."""
     point = coordinate.point
-    return SlipState(at.direction(point.link, coordinate.angle, True), at.end(point))
+    _, n = at.direction(point.link, coordinate.angle, True)
+    frame, arm = at.end(point)
+    return Entry(frame, n, wedge(arm, n)), frame.omega * wedge(n, frame.u)
 
 
 def columns(entries: Sequence[Entry]) -> dict[int, Real]:
-    """Sum the entries of a gradient by coordinate of a state (index -> number); the ground contributes nothing."""
+    """Return the entries of a gradient as a dict: index in a state (n,) -> number; bodies at rest are left out."""
     sums: dict[int, Real] = {}
     for frame, n, m in entries:
         if frame.rests:
             continue
         first = SIZE * frame.body
-        parts = {first + DIMENSION: m} if n is None else {first: n.parts[0], first + 1: n.parts[1], first + DIMENSION: m}
+        parts = {} if n is None else {first + axis: x for axis, x in enumerate(n.parts)}
+        parts[first + DIMENSION] = m
         for k, x in parts.items():
             sums[k] = sums[k] + x if k in sums else x
     return sums
 
 
 def is_zero(number: Real) -> bool:
-    """Tell whether a number is zero for certain: the float zero, or an expression with a true attribute `zero`."""
+    """Tell whether a number is certainly zero: the float 0, or a symbol whose attribute `zero` is True."""
     return bool(number == 0.0) if isinstance(number, float) else getattr(number, "zero", False) is True
 
 
@@ -282,8 +272,8 @@ def strength(x: State, law: Law) -> Real:
 
         F / x = -k + (k rest + bias) / x - c h' / x^2 + s / x^3
 
-    so that a spring without rest length needs no square root and, if undamped, no division: it passes through zero length
-    smoothly. Any other spring reverses its direction there and exerts no force at exactly zero length.
+    A spring without rest length therefore needs no square root and, if undamped, no division: it passes through zero length
+    smoothly. Any other spring reverses its direction there, and exerts no force at exactly zero length.
     """
     sprung, damped, biased = not is_zero(law.k), not is_zero(law.c), not is_zero(law.bias)
     terms: list[Real] = []
@@ -311,7 +301,7 @@ def strength(x: State, law: Law) -> Real:
 
 
 def push(x: State, law: Law) -> tuple[Entry, ...]:
-    """Return the generalised force of a law along a coordinate, by body."""
+    """Return the generalised force of a law along its coordinate x, by body."""
     force = strength(x, law)
     entries = x.half_square_entries if isinstance(x, DistanceState) else x.entries
     return tuple(entry.scale(force) for entry in entries)
@@ -342,13 +332,13 @@ def loss(x: State, law: Law) -> Real:
 
 
 class _ArrayArithmetic:
-    """The functions that `Arithmetic` asks for, of arrays."""
+    """The functions of `Arithmetic` for arrays."""
 
     sqrt, sin, cos, inverse = np.sqrt, np.sin, np.cos, staticmethod(inverse)
 
 
 class Placed(Placement):
-    """The bodies of a mechanism at state(s) q, v (..., n), as arrays; without v they are at rest."""
+    """The bodies of a mechanism at state(s) q, v (..., n) as arrays; without v they are at rest."""
 
     arithmetic = _ArrayArithmetic()
 
@@ -371,7 +361,7 @@ def rate(coordinate: Coordinate, q: Array, v: Array) -> Array:
 
 
 def gradient(coordinate: Coordinate, q: Array) -> Array:
-    """Return the gradient G (..., n) at state(s) q (..., n)."""
+    """Return the gradient G (..., n) of a coordinate at state(s) q (..., n)."""
     G = np.zeros_like(q)
     for k, entry in columns(state(coordinate, Placed(q)).entries).items():
         G[..., k] = entry
@@ -380,11 +370,11 @@ def gradient(coordinate: Coordinate, q: Array) -> Array:
 
 def bias(coordinate: Coordinate, q: Array, v: Array) -> Array:
     """Return the bias (...) [rad/s^2 or m/s^2] at state(s) q, v (..., n)."""
-    return np.asarray(state(coordinate, Placed(q, v)).bias) + np.zeros(q.shape[:-1], dtype=q.dtype)
+    return np.asarray(state(coordinate, Placed(q, v)).bias) + np.zeros(q.shape[:-1], dtype=q.dtype)  # one for each state
 
 
 def rotate(x: Array, theta: Array) -> Array:
-    """Return a vector x (2,), rotated by angle(s) theta (...) [rad], as (..., 2)."""
+    """Return the vector x (2,) rotated by angle(s) theta (...) [rad], as (..., 2)."""
     c, s = np.cos(theta), np.sin(theta)
     return np.stack((c * x[0] - s * x[1], s * x[0] + c * x[1]), axis=-1)
 
@@ -408,7 +398,7 @@ def velocity(q: Array, v: Array, point: Point) -> Array:
 def acceleration(q: Array, v: Array, a: Array, point: Point) -> Array:
     """Return the world acceleration (..., 2) [m/s^2] of a point at state(s) q, v with accelerations a (..., n)."""
     frame, r = Placed(q, v).end(point)
-    rates = Placed(q, a).frame(point.link)  # accelerations in place of velocities
+    rates = Placed(q, a).frame(point.link)  # its u and omega are accelerations
     return _stack(rates.u + cross(rates.omega, r) - r * (frame.omega * frame.omega), q)
 
 
@@ -418,7 +408,7 @@ def _stack(x: Vec, q: Array) -> Array:
 
 
 def spread(mechanism: Mechanism, motion: Trajectory) -> Trajectory:
-    """Return the states of every link of the file, by its own centre of mass, from the states (k, n) of the welded bodies."""
+    """Return the motion of every link of the file by its own centre of mass, given the motion (k, n) of the bodies."""
     if not mechanism.parts:
         return motion
     q, v, a = (np.empty((len(motion.t), SIZE * len(mechanism.parts))) for _ in range(3))

@@ -1,13 +1,12 @@
 """Constraint rows and generalised forces of a linkage, for numbers of any kind: the `Placement` chooses the kind.
 
 A joint holds scalar coordinates at constant values, a driver holds one at a law of time, a knife edge keeps a slip at zero. A force
-is a law on a coordinate, or a vector at a point. No code here depends on the kind of a joint or force. With x a held coordinate and
-c its value, constant or a law of time, a row has
+is a law on a coordinate, or a vector at a point. With x a held coordinate and c its value, a constant or a law of time, a row has
 
     phi = x - c,    J = dx/dq,    gamma = c'' - bias of x,    so that J a = gamma
 
-Order of rows: joints in the file's order, couplings, drivers, knife edges. `Symbols` evaluates all of this once with symbols for
-coordinates, and generates functions of q, v and the values of the laws.
+Rows stand in the order: joints in the file's order, couplings, drivers, knife edges. `Symbols` evaluates the equations once with
+symbols for coordinates, and generates functions of q, v and the values of the laws.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -25,14 +24,14 @@ from gauss_bench.mechanism.spaces import Real, Vec, dot, slots, wedge
 from gauss_bench.terms import Array
 
 Motion = tuple[Real, Real, Real]  # value, rate, second rate
-LEVELS = 3  # of a law: value, rate and second rate
+LEVELS = 3  # numbers of a law at a time: value, rate and second rate
 
 
 class Given(Placement):
-    """A placement that also gives the numbers of its linkage: as in the file, as open parameters, or as functions of time."""
+    """A placement that also provides held values and laws: as in the file, as open parameters, or as inputs of a program."""
 
     def held(self, joint: str, place: int, value: Any) -> Real:
-        """Return the constant value of the coordinate at position `place` among those that a joint holds."""
+        """Return the number for `value`, at which a joint holds the coordinate at position `place` of its own."""
         return value
 
     def law(self, law: MotionLaw) -> Motion:
@@ -45,7 +44,8 @@ class Row:
     """One constraint row.
 
     Attributes:
-        entries: entries of J by index of the state.
+        name: of the joint, coupling, driver or knife edge.
+        entries: entries of J that are not zero, by index in a state (n,).
         gamma: right-hand side of J a = gamma.
         phi: residual; None for a knife edge, which has no position level.
         phi_t: partial derivative of the residual by time.
@@ -59,10 +59,7 @@ class Row:
 
 
 def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Iterator[Row]:
-    """Yield all constraint rows.
-
-    With `on_constraints`, the value of a driven distance is that of its law, which saves a square root.
-    """
+    """Yield all constraint rows; `on_constraints` takes the value of a driven distance from its law, without a square root."""
     for joint in (*mechanism.joints, *mechanism.couplings):
         held: tuple[tuple[Coordinate, float], ...] = joint.held
         for place, (coordinate, value) in enumerate(held):
@@ -71,18 +68,19 @@ def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Itera
     for driver in mechanism.drivers:
         yield _row(driver.name, at, driver.coordinate, at.law(driver.law), on_constraints)
     for edge in mechanism.knife_edges:
-        x = slip(edge.coordinate, at)
-        yield Row(edge.name, columns(x.entries), -x.bias, None, 0.0)
+        gradient, bias = slip(edge.coordinate, at)
+        yield Row(edge.name, columns((gradient,)), -bias, None, 0.0)
 
 
 def _row(name: str, at: Given, coordinate: Coordinate, motion: Motion, on_constraints: bool) -> Row:
+    """Return the row that holds a coordinate at a given motion."""
     value, rate, second = motion
     x = state(coordinate, at, value if on_constraints else None)
     return Row(name, columns(x.entries), second - x.bias, x.value - value, -rate)
 
 
 def generalise(at: Placement, load: Load) -> dict[int, Real]:
-    """Return the generalised force of one load, by index of the state."""
+    """Return the generalised force of one load, as a dict: index in a state (n,) -> number."""
     match load:
         case Law():
             return columns(push(state(load.coordinate, at), load))
@@ -94,7 +92,7 @@ def generalise(at: Placement, load: Load) -> dict[int, Real]:
 
 
 def energies(at: Placement, load: Load) -> tuple[Real, Real]:
-    """Return the potential energy [J] of one load, and the power [W] of its part that has no potential."""
+    """Return the potential energy [J] of one load, and the power [W] of the part of it that has no potential."""
     match load:
         case Law():
             x = state(load.coordinate, at)
@@ -110,9 +108,9 @@ def energies(at: Placement, load: Load) -> tuple[Real, Real]:
 
 
 class Symbols(Given):
-    """The bodies of a mechanism of n coordinates, with symbols for all numbers: a recorder of equations.
+    """The bodies of a mechanism of n coordinates with symbols for numbers; it records equations and generates functions of them.
 
-    A motion law enters by three inputs of the generated function: value, rate and second rate.
+    A motion law has LEVELS inputs of the generated function.
     """
 
     def __init__(self, n: int):
@@ -143,7 +141,7 @@ class Symbols(Given):
 
         def at(t: float | Array, q: Array, v: Array) -> list[Array]:
             if not laws:
-                return function(q, v, q[..., :0])
+                return function(q, v, q[..., :0])  # an empty array of levels
             levels = [np.asarray(x) for law in laws for x in law(t)]
             return function(q, v, np.stack([np.broadcast_to(x, q.shape[:-1]) for x in levels], axis=-1))
 

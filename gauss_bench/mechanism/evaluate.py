@@ -1,6 +1,6 @@
 """Evaluate a mechanism at a state: constraint rows, the terms of its equations of motion, and its energy.
 
-Constraint rows take one state, q (n,), or a batch, q (..., n), in double or in the longer type in which the linkage was built.
+Constraint rows are evaluated at one state q (n,) or a batch q (..., n), in doubles or in the longer type of the linkage.
 """
 
 from collections.abc import Callable
@@ -15,16 +15,16 @@ from gauss_bench.mechanism.equations import Symbols
 from gauss_bench.mechanism.forces import AppliedForces, JointFriction
 from gauss_bench.mechanism.generated import Symbol
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.terms import Array, Terms
+from gauss_bench.terms import Array, Terms, largest
 
 CORRECTIONS = 6  # a step of 1e-3 s needs one, one of 1e-2 s three: convergence is quadratic
-ROUNDING = 1e-15
-RANK_TOLERANCE = 1e-9  # of the largest singular value, as where a linkage is assembled
+ROUNDING = 1e-15  # relative residual of a closed position
+RANK_TOLERANCE = 1e-9  # share of the largest singular value, as in `linkage/closure.py`
 
 
 @dataclass(frozen=True)
 class Rows:
-    """All m constraint rows at a state or a batch of states: joints two each, couplings, drivers, knife edges.
+    """All m constraint rows at a state or a batch of states: two of each joint, then couplings, drivers, knife edges.
 
     Attributes:
         phi: (..., m) residuals.
@@ -40,13 +40,15 @@ class Rows:
 
 
 class Constraints:
-    """The constraint rows of one mechanism. Entries of J that are constant are computed once.
+    """The constraint rows of one mechanism; entries of J that are constant are computed once.
 
     Attributes:
         m: number of rows.
         joint_rows: number of rows of joints and couplings, which stand first.
-        holonomic: number of rows that have a position level; knife edges stand behind them.
+        holonomic: number of rows that have a position level; the rows of knife edges follow them.
         laws: motion laws of the drivers.
+        constant: (m n,) the constant entries of J, row by row; 0 for an entry that varies.
+        varying: (k,) indices of the varying entries in `constant`.
         symbols: the recorded equations, to which others can be added that share their operations.
         listed: the varying entries of J, gamma, phi and phi_t as symbols.
     """
@@ -58,7 +60,7 @@ class Constraints:
         self.m, self.laws = mechanism.m, at.laws
         self.holonomic = self.m - len(mechanism.knife_edges)
         self.joint_rows = self.holonomic - len(mechanism.drivers)
-        self.constant = np.zeros(self.m * self.n, dtype=mechanism.gravity.dtype)  # J, row by row; 0 where an entry varies
+        self.constant = np.zeros(self.m * self.n, dtype=mechanism.gravity.dtype)
         places: list[int] = []  # of the varying entries in J, row by row
         entries: list[Symbol] = []
         for i, row in enumerate(rows):
@@ -96,22 +98,27 @@ class Constraints:
 
 
 def list_determined(mechanism: Mechanism) -> list[str]:
-    """List the joints whose forces follow from the motion at the start: those that no redundant rows involve.
+    """List the names of the joints whose forces follow from the motion at the start, because no redundant row involves them.
 
-    Multipliers are determined but for the null space of J^T, so that a joint is determined if its two rows are zero there.
+    Multipliers are determined up to the null space of J^T. A joint's force is determined if its two entries are zero in all of it.
     """
     left, sizes, _ = np.linalg.svd(Constraints(mechanism)(0.0, mechanism.q0, mechanism.v0).J)
     rank = np.count_nonzero(sizes > RANK_TOLERANCE * sizes.max(initial=0.0))
-    null = np.abs(left[:, rank:])
+    null = np.abs(left[:, rank:])  # (m, m - rank) basis of the null space of J^T; joint k has the rows 2 k and 2 k + 1
     return [joint.name for k, joint in enumerate(mechanism.joints) if null[2 * k : 2 * k + 2].max(initial=0.0) <= RANK_TOLERANCE]
 
 
 class UndeterminedLoads(ArithmeticError):
-    """Friction in the joints of a linkage whose constraint rows are redundant: their loads, and so the motion, are not unique."""
+    """A linkage has friction and redundant constraint rows: the loads of its joints, and so its motion, are not unique."""
 
 
 class Evaluator:
-    """Evaluates one mechanism at any number of states."""
+    """The equations of motion of one mechanism, to be evaluated at any state.
+
+    Attributes:
+        mass: (n,) diagonal of the mass matrix.
+        M: (n, n) mass matrix.
+    """
 
     def __init__(self, mechanism: Mechanism):
         self.mechanism = mechanism
@@ -123,13 +130,13 @@ class Evaluator:
 
     @cached_property
     def _terms(self) -> Callable[..., list[Array]]:
-        """One function for the varying entries of J, Q of steady forces, gamma, phi and phi_t."""
+        """The generated function of the varying entries of J, Q of steady forces, gamma, phi and phi_t."""
         at = self.constraints.symbols
         entries, *others = self.constraints.listed
         return at.generate(entries, self.applied.add_steady(at), *others)
 
     def terms(self, t: float, q: Array, v: Array) -> Terms:
-        """Return M, J, Q, gamma and the residuals at one state q, v (n,); Q is without friction, which needs the multipliers."""
+        """Return the terms at one state q, v (n,) and time t [s]; Q is without friction, which depends on the multipliers."""
         entries, Q, gamma, phi, phi_t = self._terms(t, q, v)
         J = self.constraints.fill_jacobian(entries)
         for force in self.applied.varying:
@@ -137,34 +144,34 @@ class Evaluator:
         return Terms(self.M, J, Q, gamma, phi, J @ v + phi_t)
 
     def check_loads(self) -> None:
-        """Refuse friction if rows are redundant at the start.
+        """Check that no rows are redundant at the start if joints have friction.
 
         Raises:
-            UndeterminedLoads: with the number of redundant rows.
+            UndeterminedLoads: rows are redundant; the message has their number.
         """
         if self.friction:
             J = self.constraints(0.0, self.mechanism.q0, self.mechanism.v0).J
             spare = len(J) - int(np.linalg.matrix_rank(J, rtol=RANK_TOLERANCE))
             if spare:
-                raise UndeterminedLoads(
-                    f"redundant constraint rows ({spare}) leave the loads of the joints undetermined, and with them their friction"
-                )
+                redundant = f"redundant constraint rows ({spare})"
+                raise UndeterminedLoads(f"{redundant} leave the loads of the joints undetermined, and with them their friction")
 
     def energy(self, q: Array, v: Array) -> Array:
         """Return kinetic plus potential energy (...) [J] of state(s) (..., n)."""
         return 0.5 * (v * v) @ self.mass + self.applied.potential(q)
 
     def project(self, t: float, q: Array, v: Array, rank_tolerance: float = 1e-4) -> tuple[Array, Array]:
-        """Return the nearest consistent state q, v (n,): Gauss-Newton corrects q down to rounding, then v is corrected once.
+        """Return the nearest consistent state q, v (n,) at time t [s]: Gauss-Newton corrects q, then one linear system corrects v.
 
-        Singular values below `rank_tolerance` of the largest count as zero: next to a singular position, or where redundant rows
-        disagree by their own drift, a correction along them would throw the state far along the free motion. A state that is not
-        finite is returned unchanged.
+        Singular values below `rank_tolerance` times the largest count as zero. Near a singular position, or if redundant rows
+        contradict each other by their drift, a correction along them would move the state far along the free motion. A state that
+        is not finite becomes NaN.
         """
         h = self.constraints.holonomic
         rows: Rows  # at the latest position; the correction of v uses them
 
         def residual(x: Array) -> tuple[Array, Array]:
+            """Return phi and J of the rows with a position level; keep all rows for the correction of v."""
             nonlocal rows
             rows = self.constraints(t, x, v)
             return rows.phi[:h], rows.J[:h]
@@ -177,7 +184,7 @@ class Evaluator:
 
 
 def _is_closed(q: Array, F: Array, _: Array) -> bool:
-    return bool(np.abs(F).max(initial=0.0) <= ROUNDING * (1.0 + np.abs(q).max()))
+    return largest(F) <= ROUNDING * (1.0 + largest(q))
 
 
 def _shortest(J: Array, r: Array, rank_tolerance: float) -> Array:

@@ -1,8 +1,8 @@
 """Applied forces of a linkage: generalised force Q, potential energy, and the power of forces without a potential.
 
-Each force is expressed by loads (`to_loads` in model.py): laws on scalar coordinates (formulas in `coordinates.py`) and constant
-forces at points. One function is generated for all of them, for a state, q (n,), or a batch, q (..., n). The energy balance of a
-trajectory integrates the power of forces without a potential: dampers, and forces that turn with a link.
+Each force is a sum of loads (`to_loads` in model.py): laws on scalar coordinates (formulas in `coordinates.py`) and constant forces
+at points. One function is generated for all of them, for a state q (n,) or a batch q (..., n). Dampers and forces that turn with a
+link have no potential but a power, which the energy balance of a trajectory integrates.
 
 Dry friction is computed separately, because it depends on the loads of the joints and so on the accelerations. With N_k the load
 that pair k carries and s_k its relative speed, the friction is one more active force (Yuan and Ge, 2016, eq. 3):
@@ -10,8 +10,8 @@ that pair k carries and s_k its relative speed, the friction is one more active 
     M a + J^T lambda = Q + W N(lambda),    W_k = -mu_k r_k tanh(s_k / speed_k) ds_k/dv        (r_k = 1 for a slide)
     N = |(lambda_x, lambda_y)| of a pin,   N = |lambda_normal| of a slide
 
-W follows from the state, N from lambda, and lambda from a: a fixed point, found by iteration from the motion without friction. The
-iteration converges unless mu is so large that friction increases the loads that cause it.
+W follows from the state, N from lambda, and lambda from W N. This fixed point is found by iteration from the motion without
+friction. The iteration converges unless mu is so large that friction increases the loads that cause it.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,13 @@ from gauss_bench.terms import Array
 
 
 class AppliedForces:
-    """Gravity and the active forces of one mechanism."""
+    """Gravity and the active forces of one mechanism.
+
+    Attributes:
+        gravity: (n,) the generalised force of gravity.
+        varying: the forces that vary with time or direction.
+        loads: the loads of all other forces.
+    """
 
     def __init__(self, mechanism: Mechanism):
         self.mechanism = mechanism
@@ -55,7 +61,7 @@ class AppliedForces:
 
     @cached_property
     def _energies(self) -> Callable[..., list[Array]]:
-        """One function for the potential energy and the power of all steady forces."""
+        """The generated function of the potential energy and the power of all steady forces."""
         at = Symbols(self.mechanism.n)
         potential, power = at.program.symbol(0.0), at.program.symbol(0.0)
         for load in self.loads:
@@ -64,7 +70,7 @@ class AppliedForces:
         return at.generate([potential], [power])
 
     def generalised(self, q: Array, v: Array, t: float | Array | None = None) -> Array:
-        """Return Q (..., n) [N, N m] at states q, v (..., n) and times t (...) [s], which only forces that vary need.
+        """Return Q (..., n) [N, N m] at states q, v (..., n) and times t (...) [s]; only forces that vary need t.
 
         Raises:
             TypeError: a force varies with time, and t is missing.
@@ -89,7 +95,7 @@ class AppliedForces:
 
 
 class _VaryingForce:
-    """A force that varies: a factor of time or direction times a steady force."""
+    """A force that varies: a factor of time and direction times a steady force."""
 
     def __init__(self, mechanism: Mechanism, force: Torque | PointForce, factor: Factor):
         steady = replace(force, factor=None)
@@ -110,26 +116,26 @@ JAMMED = "the friction does not converge in {} iterations: mu is too large for t
 
 
 class Jammed(ArithmeticError):
-    """The loads of joints with friction do not converge: load and friction increase each other, as in a slide that jams."""
+    """The loads of joints with friction do not converge, because load and friction increase each other, as in a jammed slide."""
 
 
 class JointFriction:
-    """Dry friction in the joints of one mechanism, in the p pairs with mu > 0.
+    """Dry friction in the p pairs of one mechanism that have mu > 0; it is false if there are none.
 
     Attributes:
-        acting: the p frictions of the file, each with the pair in which it acts.
+        acting: each friction with the pair in which it acts.
         rows: (p,) index of the first multiplier of each pair.
-        pins: (p,) 1 for a pin, whose second multiplier is a force too; 0 for a slide, where it is a moment.
+        pins: (p,) 1 for a pin, whose second multiplier is a force too; 0 for a slide, whose second multiplier is a moment.
         lever: (p,) mu times radius [m]; [-] for a slide.
         speed: (p,) speed of the regularisation [rad/s or m/s].
     """
 
     ITERATIONS = 200  # enough if each iteration reduces the error by a sixth; usual joints reduce it by nine tenths
-    TOLERANCE = 1e-13  # of the largest multiplier
-    STALLED = 1e-11  # the same, if lambda is solved for anew in each iteration, with rounding times the condition of J
+    TOLERANCE = 1e-13  # last change of a multiplier, as a share of the largest one
+    STALLED = 1e-11  # the same for engines that solve for lambda anew in each iteration, with rounding times the condition of J
 
     def __init__(self, mechanism: Mechanism):
-        first = {joint.name: 2 * k for k, joint in enumerate(mechanism.joints)}
+        first = {joint.name: 2 * k for k, joint in enumerate(mechanism.joints)}  # first row of each joint
         self.acting = [(f, pair) for f in mechanism.frictions if f.mu > 0 for pair in f.pairs]
         self.rows = np.array([first[pair.name] for _, pair in self.acting], dtype=int)
         self.pins = np.array([not pair.slides for _, pair in self.acting], dtype=float)
@@ -137,7 +143,7 @@ class JointFriction:
         self.speed = np.array([f.speed for f, _ in self.acting])
         at = Symbols(mechanism.n)
         motions = [state(pair.motion, at) for _, pair in self.acting]
-        entries = [columns(x.entries) for x in motions]
+        entries = [columns(x.entries) for x in motions]  # gradients of the relative motions
         self.places = [(k, p) for p, gradient in enumerate(entries) for k in gradient]  # row and column of each entry in W
         self._function = at.generate([x.rate for x in motions], [x for gradient in entries for x in gradient.values()])
 

@@ -1,7 +1,6 @@
-"""Bodies at a state: position and velocity of each body, and vectors fixed in a body expressed in world axes.
+"""Bodies at a state: position and velocity of each body, and world components of points and vectors that are fixed in a body.
 
-A `Placement` locates all bodies of a linkage; the ground is a body at rest at the origin. Coordinates, rows and forces get frames,
-ends and directions from it, and work with any kind of number.
+A `Placement` has all bodies of a linkage at a state, in numbers of one kind. The ground is a body at rest at the origin.
 """
 
 from collections.abc import Sequence
@@ -19,11 +18,11 @@ class Frame(NamedTuple):
     """A body at a state.
 
     Attributes:
-        body: its index; GROUND for the ground.
+        body: index of the body, or GROUND.
         z, u: position [m] and velocity [m/s] of its centre of mass.
-        omega: its angular speed [rad/s].
-        angle: its angle, unwrapped [rad].
-        rests: whether it is the ground, whose terms can be left out.
+        omega: angular speed [rad/s].
+        angle: angle, unwrapped [rad].
+        rests: whether the body is at rest, as the ground is: formulas leave out its terms.
     """
 
     body: int
@@ -38,7 +37,7 @@ REST = Frame(GROUND, Vec(0.0, 0.0), Vec(0.0, 0.0), 0.0, 0.0, rests=True)
 
 
 class End(NamedTuple):
-    """A point fixed in a body, by the body's frame and the point's arm from the centre of mass in world axes."""
+    """A point fixed in a body: the frame of the body, and the arm from its centre of mass to the point, in world axes."""
 
     frame: Frame
     arm: Vec
@@ -65,16 +64,16 @@ class Arithmetic(Protocol):
 
 
 def unit(angle: float, across: bool = False) -> Array:
-    """Return the unit vector (2,) at an angle [rad]; with `across`, the one a quarter turn further."""
+    """Return the unit vector (2,) at an angle [rad]; with `across`, the vector a quarter turn further."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([-s, c] if across else [c, s])
 
 
 class Placement:
-    """The bodies of a linkage at a state. A subclass provides `body` for its kind of number; frames, ends and directions follow.
+    """The bodies of a linkage at a state; a subclass provides `body` for a kind of number.
 
     Attributes:
-        arithmetic: functions of its kind of number.
+        arithmetic: functions of this kind of number.
     """
 
     arithmetic: Arithmetic
@@ -88,17 +87,18 @@ class Placement:
         return {GROUND: REST}
 
     def frame(self, body: int) -> Frame:
+        """Return the frame of a body; it is computed once."""
         if body not in self.frames:
             (x, y, angle), (u, w, omega) = self.body(body)
             self.frames[body] = Frame(body, Vec(x, y), Vec(u, w), omega, angle)
         return self.frames[body]
 
     def numbers(self, value: Any) -> Vec:
-        """Return a vector of the file, (2,), in numbers of this kind."""
+        """Return a vector (2,) of the file in numbers of this kind."""
         return Vec(*value)
 
     def vector(self, body: int, value: Any) -> Direction:
-        """Return a vector that is fixed in a body's frame, in world axes."""
+        """Return the vector `value` (2,), which is given and fixed in a body's frame, in world axes."""
         frame, local = self.frame(body), self.numbers(value)
         if frame.rests:
             return Direction(frame, local)
@@ -108,11 +108,11 @@ class Placement:
 
     @cached_property
     def turns(self) -> dict[int, Vec]:
-        """Cosine and sine of the angles of bodies, computed once each."""
+        """The cosine and sine of the angles of bodies, computed once for each body that has a vector or an end."""
         return {}
 
     def direction(self, body: int, angle: float, across: bool = False) -> Direction:
-        """Return the direction at an angle [rad] in a body's frame; with `across`, the one a quarter turn further."""
+        """Return the direction at an angle [rad] in a body's frame; with `across`, the direction a quarter turn further."""
         return self.vector(body, unit(angle, across))
 
     def end(self, point: Point) -> End:

@@ -1,12 +1,14 @@
-"""Generated equations: straight-line Python for floats or arrays, with every common subexpression computed once.
+"""Generated equations: straight-line Python for floats or arrays that computes every common subexpression once.
 
-The equations are evaluated once with symbols for numbers. Operations on symbols are recorded in order, equal ones once; operations
-with 0, with 1 and between constants are carried out at once. The result is a function without loops or indices. For one state it
-takes a tenth of the time with floats that it takes with arrays; the same text works on arrays of states, in double or longer types.
+The equations are evaluated once with symbols for numbers. Operations on symbols are recorded in order, and equal operations once.
+Operations with 0, with 1 and between constants are carried out at once. The result is the text of a function without loops or
+indices. The same text works on floats and on arrays of states, in doubles or longer types. One state takes a tenth of
+the time with floats.
 """
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from functools import partial
 from types import CodeType
 from typing import Any, NamedTuple
@@ -21,7 +23,12 @@ Number = Any  # a float, or one of a longer type
 
 
 class Symbol:
-    """A number of a program: a name in it, or a constant."""
+    """A number of a program.
+
+    Attributes:
+        text: its name in the program, or the literal of a constant.
+        number: the value of a constant; None for a number that varies.
+    """
 
     __slots__ = ("number", "program", "text")
 
@@ -33,22 +40,22 @@ class Symbol:
         return self.number is not None and bool(self.number == 0)
 
     def __add__(self, other: "Symbol | Number") -> "Symbol":
-        """Return the sum; a sum with -x becomes the difference with x."""
+        """Return the sum; a sum with -x is recorded as the difference with x."""
         program, other = self.program, self.program.symbol(other)
         if self.number is not None and other.number is not None:
             return program.symbol(self.number + other.number)
         if self.zero or other.zero:
             return other if self.zero else self
-        if (opposite := program.opposites.get(other.text)) is not None:
-            return self - opposite
-        if (opposite := program.opposites.get(self.text)) is not None:
-            return other - opposite
+        if other.text in program.opposites:
+            return self - program.opposites[other.text]
+        if self.text in program.opposites:
+            return other - program.opposites[self.text]
         return program.record(f"{self.text} + {other.text}", self, other)
 
     __radd__ = __add__
 
     def __sub__(self, other: "Symbol | Number") -> "Symbol":
-        """Return the difference; a difference with -x becomes the sum with x."""
+        """Return the difference; a difference with -x is recorded as the sum with x."""
         program, other = self.program, self.program.symbol(other)
         if self.number is not None and other.number is not None:
             return program.symbol(self.number - other.number)
@@ -56,15 +63,15 @@ class Symbol:
             return self
         if self.zero:
             return -other
-        if (opposite := program.opposites.get(other.text)) is not None:
-            return self + opposite
+        if other.text in program.opposites:
+            return self + program.opposites[other.text]
         return program.record(f"{self.text} - {other.text}", self, other)
 
     def __rsub__(self, other: Number) -> "Symbol":
         return self.program.symbol(other) - self
 
     def __mul__(self, other: "Symbol | Number") -> "Symbol":
-        """Return the product, with a constant factor first; a factor 1 or -1 is left out."""
+        """Return the product; a constant factor is recorded first, and a factor 1 or -1 is left out."""
         a, b = self, self.program.symbol(other)
         if a.number is not None and b.number is not None:
             return self.program.symbol(a.number * b.number)
@@ -79,18 +86,18 @@ class Symbol:
     __rmul__ = __mul__
 
     def __neg__(self) -> "Symbol":
-        """Return -x; the opposite of -x is x."""
+        """Return the opposite; that of -x is x, without an operation."""
         if self.number is not None:
             return self.program.symbol(-self.number)
-        if (opposite := self.program.opposites.get(self.text)) is not None:
-            return opposite
+        if self.text in self.program.opposites:
+            return self.program.opposites[self.text]
         negative = self.program.record(f"-{self.text}", self)
         self.program.opposites[negative.text] = self
         return negative
 
 
 class Line(NamedTuple):
-    """One operation: the name of its result, its text, and the operands that stand in it."""
+    """One operation: the name of its result, its text, and its operands."""
 
     name: str
     text: str
@@ -98,13 +105,12 @@ class Line(NamedTuple):
 
 
 class Program:
-    """The recorded operations in order, each once.
-
-    It is also the `Arithmetic` of its symbols.
+    """The recorded operations in order, each once; a program is the `Arithmetic` of its symbols.
 
     Attributes:
-        known: text of an operation, or name of an input -> its symbol.
-        opposites: name of -x -> x.
+        constants: name -> number, for constants with more digits than a float.
+        known: text of an operation, or name of an input -> the symbol of its result.
+        opposites: name of the result of -x -> the symbol x.
     """
 
     def __init__(self) -> None:
@@ -114,7 +120,7 @@ class Program:
         self.opposites: dict[str, Symbol] = {}
 
     def symbol(self, x: Symbol | Number) -> Symbol:
-        """Return x as a symbol: a float literal, or the name of a constant if x has more digits than a float."""
+        """Return x as a symbol of the program."""
         if isinstance(x, Symbol):
             return x
         if float(x) == x:
@@ -127,7 +133,7 @@ class Program:
         return self.known.setdefault(name, Symbol(self, name))
 
     def inverse(self, a: Symbol | Number) -> Symbol:
-        """Return 1 / a, and 0 for a = 0, so that a force between two coincident points, which has no direction, is 0."""
+        """Return 1 / a, and 0 for a = 0, so that a force between coincident points, which has no direction, is 0."""
         a = self.symbol(a)
         if a.number is not None:
             return self.symbol(1.0 / a.number if a.number else 0.0)
@@ -139,14 +145,14 @@ class Program:
         return partial(self._apply, name)
 
     def _apply(self, name: str, a: Symbol | Number) -> Symbol:
-        """Return one of FUNCTIONS of a."""
+        """Return the value of a function, one of FUNCTIONS, at a."""
         a = self.symbol(a)
         if a.number is not None:
             return self.symbol(getattr(np, name)(a.number))
         return self.record(f"{name}({a.text})", a)
 
     def record(self, text: str, *operands: Symbol) -> Symbol:
-        """Return the result of an operation, which becomes a new line unless the same operation is recorded already."""
+        """Return the result of an operation; the operation becomes a new line unless it is recorded already."""
         if text not in self.known:
             line = Line(f"x{len(self.lines)}", text, operands)
             self.lines.append(line)
@@ -154,7 +160,7 @@ class Program:
         return self.known[text]
 
     def lines_for(self, results: Iterable[Symbol]) -> list[Line]:
-        """Return the lines that these symbols depend on, in order."""
+        """Return the lines that some results depend on, in order."""
         wanted, lines = {x.text for x in results}, []
         for line in reversed(self.lines):
             if line.name in wanted:
@@ -164,7 +170,7 @@ class Program:
 
 
 class GeneratedFunction:
-    """A function that is generated from a program: of lists of numbers, with groups of symbols as results.
+    """A function that is generated from a program.
 
     Attributes:
         source: text of the function.
@@ -174,12 +180,16 @@ class GeneratedFunction:
         """Generate the function.
 
         Args:
-            inputs: name and length of each list.
-            groups: symbols of each group that the function returns.
+            inputs: name and length of each argument, an array.
+            groups: symbols of each array that the function returns.
         """
         names = ", ".join(name for name, _ in inputs)
         # each list is unpacked into scalars q0, q1, ... : reading a local variable is faster than indexing
-        heads = [f"{', '.join(f'{name}{k}' for k in range(count))}, = {name}" for name, count in inputs if count]
+        heads = []
+        for name, count in inputs:
+            if count:
+                scalars = "".join(f"{name}{k}, " for k in range(count))
+                heads.append(f"{scalars.rstrip()} = {name}")
         tuples = [f"({''.join(f'{x.text}, ' for x in group)})" for group in groups]
         needed = program.lines_for(x for group in groups for x in group)
         lines = [f"{line.name} = {line.text}" for line in needed]
@@ -195,10 +205,9 @@ class GeneratedFunction:
         """Return the groups (..., k) at inputs (..., n)."""
         shape, dtype = inputs[0].shape[:-1], np.result_type(*(x.dtype for x in inputs))
         if self._fits_floats and dtype == np.float64 and math.prod(shape) < FEW:
-            try:
+            # math.sin(inf) raises, whereas np.sin(inf) below returns nan
+            with suppress(ValueError, OverflowError):
                 return self._state_by_state(shape, inputs)
-            except (ValueError, OverflowError):  # math.sin(inf) raises, np.sin(inf) returns nan
-                pass
         results = []
         for group in self._of_arrays(*(np.moveaxis(x, -1, 0) for x in inputs)):
             out = np.empty((*shape, len(group)), dtype=dtype)
@@ -208,7 +217,7 @@ class GeneratedFunction:
         return results
 
     def _state_by_state(self, shape: tuple[int, ...], inputs: Sequence[Array]) -> list[Array]:
-        """Return the groups at one state or few states, each computed with floats."""
+        """Return the groups (..., k) at few states of this shape (...), computed with floats one after the other."""
         if not shape:
             return [np.array(group) for group in self._of_floats(*(x.tolist() for x in inputs))]
         count = math.prod(shape)
@@ -231,6 +240,4 @@ def _inverse_of_float(x: float) -> float:
 def inverse(x: Array) -> Array:
     """Return 1 / x, and 0 for entries that are 0, as `Program.inverse` does."""
     zero = np.equal(x, 0)
-    if not zero.any():
-        return 1 / x
-    return np.where(zero, 0, 1 / np.where(zero, 1, x))
+    return np.where(zero, 0, 1 / np.where(zero, 1, x)) if zero.any() else 1 / x

@@ -1,8 +1,8 @@
-"""Forces whose factor is piecewise linear in time, as two open parameters each: a level and a slope.
+"""The open parameters of a compiled program for forces whose factor is piecewise linear in time: a level and a slope each.
 
-A compiled program has the parameters forces.NAME.level and forces.NAME.slope for each such force, after all others. The stepping
-code sets them for the interval between two kinks and ends a step at every kink. A table of a thousand rows therefore costs no more
-than a ramp, and the last stage of a step that ends at a jump uses the value before the jump.
+The parameters forces.NAME.level and forces.NAME.slope stand after all others. The stepping code sets them for the interval between
+two kinks, and ends a step at every kink. A table of a thousand rows therefore costs no more than a ramp, and the last stage of a
+step that ends at a jump uses the value before the jump.
 """
 
 import numpy as np
@@ -18,18 +18,18 @@ def list_lines(mechanism: Mechanism) -> list[tuple[str, Factor]]:
 
 
 def line_names(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the names of the open parameters of these forces, in order."""
+    """Return the names of the open parameters of the forces in `list_lines`, in order."""
     return tuple(f"forces.{name}.{key}" for name, _ in list_lines(mechanism) for key in ("level", "slope"))
 
 
 def line_values(mechanism: Mechanism, t: float | Array) -> Array:
-    """Return the values (..., n) of these parameters at times (...) [s]; at a kink, those after it."""
+    """Return the values (..., l) of the parameters in `line_names` at times (...) [s]; at a kink, the values after it."""
     lines = [factor.line(t) for _, factor in list_lines(mechanism)]
     return np.concatenate([np.zeros((*np.shape(t), 0)), *lines], axis=-1)
 
 
 def with_lines(mechanism: Mechanism, values: Array, t: float | Array) -> Array:
-    """Return all open numbers (..., p) of a program at times (...): `values` (p,), whose last ones become those of the lines."""
-    lines = line_values(mechanism, t)
+    """Return the p open numbers (..., p) of a program at times (...) [s]: `values` (p,) with `line_values` as the last of them."""
+    lines = line_values(mechanism, t)  # (..., l)
     given = values[: len(values) - lines.shape[-1]]
     return np.concatenate([np.broadcast_to(given, (*lines.shape[:-1], len(given))), lines], axis=-1)

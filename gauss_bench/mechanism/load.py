@@ -1,4 +1,4 @@
-"""Deprecated alias of `gauss_bench.linkage.load`, which the next release will not have."""
+"""Deprecated alias of `gauss_bench.linkage.load`; the next release will not have it."""
 
 import warnings
 from importlib import import_module

@@ -1,6 +1,6 @@
-"""A linkage as frozen data: links, joints, forces, driver and a consistent start.
+"""A linkage as frozen data: links, joints, forces, drivers and a consistent start.
 
-Coordinates are absolute: q = [x, y, theta] of every link's centre of mass, links in file order, SI units.
+States are absolute: q (n,) has x, y of the centre of mass and the angle theta of every link, links in file order, in SI units.
 """
 
 from collections.abc import Iterable, Mapping
@@ -34,7 +34,7 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Angle:
-    """Scalar coordinate theta_b - theta_a of two links (indices; the ground's angle is 0) [rad]; unwrapped."""
+    """Scalar coordinate theta_b - theta_a [rad], unwrapped, of the links with the indices a and b; the ground's angle is 0."""
 
     a: int
     b: int
@@ -43,9 +43,12 @@ class Angle:
 
 @dataclass(frozen=True, eq=False)
 class Along:
-    """Scalar coordinate [m] of `point` along an axis from `origin`, at `angle` [rad] in the frame of the origin's link.
+    """Scalar coordinate [m]: the place of `point` along an axis through `origin`.
 
-    With `across` it is the distance to the left of that axis: the axis is then a quarter turn further, without rounding.
+    Attributes:
+        angle: angle of the axis in the frame of the body that carries it [rad].
+        across: turns the axis a quarter turn further, without rounding: the coordinate is the distance to its left.
+        body: index of the body that carries the axis; None for that of the origin.
     """
 
     origin: Point
@@ -57,7 +60,7 @@ class Along:
 
     @property
     def axes(self) -> int:
-        """The body in whose frame the axis is fixed: `body` if it is given, else the origin's."""
+        """The index of the body in whose frame the axis is fixed."""
         return self.origin.link if self.body is None else self.body
 
 
@@ -72,7 +75,7 @@ class Distance:
 
 @dataclass(frozen=True, eq=False)
 class Slip:
-    """The speed [m/s] of a point across a direction at `angle` [rad] in the frame of its link; there is no such coordinate."""
+    """The speed [m/s] of a point across a direction at `angle` [rad] in the frame of its link; no coordinate has this rate."""
 
     point: Point
     angle: float
@@ -80,7 +83,7 @@ class Slip:
 
 @dataclass(frozen=True, eq=False)
 class Weighted:
-    """Scalar coordinate: a weighted sum of coordinates, such as the angles of two meshing gears, in the unit of the first."""
+    """Scalar coordinate: a weighted sum of coordinates, in the unit of the first, such as the angles of two meshing gears."""
 
     terms: tuple[tuple["Angle | Along | Distance", float], ...]
 
@@ -94,7 +97,7 @@ Coordinate = Angle | Along | Distance | Weighted
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """The coordinate by which motions of a linkage are compared; reports print its `name`."""
+    """A coordinate under a name that reports print."""
 
     name: str
     coordinate: Coordinate
@@ -109,10 +112,11 @@ class Link:
     """A rigid link.
 
     Attributes:
+        mass: mass [kg].
+        inertia: moment of inertia about the centre of mass [kg m^2].
         com: (2,) centre of mass in the link's own frame [m].
-        inertia: about the centre of mass [kg m^2].
-        points: name -> (2,) position in the link's own frame [m].
-        bars: pairs of point names, for drawing.
+        points: name of each point -> its position (2,) in the link's own frame [m].
+        bars: pairs of names of points, between which drawings have a bar.
     """
 
     name: str
@@ -125,9 +129,10 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A link of the file and the rigid body that carries it after welding; `body` is an index into `Mechanism.links`.
+    """A link of the file as a part of the rigid body that carries it after welding.
 
     Attributes:
+        body: index of the body in `Mechanism.links`.
         at: (2,) centre of mass of the link relative to that of the body, in the body's frame [m].
         turn: angle of the link minus angle of the body [rad].
     """
@@ -140,11 +145,11 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Weld:
-    """A weld.
+    """A weld of one link to another.
 
     Attributes:
-        at: point of the welded link about which the weld's moment is reported.
-        beyond: links that the weld carries (indices among all links of the file).
+        at: point of the welded link about which the moment of the weld is reported.
+        beyond: indices of the links that the weld carries, among all links of the file.
     """
 
     name: str
@@ -154,9 +159,11 @@ class Weld:
 
 @dataclass(frozen=True, eq=False)
 class Revolute:
-    """A pin: point b of one link coincides with point a of another.
+    """A pin: point a of one link coincides with point b of another.
 
-    A joint of m links has m - 1 pins: `joint` is the joint's name in the file, `name` the pin's.
+    Attributes:
+        name: name of the pin; a joint of m links has m - 1 pins.
+        joint: name of the joint in the file.
     """
 
     name: str
@@ -177,7 +184,7 @@ class Revolute:
 
     @property
     def held(self) -> tuple[tuple[Along, float], tuple[Along, float]]:
-        """The coordinates that the pin constrains, with their values: the gap between its points along x and along y, both 0."""
+        """The coordinates that the pin holds, with their values: the gap between its points along x and along y, both 0."""
         x = Along(self.a, self.b, 0.0, body=GROUND)
         y = Along(self.a, self.b, 0.0, across=True, body=GROUND)
         return (x, 0.0), (y, 0.0)
@@ -185,12 +192,14 @@ class Revolute:
 
 @dataclass(frozen=True, eq=False)
 class Prismatic:
-    """A slide: the block's point keeps the distance `offset` to the left of a line of the guide's link and turns with that link.
+    """A slide: the block point moves parallel to a line of the guide's link, and both links turn by the same angle.
 
     Attributes:
-        angle: direction of the line in the guide link's frame [rad].
-        turn: theta of the block minus theta of the guide [rad].
-        offset: signed distance of the block point left of the line [m].
+        guide: point on the line.
+        block: point of the other link.
+        angle: direction of the line in the frame of the guide's link [rad].
+        turn: theta of the block's link minus theta of the guide's link [rad].
+        offset: distance of the block point to the left of the line [m].
     """
 
     name: str
@@ -217,7 +226,7 @@ class Prismatic:
 
     @property
     def held(self) -> tuple[tuple[Along, float], tuple[Angle, float]]:
-        """The coordinates that the slide constrains, with their values: the distance from the line, and the relative angle."""
+        """The coordinates that the slide holds, with their values: the distance from the line, and the relative angle."""
         beside = Along(self.guide, self.block, self.angle, across=True)
         return (beside, self.offset), (Angle(self.guide.link, self.block.link), self.turn)
 
@@ -226,7 +235,7 @@ Joint = Revolute | Prismatic
 
 
 def every_two(pairs: tuple[Joint, ...]) -> tuple[Joint, ...]:
-    """Return a pin for every two links of a joint of several links; `pairs` join only neighbours in the file's list."""
+    """Return a pin for every two links of a joint; `pairs` are its pins between neighbours in the file's list, or its slide."""
     pins = [pair for pair in pairs if isinstance(pair, Revolute)]
     if len(pins) < 2:
         return pairs
@@ -265,7 +274,8 @@ class Law:
     """The force F = bias - k (x - rest) - c dx/dt + s / x^2 along a scalar coordinate x; the generalised force is F dx/dq.
 
     s is `inverse_square`, as of magnets, for coordinates that stay positive. Along a length the units are k [N/m], c [N s/m],
-    rest [m], bias [N] and s [N m^2]; along an angle k [N m/rad] and so on. The numbers may be expressions of the compiler.
+    rest [m], bias [N] and s [N m^2]; along an angle k [N m/rad], c [N m s/rad], rest [rad] and bias [N m]. The numbers may be
+    expressions of the compiler.
     """
 
     coordinate: Coordinate
@@ -288,6 +298,7 @@ class PointForce:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: "Names") -> "PointForce":
+        """Return the force of a table, whose `frame` is "ground", "body" for the link of the point, or a link."""
         frame = table.get("frame", "ground")
         if frame == "body":
             frame = table["point"].partition(".")[0]
@@ -304,32 +315,35 @@ Load = Law | PointForce  # every force is a sum of these two: terms, kernels and
 
 
 class Names(Protocol):
-    """What `read` of a force or constraint may ask: links and points by name, and numbers of a table in the precision in use."""
+    """The source of data for `read` of a force or constraint: links and points by name, and numbers of its table in one type."""
 
     @property
     def world(self) -> Point:
         """The origin of the world."""
-        ...
 
-    def link(self, name: str, /) -> int: ...
-    def point(self, reference: str, /) -> Point: ...
-    def pairs(self, joint: str, /) -> tuple[Joint, ...]: ...
+    def link(self, name: str, /) -> int:
+        """Return the index of the body that carries a link."""
+
+    def point(self, reference: str, /) -> Point:
+        """Return the point "link.point"."""
+
+    def pairs(self, joint: str, /) -> tuple[Joint, ...]:
+        """Return the pairs of a joint: its slide, or the pins between neighbours in its list of links."""
+
     def pairs_to_damp(self, joint: str, /) -> tuple[Joint, ...]:
-        """The pairs in which damping of a joint acts: every two of its links; in files of the first edition, neighbours only."""
-        ...
+        """Return the pairs in which damping of a joint acts: every two of its links; in the first edition, neighbours only."""
 
-    def pair(self, values: Any, /) -> Array: ...
+    def pair(self, values: Any, /) -> Array:
+        """Return two numbers of a table as an array (2,)."""
+
     def number(self, table: Mapping[str, Any], key: str, /) -> Any:
-        """The number `key` of a table, 0 if it is missing."""
-        ...
+        """Return the number `key` of a table; 0 if it is missing."""
 
     def angle(self, table: Mapping[str, Any], key: str, /) -> Any:
-        """The angle `key` or `key_deg` of a table [rad], 0 if both are missing."""
-        ...
+        """Return the angle `key` or `key_deg` of a table [rad]; 0 if both are missing."""
 
     def turn(self, name: str, /) -> Any:
-        """The angle of a link in the frame of the body that carries it [rad]; 0 unless the link is welded."""
-        ...
+        """Return the angle of a link in the frame of the body that carries it [rad]; 0 unless the link is welded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,7 +372,7 @@ def _linear_numbers(table: Mapping[str, Any], names: Names) -> tuple[Any, Any, A
 
 @dataclass(frozen=True, eq=False)
 class SpringDamper:
-    """Tension k (L - rest) + c dL/dt along the line of two points; k [N/m], c [N s/m], rest [m]."""
+    """Tension k (L - rest) + c dL/dt between the points a and b, at the distance L; k [N/m], c [N s/m], rest [m]."""
 
     name: str
     a: Point
@@ -378,7 +392,7 @@ class SpringDamper:
 
 @dataclass(frozen=True, eq=False)
 class AxisSpringDamper:
-    """Force k (rest - x) - c dx/dt on x, the coordinate of `point` along an axis fixed in the link of `origin` at `angle` [rad]."""
+    """Force k (rest - x) - c dx/dt along x, the place of `point` on an axis through `origin`, at `angle` [rad] in its link."""
 
     name: str
     point: Point
@@ -400,7 +414,7 @@ class AxisSpringDamper:
 
 @dataclass(frozen=True, eq=False)
 class RotationalSpringDamper:
-    """Torque -k (theta_b - theta_a - rest) - c (omega_b - omega_a) on link b, the opposite one on a; angles unwrapped."""
+    """Torque -k (theta_b - theta_a - rest) - c (omega_b - omega_a) on link b, and its opposite on a; angles unwrapped."""
 
     name: str
     a: int
@@ -421,7 +435,7 @@ class RotationalSpringDamper:
 
 @dataclass(frozen=True, eq=False)
 class JointDamping:
-    """Viscous damping in the pairs of a joint: c times the relative angular [N m s/rad] or sliding [N s/m] speed."""
+    """Viscous damping in the pairs of a joint: c [N m s/rad or N s/m] times the relative angular or sliding speed."""
 
     name: str
     pairs: tuple[Joint, ...]
@@ -437,14 +451,14 @@ class JointDamping:
 
 @dataclass(frozen=True, eq=False)
 class CoulombFriction:
-    """Dry friction in every pair of a joint, proportional to the pair's load.
+    """Dry friction in every pair of a joint, proportional to the load of the pair.
 
-    It is no `Force`, because a force depends only on q and v.
+    It is no `Force`, because a force depends only on q, v and t.
 
     Attributes:
         mu: coefficient of friction.
-        radius: of the pins [m]; a slide has none and this is 1.
-        speed: of the regularisation tanh(relative speed / speed) [rad/s or m/s].
+        radius: radius of the pins [m]; 1 for a slide.
+        speed: speed of the regularisation tanh(relative speed / speed) [rad/s or m/s].
     """
 
     name: str
@@ -468,10 +482,10 @@ def factor_of(force: Force) -> Factor | None:
 
 
 def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
-    """Return the loads of steady forces: laws on coordinates and forces at points.
+    """Return the loads of steady forces, laws on coordinates and forces at points.
 
     Raises:
-        TypeError: a force has no method `to_loads`, or varies; the message names it.
+        TypeError: a force varies, or has no method `to_loads`; the message names it.
     """
     forces = tuple(forces)
     for force in forces:
@@ -510,7 +524,7 @@ class SlideDriver:
 
 @dataclass(frozen=True, eq=False)
 class LengthDriver:
-    """A prescribed distance of two points, law(t) [m], as of an active cylinder without mass."""
+    """Prescribed distance of two points: |p_b - p_a| = law(t) [m], as of an active cylinder without mass."""
 
     name: str
     law: MotionLaw
@@ -527,26 +541,31 @@ Driver = AngleDriver | SlideDriver | LengthDriver
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """One linkage in one scenario, assembled: all engines start from the same q0, v0.
+    """One linkage in one scenario; all engines start from the same q0, v0.
 
     Attributes:
-        source: the file's path, as the caller gave it.
+        scenario: name of the scenario.
+        scenarios: names of all scenarios of the file.
+        source: path of the file, as the caller gave it.
         sha256: digest of the file's bytes.
-        digest: hash of everything that determines the motion; comments, titles and other scenarios do not change it.
+        digest: digest of everything that determines the motion; comments, titles and other scenarios do not change it.
+        duration: duration of the scenario [s].
+        links: bodies; welded links are one body.
         gravity: (2,) [m/s^2].
         crank: index of the input link, or None.
-        observed_points, observed_links: points, and links by their angles, that the file asks to report.
-        measured: the coordinate by which motions are compared: what the file names, else the first driver's, else the crank's
-            angle, else the first angle of a link or slide that can move, in the file's order.
-        q0, v0: (n,) consistent start, read-only.
+        observed_points: points that results report.
+        observed_links: indices of links whose angles results report.
+        measured: coordinate by which motions are compared: that of the file, else of the first driver, else the crank's angle, else
+            the first angle of a link or coordinate of a slide that can move.
+        q0, v0: (n,) consistent start, read-only; empty before assembly.
         frictions: dry friction in joints; it depends on accelerations and is therefore not among the forces.
-        dof: n minus the rank of the joint rows at the start.
-        redundant: number of joint rows beyond that rank.
+        dof: n minus the rank of the joint rows at the start; -1 before assembly.
+        redundant: number of joint rows beyond that rank; -1 before assembly.
         parts: every link of the file with the body that carries it; empty if no links are welded.
-        welds: the welds of the file.
-        apart: the same linkage with no links merged, by whose links results are reported; None if no links are welded.
+        welds: welds of the file.
+        apart: the same linkage with its links unwelded, in which results are reported; None if no links are welded.
         warnings: sentences on positions that the linkage can reach and a motion should avoid.
-        couplings: constraints beside joints and drivers that have a position level.
+        couplings: constraints with a position level, beside joints and drivers.
     """
 
     name: str
@@ -580,21 +599,19 @@ class Mechanism:
     couplings: tuple[Coupling, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the kinds of all parts and make the arrays read-only.
-
-        Code that selects forces, joints or drivers by kind would silently skip an unknown one. The arrays are frozen because
-        every `load` of the same file returns the same object.
+        """Check the kinds of all parts, because code that selects by kind would skip an unknown one, and freeze the arrays.
 
         Raises:
             TypeError: a part is of an unknown kind; the message names it.
         """
+        # every `load` of the same file returns the same object, so that nobody may change its arrays
         for name in ("gravity", "q0", "v0"):
             given = getattr(self, name)
             if isinstance(given, np.ndarray):  # a sweep gives lists of expressions instead
                 view = given.view()
                 view.flags.writeable = False
                 object.__setattr__(self, name, view)
-        loads(f for f in self.forces if not factor_of(f))
+        loads(f for f in self.forces if not factor_of(f))  # raises if a force is of an unknown kind
         parts: list[tuple[Any, str, object]] = [(Coordinate, self.measured.name, self.measured.coordinate)]
         parts += [(Joint, x.name, x) for x in self.joints] + [(Driver, x.name, x) for x in self.drivers]
         parts += [(KnifeEdge, x.name, x) for x in self.knife_edges] + [(CoulombFriction, x.name, x) for x in self.frictions]
@@ -612,11 +629,9 @@ class Mechanism:
 
     @property
     def driver(self) -> AngleDriver | None:
-        """The prescribed rotation, if it is the only driver of the scenario; else None."""
-        match self.drivers:
-            case (AngleDriver() as only,):
-                return only
-        return None
+        """The driver of the scenario if it is the only one and turns a link; else None."""
+        only = self.drivers[0] if len(self.drivers) == 1 else None
+        return only if isinstance(only, AngleDriver) else None
 
     @property
     def constraints(self) -> tuple[KnifeEdge | Coupling, ...]:
@@ -625,17 +640,17 @@ class Mechanism:
 
     @property
     def has_friction(self) -> bool:
-        """Whether dry friction acts in a joint; an engine without friction must not run this mechanism."""
+        """Whether dry friction acts in a joint: an engine without friction must not run this mechanism."""
         return any(f.mu > 0 for f in self.frictions)
 
     @property
     def varying(self) -> tuple[Torque | PointForce, ...]:
-        """The forces that vary with time or direction; an engine that does not support them must not run this mechanism."""
-        return tuple(f for f in self.forces if isinstance(f, (Torque, PointForce)) and f.factor)
+        """The forces that vary with time or direction: an engine that does not support them must not run this mechanism."""
+        return tuple(force for force, _ in self.factors)
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Times [s] at which a force or its slope jumps: an integrator should end a step there and restart."""
+        """The times [s] at which a force or its slope jumps: an integrator should end a step there and restart."""
         return tuple(sorted({t for _, factor in self.factors for t in factor.kinks if 0 < t < self.duration}))
 
     @property
@@ -647,7 +662,7 @@ class Mechanism:
     @property
     def factors(self) -> list[tuple[Torque | PointForce, Factor]]:
         """The forces that vary, each with its factor."""
-        return [(force, force.factor) for force in self.varying if force.factor]
+        return [(f, f.factor) for f in self.forces if isinstance(f, (Torque, PointForce)) and f.factor]
 
     @property
     def n(self) -> int:
@@ -661,7 +676,7 @@ class Mechanism:
 
     @property
     def mass(self) -> Array:
-        """(n,) diagonal of the mass matrix."""
+        """The diagonal (n,) of the mass matrix."""
         return np.array([x for link in self.links for x in (link.mass, link.mass, link.inertia)])
 
     def link_name(self, index: int) -> str:
@@ -669,7 +684,7 @@ class Mechanism:
 
     @property
     def whole(self) -> "Mechanism":
-        """The linkage with no links welded to each other."""
+        """The linkage with its links unwelded."""
         return self.apart or self
 
     def find_body(self, name: str) -> tuple[int, Any]:
@@ -689,7 +704,7 @@ class Mechanism:
         return max(distances) or 1.0
 
     def find_point(self, reference: str) -> Point:
-        """Return the point "link.point" of the file, as a point of the body that carries the link."""
+        """Return the point "link.point" of the file as a point of the body that carries the link."""
         owner, _, name = reference.partition(".")
         if owner == "ground":
             return self.point(GROUND, name)
@@ -697,7 +712,7 @@ class Mechanism:
         return self.point(body, name if self.links[body].name == owner else reference)
 
     def point(self, link: int, name: str) -> Point:
-        """Return the point `name` of the link with an index."""
+        """Return the point `name` of the body with the index `link`, or of the ground."""
         if link == GROUND:
             return Point(GROUND, self.ground_points[name], f"ground.{name}")
         owner = self.links[link]

@@ -1,8 +1,8 @@
 """Functions of time: laws of a prescribed motion, and factors of forces that vary.
 
 A law gives a value, its rate and its second rate. The families are those of cam mechanisms (Wang et al., 2010): constant speed,
-sine (cycloidal) and cosine acceleration, 3-4-5 polynomial, table. A law that takes a time keeps its first value before and its last
-value afterwards. A law computes in the type of number that it is given.
+sine (cycloidal) and cosine acceleration, 3-4-5 polynomial, table. A law with an end keeps its first value before its beginning and
+its last value after its end. A law computes in the type of its numbers and of t.
 
 A force may be multiplied by two factors. The factor of time is one of
 
@@ -35,12 +35,12 @@ STEADY = (1.0, 0.0)  # the line of a constant factor 1: value at t = 0 [-] and s
 
 @dataclass(frozen=True, eq=False)
 class MotionLaw:
-    """A callable t -> (theta [rad], rate [rad/s], second rate [rad/s^2]); t may be an array.
+    """A function of t [s] that returns value, rate and second rate ([rad] or [m], and per second); t may be an array.
 
     Attributes:
-        name: the family of the law.
-        motion: the function itself.
-        numbers: parameters of the law, from which other code can rebuild it in its own form.
+        name: family of the law.
+        motion: the function.
+        numbers: parameters of the law by name; other code can rebuild the law from family and parameters.
     """
 
     name: str
@@ -51,12 +51,12 @@ class MotionLaw:
         return self.motion(t)
 
     def __reduce__(self) -> tuple[Callable[..., "MotionLaw"], tuple[str, dict[str, Any]]]:
-        """Pickle the name and the numbers: a closure cannot be sent to another process."""
+        """Pickle family and parameters, because a closure cannot be pickled."""
         return make_law, (self.name, dict(self.numbers))
 
 
 def make_law(name: str, numbers: Mapping[str, Any]) -> MotionLaw:
-    """Return the law of this name with these parameters, in floats."""
+    """Return the law of a family with these parameters, in floats."""
     match name:
         case "constant":
             return constant(numbers["start"], numbers["speed"])
@@ -67,7 +67,7 @@ def make_law(name: str, numbers: Mapping[str, Any]) -> MotionLaw:
 
 
 def constant(start: Any, speed: Any) -> MotionLaw:
-    """Return the law of constant speed [rad/s] from `start` [rad]."""
+    """Return the law of constant speed [rad/s, m/s] that has the value `start` [rad, m] at t = 0."""
     numbers = {"start": start, "speed": speed}
     return MotionLaw("constant", lambda t: (start + speed * t, speed + 0 * t, 0 * t), numbers)
 
@@ -96,10 +96,11 @@ RISE_LAWS: dict[str, Callable[..., Motion]] = {"sine": sine, "cosine": cosine, "
 
 
 def rise(name: str, start: Any, travel: Any, time: Any, number: Number = float) -> MotionLaw:
-    """Return one of RISE_LAWS from `start` over `travel` [rad] in `time` [s]; it rests before and afterwards."""
+    """Return one of RISE_LAWS from `start` over `travel` [rad, m] in `time` [s]; it rests before and afterwards."""
     pi, zero, one = number(PI), number("0"), number("1")
 
     def motion(t: Any) -> Motion:
+        """Return the motion by the chain rule, with s = t / time in [0, 1]."""
         s, moving = clip(t / time, zero, one)
         x, rate, second = RISE_LAWS[name](s, pi)
         return start + travel * x, travel / time * rate * moving, travel / (time * time) * second * moving
@@ -108,14 +109,14 @@ def rise(name: str, start: Any, travel: Any, time: Any, number: Number = float) 
 
 
 def clip(t: Any, low: Any, high: Any) -> tuple[Any, Any]:
-    """Return t limited to [low, high], and a factor that is 1 where t was inside and 0 elsewhere, in t's type of number."""
+    """Return t limited to [low, high], and a factor that is 1 if t was inside and 0 if not, both in the type of the limits."""
     before, after = t < low, t > high
-    zero = low - low
+    zero = low - low  # in their type
     return np.where(before, low, np.where(after, high, t))[()], np.where(before | after, zero, zero + 1)[()]
 
 
 def table(start: Any, times: Array, angles: Array) -> MotionLaw:
-    """Return a cubic spline through a table, at rest at both ends and outside; angles [rad] are added to `start`.
+    """Return `start` plus a cubic spline through angles [rad] (or lengths [m]) at times [s]; it rests at both ends and outside.
 
     With curvatures k at the knots, and widths h and slopes d of the pieces, the first derivative is continuous if
 
@@ -126,6 +127,7 @@ def table(start: Any, times: Array, angles: Array) -> MotionLaw:
     k = _solve_curvatures(h, d)
 
     def motion(t: Any) -> Motion:
+        """Return the cubic of the piece with t: value, first and second derivative."""
         inside, moving = clip(t, times[0], times[-1])
         piece = np.searchsorted(times.astype(float), np.asarray(inside, dtype=float), side="right") - 1
         j = np.minimum(piece, len(h) - 1)  # the last time belongs to the last piece
@@ -139,9 +141,9 @@ def table(start: Any, times: Array, angles: Array) -> MotionLaw:
 
 
 def _solve_curvatures(h: Array, d: Array) -> Array:
-    """Solve the tridiagonal system of `table` for the curvatures at the knots.
+    """Return the curvatures k at the knots, by elimination of the tridiagonal system of `table`, for widths h and slopes d.
 
-    Elimination is written here because numpy's and scipy's solvers know no type longer than double.
+    Solvers of numpy and scipy round longer types to double.
     """
     zero = h[:1] * 0
     below, above = np.concatenate([zero, h]), np.concatenate([h, zero])
@@ -170,10 +172,11 @@ class Factor:
     """A factor of time t (...) [s] and of the speed w (...) along the force.
 
     Attributes:
-        kinks: times [s], in order, at which the factor of time has no derivative, or jumps.
+        kinks: times [s], in order, at which the factor of time jumps or its slope does.
         lines: (level, slope [1/s]) of level + slope t before, between and after the kinks; at a kink the later line holds.
-        wave: a sine that replaces the lines, or None.
-        share, speed: share of the force that acts against its own direction, and the speed [m/s or rad/s] of the transition.
+        wave: a sine in place of the lines, or None.
+        share: the factor of direction of a force that moves against itself.
+        speed: speed of the transition between both directions [m/s or rad/s].
     """
 
     kinks: tuple[float, ...] = ()
@@ -183,7 +186,7 @@ class Factor:
     speed: float = 1.0
 
     def line(self, t: float | Array) -> Array:
-        """Return level and slope (..., 2) at times t (...)."""
+        """Return level and slope of the line at times t (...), as an array (..., 2)."""
         return np.asarray(np.array(self.lines)[np.searchsorted(self.kinks, t, side="right")])
 
     def of_time(self, t: Any) -> Array:
@@ -195,12 +198,9 @@ class Factor:
         return np.asarray(level + slope * t)
 
     def __call__(self, t: Any, w: Array) -> Array:
-        """Return the product of both factors at times and speeds (...)."""
-        if self.share == 1.0:
-            of_direction: Any = 1.0
-        else:
-            of_direction = (1 + self.share) / 2 + (1 - self.share) / 2 * np.tanh(w / self.speed)
-        return np.asarray(self.of_time(t) * of_direction + 0.0 * w)
+        """Return the product of both factors at times t (...) [s] and speeds w (...) along the force."""
+        of_direction = (1 + self.share) / 2 + (1 - self.share) / 2 * np.tanh(w / self.speed)
+        return np.asarray(self.of_time(t) * of_direction)
 
 
 def read_factor(table: Mapping[str, Any]) -> Factor | None:
@@ -229,8 +229,8 @@ def _read_over_time(table: Mapping[str, Any]) -> Factor:
 
 
 def _straight_between(rows: list[tuple[float, float]]) -> Factor:
-    """Return a factor that is straight between rows (t, factor), and constant before the first and after the last."""
-    lines = [(rows[0][1], 0.0)]
+    """Return a factor with straight lines between rows (t [s], factor), constant before the first and after the last."""
+    lines = [(rows[0][1], 0.0)]  # level and slope of each line
     for (t0, x0), (t1, x1) in pairwise(rows):
         slope = (x1 - x0) / (t1 - t0)
         lines.append((x0 - slope * t0, slope))

@@ -1,7 +1,7 @@
-"""Numbers of any precision: a linkage is built from the decimals of its file in the type that computes with it.
+"""Numbers of any precision: a linkage is built from the decimals of its file in the type in which it will be computed.
 
-A `Number` converts decimal text to its type: float, numpy.longdouble, or a 128-bit type. Arrays of each type have + - * and numpy's
-elementary functions; this file has the operations that numpy would round to double.
+A `Number` converts decimal text to this type: float, numpy.longdouble, or a 128-bit type. Arrays of each type have + - * and the
+elementary functions of numpy. This file has the operations that numpy would round to double.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,7 +16,7 @@ PI = "3.14159265358979323846264338327950288419716939937510582097494"
 
 
 def exact(number: Number, value: float | int | Decimal) -> Any:
-    """Convert a number of the file to the type; a float is taken as its shortest decimal, so that 0.1 means one tenth."""
+    """Convert a number of the file to the type; a float counts as its shortest decimal, so that 0.1 is one tenth."""
     return number(str(value))
 
 
@@ -26,7 +26,7 @@ def pair(number: Number, values: Any) -> Any:
 
 
 def radians(number: Number, degrees: float | Decimal) -> Any:
-    """Return an angle in degrees of the file in radians, in the type."""
+    """Return an angle in degrees as radians, in the type."""
     return exact(number, degrees) * (number(PI) / number("180"))
 
 

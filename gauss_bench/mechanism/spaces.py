@@ -1,7 +1,7 @@
-"""Vectors of the plane by their components, and the slices of a state that belong to one body.
+"""Vectors of the plane, and the parts of a state that belong to one body.
 
-Components are numbers of any kind with + - * (floats, arrays, nodes of the compiler, CasADi's symbols), so that every formula of
-mechanics is written once. An angular speed or a moment is one number, about the normal of the plane.
+The components of a vector are numbers of any kind with + - * (floats, arrays, nodes of the compiler, CasADi's symbols), so that
+every formula of mechanics is written once. An angular speed or a moment is one number, about the normal of the plane.
 """
 
 from typing import Any
@@ -42,23 +42,23 @@ def dot(a: Vec, b: Vec) -> Real:
 
 
 def wedge(a: Vec, b: Vec) -> Real:
-    """Return a x b, one number: for an arm a and a force b, the moment of the force."""
+    """Return the number a x b; for an arm a and a force b it is the moment of the force."""
     return a.parts[0] * b.parts[1] - a.parts[1] * b.parts[0]
 
 
 def cross(omega: Real, r: Vec) -> Vec:
-    """Return omega x r, the velocity of a point at the arm r of a body that turns with omega."""
+    """Return omega x r: the velocity of a point at the arm r, relative to the centre, if the body turns at omega."""
     x, y = r.parts
     return Vec(-(omega * y), omega * x)
 
 
 def rotate_vec(turn: Vec, vector: Vec) -> Vec:
-    """Return a vector, rotated by an angle; `turn` is the (cosine, sine) of the angle."""
+    """Return a vector rotated by an angle; `turn` is the cosine and sine of the angle."""
     (cosine, sine), (x, y) = turn.parts, vector.parts
     return Vec(x * cosine - y * sine, x * sine + y * cosine)
 
 
-# Slices of a state (..., n) of all bodies by body. The ground has index -1 and rests at the origin.
+# Parts of a state (..., n): positions, velocities or accelerations of all bodies. The ground has index -1 and rests at the origin.
 
 
 def slots(body: int) -> slice:
@@ -72,25 +72,25 @@ def angle_slot(body: int) -> int:
 
 
 def bodies(x: Array) -> Array:
-    """Return a state (..., n) by body, (..., bodies, 3); it is a view if x is contiguous."""
+    """Return a state (..., n) as an array (..., bodies, 3); it is a view if x is contiguous."""
     return x.reshape(*x.shape[:-1], x.shape[-1] // SIZE, SIZE)
 
 
 def places(x: Array) -> Array:
-    """Return x and y of all centres of mass, or their rates, (..., bodies, 2)."""
+    """Return x and y of all centres of mass, or their rates, as an array (..., bodies, 2)."""
     return bodies(x)[..., :DIMENSION]
 
 
 def angles(x: Array) -> Array:
-    """Return the angles of all bodies, or their rates, (..., bodies), as a view."""
+    """Return the angles of all bodies, or their rates, as a view (..., bodies)."""
     return x[..., DIMENSION::SIZE]
 
 
 def place_at(x: Array, body: int) -> Array:
-    """Return x and y of a body's centre of mass, or their rates, (..., 2); zeros for the ground."""
+    """Return x and y of a body's centre of mass, or their rates, as an array (..., 2); zeros for the ground."""
     return places(x)[..., body, :] if body >= 0 else np.zeros((*x.shape[:-1], DIMENSION), dtype=x.dtype)
 
 
 def angle_at(x: Array, body: int) -> Array:
-    """Return the angle of a body, or its rate, (...); zeros for the ground."""
+    """Return the angle of a body, or its rate, as an array (...); zeros for the ground."""
     return np.asarray(angles(x)[..., body] if body >= 0 else np.zeros(x.shape[:-1], dtype=x.dtype))
