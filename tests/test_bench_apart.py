@@ -105,14 +105,9 @@ class Fine(Engine):
     def told(self, x):
         raise RunFailure("ok", "all is well")
 
-
-class Objects(Engine):
-    def told(self, x):
-        return Trajectory(x.t, np.full(x.q.shape, object()), x.v, x.a, x.steps)
 '''
-NAMES = ("judges", "pickles", "floods", "fine", "objects")
-EXPECTED = {"judges": Status.INVALID, "pickles": Status.CRASHED, "floods": Status.CRASHED}
-EXPECTED |= {"fine": Status.ERROR, "objects": Status.INCOMPLETE}
+NAMES = ("judges", "pickles", "floods", "fine")
+EXPECTED = {"judges": "invalid", "pickles": "crashed", "floods": "crashed", "fine": "error", "lagrange": "ok"}
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +129,7 @@ def mark(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 @pytest.mark.slow
 def test_rows_are_judged_on_this_side_and_others_keep_their_judge(mark: Path) -> None:
     rows = gauss_bench.compare("four_bar", [*NAMES, "lagrange"], steps=(1e-2,), t_end=0.1, jobs=1).set_index("engine")
-    assert rows["status"].to_dict() == {k: str(x) for k, x in EXPECTED.items()} | {"lagrange": "ok"}
+    assert rows["status"].to_dict() == EXPECTED
     assert "from where it should be" in rows.loc["judges", "message"]
     assert rows.loc["judges", "position_error"] > 1e-2  # of the truth, and not of what the engine made of it
     assert not rows["valid"].fillna(value=False).drop("lagrange").any()
@@ -162,27 +157,15 @@ def answer(text: bytes, more: bytes = b"") -> bytes:
     return struct.pack("<Q", len(text)) + text + more
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"",
-        b"abc",
-        pickle.dumps(("ok", 1)),
-        answer(b"not json"),
-        answer(b"\xff"),
-        answer(b"[" * 100_000),
-        answer(b'{"array of numbers": ["f", [2]]}', bytes(8)),
-        answer(b'{"array of numbers": ["f", [1000000000, 1000000000]]}', bytes(8)),
-        answer(b'{"array of numbers": ["f", [-1]]}', bytes(8)),
-        answer(b'{"array of numbers": ["O", [1]]}', bytes(8)),
-        answer(b'{"array of numbers": ["f", [true]]}', bytes(8)),
-        answer(b'{"array of numbers": 7}', bytes(8)),
-        struct.pack("<Q", 1 << 62) + b"{}",
-    ],
-)
-def test_bytes_that_are_no_answer_are_refused(content: bytes) -> None:
-    with pytest.raises(NoAnswer):
-        unpack_answer(content)
+def test_bytes_that_are_no_answer_are_refused() -> None:
+    shapes = (b"[2]", b"[1000000000, 1000000000]", b"[-1]", b"[true]")
+    arrays = [b'{"array of numbers": ["f", ' + x + b"]}" for x in shapes]
+    arrays += [b'{"array of numbers": ["O", [1]]}', b'{"array of numbers": 7}']
+    contents = [b"", b"abc", pickle.dumps(("ok", 1)), struct.pack("<Q", 1 << 62) + b"{}"]
+    contents += [answer(x) for x in (b"not json", b"\xff", b"[" * 100_000)] + [answer(x, bytes(8)) for x in arrays]
+    for content in contents:
+        with pytest.raises(NoAnswer):
+            unpack_answer(content)
 
 
 TIMES = sampling(1e-2, 0.05)
@@ -197,31 +180,29 @@ def sent(**fields: Any) -> dict[str, Any]:
     return told | {k: x for k, x in fields.items() if k in told}
 
 
-@pytest.mark.parametrize(
-    ("fields", "status"),
-    [
-        ({}, Status.OK),
-        ({"q": np.zeros((6, 8))}, Status.INCOMPLETE),
-        ({"v": np.zeros(54)}, Status.INCOMPLETE),
-        ({"a": [[0.0] * 9] * 6}, Status.INCOMPLETE),
-        ({"t": np.zeros(0), "q": np.zeros((0, 9)), "v": np.zeros((0, 9)), "a": np.zeros((0, 9))}, Status.INCOMPLETE),
-        ({"q": np.full((6, 9), np.nan)}, Status.NAN),
-        ({"v": np.full((6, 9), 1e200)}, Status.NAN),
-        ({"steps": "many"}, Status.INCOMPLETE),
-        ({"steps": 10**400}, Status.INCOMPLETE),
-        ({"trajectory": None}, Status.INCOMPLETE),
-        ({"status": "splendid"}, Status.ERROR),
-        ({"message": 7}, Status.ERROR),
-        ({"status": "nan"}, Status.NAN),
-    ],
-)
-def test_an_answer_is_taken_for_no_more_than_it_is(fields: dict[str, Any], status: Status) -> None:
-    run = receive(outcome_of(unpack_answer(pack_answer(sent(**fields)))), TIMES, 9)
-    assert run.status is status
-    assert (run.trajectory is not None) is (status is Status.OK)
+EMPTY = np.zeros((0, 9))
+SENT = [
+    ({}, Status.OK),
+    ({"q": np.zeros((6, 8))}, Status.INCOMPLETE),
+    ({"v": np.zeros(54)}, Status.INCOMPLETE),
+    ({"a": [[0.0] * 9] * 6}, Status.INCOMPLETE),
+    ({"t": np.zeros(0), "q": EMPTY, "v": EMPTY, "a": EMPTY}, Status.INCOMPLETE),
+    ({"q": np.full((6, 9), np.nan)}, Status.NAN),
+    ({"v": np.full((6, 9), 1e200)}, Status.NAN),
+    ({"steps": "many"}, Status.INCOMPLETE),
+    ({"steps": 10**400}, Status.INCOMPLETE),
+    ({"trajectory": None}, Status.INCOMPLETE),
+    ({"status": "splendid"}, Status.ERROR),
+    ({"message": 7}, Status.ERROR),
+    ({"status": "nan"}, Status.NAN),
+]
 
 
-def test_what_is_no_run_is_an_error() -> None:
+def test_an_answer_is_taken_for_no_more_than_it_is() -> None:
+    for fields, status in SENT:
+        run = receive(outcome_of(unpack_answer(pack_answer(sent(**fields)))), TIMES, 9)
+        assert run.status is status, fields
+        assert (run.trajectory is not None) is (status is Status.OK)
     for item in (None, 7, "ok", [], {}, {"status": "ok"}):
         assert receive(outcome_of(item), TIMES, 9).status in (Status.ERROR, Status.INCOMPLETE)
 

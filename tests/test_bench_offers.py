@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from gauss_bench import cli
-from gauss_bench.bench.cases import variants
+from gauss_bench.bench.cases import combinations
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.runs import offers
@@ -23,7 +23,7 @@ def test_an_engine_whose_library_is_missing_cannot_be_used_and_is_described_all_
     assert (told.status, told.version, sound.usable) == (Status.SKIP, "not installed", True)
     assert told.reason.endswith("; pip install 'gauss-bench[mujoco]'")
     assert {"rk4", "implicitfast"} <= {*told.integrators}
-    assert variants(told) == [("default", "", "none")]  # one row of a suite, which says why
+    assert combinations(told) == [("default", "", "none")]  # one row of a suite, which says why
     with pytest.raises(ChoiceError, match="mujoco has no integrator 'rk5'"):
         told.choose(None, "rk5", None, 1e-3)
     assert cli.main(["simulate", "four_bar", "--engine", "mujoco", "--at", "0.01", "--json"]) == 0

@@ -10,22 +10,9 @@ from gauss_bench.bench.cases import Case
 from gauss_bench.bench.journal import Journal
 from gauss_bench.bench.measure import measure
 from gauss_bench.bench.measurements.cost import race_cost
-from gauss_bench.bench.runner import measure_all
 from gauss_bench.bench.survived import race_here
 from gauss_bench.bench.tasks import Task, finish
 from gauss_bench.suites.schema import Cost
-
-
-@pytest.mark.slow
-def test_failures_are_rows_with_a_reason(tmp_path: Path) -> None:
-    chosen = [
-        Case("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-2, 0.1),
-        Case("crank_slider", "paper", "yuan_ge_eq16", "default", "rk4", "none", 1e-2, 1.0),
-    ]
-    rows, _ = measure_all(chosen, tmp_path, 1)
-    assert list(rows["engine"]) == ["yuan_ge_eq16", "gauss"]
-    assert list(rows["status"]) == ["nan", "ok"]
-    assert rows["message"][0]
 
 
 def slow(seconds: float) -> dict[str, list[dict[str, str]]]:
@@ -36,17 +23,17 @@ def slow(seconds: float) -> dict[str, list[dict[str, str]]]:
 @pytest.mark.slow
 def test_what_was_stopped_is_asked_again_when_it_may_take_longer(tmp_path: Path) -> None:
     told = []
-    for limit in (0.5, 0.5, 60.0, 0.5):
+    for limit in (0.3, 0.3, 60.0, 0.3):
         with Journal(tmp_path / "a.jsonl") as journal:
-            answer = finish([Task("slow", slow, (2.0,), "stamp", "results", limit=limit)], 1, "", journal)
-        told.append((answer["slow"]["results"][0]["status"], len((tmp_path / "a.jsonl").read_bytes().splitlines())))
+            answer = finish([Task("slow", slow, (1.0,), "stamp", "results", limit=limit)], 1, "", journal)
+        told.append((answer["results"][0]["status"], len((tmp_path / "a.jsonl").read_bytes().splitlines())))
     assert told == [("timeout", 1), ("timeout", 1), ("ok", 2), ("ok", 2)]
 
 
 @pytest.mark.long
 def test_a_run_is_judged_at_its_end_wherever_that_lies(tmp_path: Path) -> None:
     rows = [
-        measure(Case("four_bar", "torque", "gauss-native", "default", "rk4", "none", step, 0.1234), str(tmp_path))["row"]
+        measure(Case("four_bar", "torque", "gauss-native", "default", "rk4", "none", step, 0.1234), str(tmp_path)).row
         for step in (1e-3, 7e-4)
     ]
     assert [row["compared"] for row in rows] == [14, 3]  # every 0.01 s, or every 0.07 s, and the end
@@ -55,10 +42,8 @@ def test_a_run_is_judged_at_its_end_wherever_that_lies(tmp_path: Path) -> None:
 
 def test_the_negative_control_is_flagged_and_its_residuals_do_not_show_it(tmp_path: Path) -> None:
     case = Case("four_bar", "torque", "yuan_ge_eq16", "default", "rk4", "projection", 1e-3, 0.1)
-    row = measure(case, str(tmp_path))["row"]
-    assert row["status"] == "invalid"
-    assert row["control"]
-    assert not row["valid"]
+    row = measure(case, str(tmp_path)).row
+    assert (row["status"], row["control"], row["valid"]) == ("invalid", True, False)
     assert row["acceleration_error_median"] > 0.1
     assert row["position_drift"] < 1e-13
     assert row["velocity_drift"] < 1e-12

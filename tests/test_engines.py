@@ -44,7 +44,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def row(worker: Worker, store: str, case: Case) -> dict[str, Any]:
-    return dict(worker.call(measure, (case, store), 120.0)["row"])
+    return dict(worker.call(measure, (case, store), 120.0)[0])
 
 
 SETTINGS = [(engine, settings) for engine in names() for settings in get(engine).settings]
@@ -103,7 +103,7 @@ def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(
     monkeypatch.setattr("gauss_bench.runs.worker._kept", {})
     adapter = get(engine)
     case = Case("four_bar", "torque", engine, next(iter(adapter.settings)), adapter.integrators[0], "none", 1e-2, 0.02)
-    found = measure(case, store)["row"]
+    found = measure(case, store).row
     assert found["status"] == "skip"
     assert "not installed" in found["message"]
 

@@ -82,6 +82,6 @@ def test_every_engine_with_options_takes_its_own_usual_values_by_name() -> None:
         offered = offer(name)
         usual = next(iter(offered.settings.values()))
         for key in offered.options:
-            offered.require_settings(f"{key}={json.dumps(usual[key])}")
+            offered.resolve_settings(f"{key}={json.dumps(usual[key])}")
         with pytest.raises(ChoiceError, match=f"{name}: no option 'nonsense'; there are {next(iter(offered.options))}="):
-            offered.require_settings("nonsense=1")
+            offered.resolve_settings("nonsense=1")

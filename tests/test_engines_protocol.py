@@ -160,7 +160,7 @@ def test_a_run_whose_steps_nobody_counts_has_none_and_no_cost_a_step() -> None:
     text = render("simulate", run)
     assert re.search(r"^steps +- \(the engine does not count them\)$", text, re.MULTILINE)
     assert "step_time" not in text
-    row = measure(Case("four_bar", "torque", f"{FAULTY}:Chooser", "default", run.integrator, "none", 1e-3, 0.05), "nowhere")["row"]
+    row = measure(Case("four_bar", "torque", f"{FAULTY}:Chooser", "default", run.integrator, "none", 1e-3, 0.05), "nowhere").row
     assert (row["status"], row["steps"]) == ("ok", None)
 
 
@@ -286,7 +286,7 @@ def test_conformance_and_diagnose_look_at_joint_forces(monkeypatch: pytest.Monke
     assert float(re.fullmatch(r"agree to (\d+\.\d) digits", sound.message)[1]) > 9  # type: ignore[index]
     assert opposed.passed is False
     assert "off by" in opposed.message
-    assert (silent.passed, silent.message) == (None, "it tells none")
+    assert (silent.passed, silent.message) == (None, "it reports none")
     remarks = gauss_bench.diagnose("four_bar", f"{FAULTY}:Opposed", until=0.1).remarks
     off, largest = map(float, re.findall(r"\d\.\de[+-]\d+", next(x for x in remarks if "joint forces" in x)))
     assert off == pytest.approx(2 * largest, rel=0.06)  # each is the opposite of what it should be; both are rounded

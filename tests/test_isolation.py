@@ -105,9 +105,9 @@ def test_waiting_for_a_processor_is_not_held_against_a_task(monkeypatch: pytest.
 
 def test_a_thread_that_waits_for_a_processor_is_not_held_against_the_one_that_waits_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """A compiler's thread waits 3 s for a processor, the first thread 1 s: of 10 s, 6 s are left after 8 s."""
-    monkeypatch.setattr(worker._Clock, "_waits", lambda self: {1: 1.0, 7: 5.0, 8: 2.0})
+    monkeypatch.setattr(worker, "read_waits", lambda pid: {1: 1.0, 7: 5.0, 8: 2.0})
     clock = worker._Clock(1, 10.0)
-    monkeypatch.setattr(worker._Clock, "_waits", lambda self: {1: 2.0, 7: 6.0, 8: 5.0, 9: 1.5})
+    monkeypatch.setattr(worker, "read_waits", lambda pid: {1: 2.0, 7: 6.0, 8: 5.0, 9: 1.5})
     clock.start -= 8.0
     assert clock.remaining() == pytest.approx(10.0 - (8.0 - 4.0), abs=0.1)
 

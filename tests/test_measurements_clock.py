@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from gauss_bench.bench.clock import CERTAIN, Key, Measured, foreseen, interleave, ratio
+from gauss_bench.bench.clock import Key, Measured, interleave, ratio
 from gauss_bench.bench.measurements import cost
 from gauss_bench.bench.measurements.cost import race_cost
 from gauss_bench.bench.survived import race_here
@@ -187,16 +187,3 @@ def test_a_spread_holds_nine_tenths() -> None:
     scatter = 1.645 * math.sqrt(3 / 16 / n)
     assert value == pytest.approx(1.25, abs=2 * scatter)
     assert high - low == pytest.approx(2 * scatter, rel=0.3)
-
-
-@pytest.mark.parametrize("logarithms", [(0.0, 1.0), (-0.2, 0.0, 0.1, 0.3)])
-def test_a_second_race_is_foreseen_by_students_t(logarithms: tuple[float, ...]) -> None:
-    """The formula of the docstring, by scipy's own distribution."""
-    from scipy.stats import t
-
-    n, values = len(logarithms), np.array(logarithms)
-    s = math.sqrt(float(((values - values.mean()) ** 2).sum()) / (n - 1))
-    half = float(t.ppf((1 + CERTAIN) / 2, n - 1)) * s * math.sqrt(math.pi / n)
-    low, high = foreseen(np.exp(values))
-    assert low == pytest.approx(min(math.exp(np.median(values) - half), math.exp(min(logarithms))))
-    assert high == pytest.approx(max(math.exp(np.median(values) + half), math.exp(max(logarithms))))

@@ -12,7 +12,7 @@ import pytest
 from gauss_bench.bench import search
 from gauss_bench.bench.clock import Measured, Missing, foreseen, over_processes, ratio, spread, time_of
 from gauss_bench.bench.measurements import search as measured
-from gauss_bench.bench.measurements.search import first_race, further_race, ladder, motion_of, requirements, winners_and_times
+from gauss_bench.bench.measurements.search import first_race, further_race, ladder, motion_of, winners_and_times
 from gauss_bench.bench.search import (
     Scale,
     close,
@@ -24,14 +24,14 @@ from gauss_bench.bench.search import (
     tolerances,
 )
 from gauss_bench.bench.tasks import Context, Tables
-from gauss_bench.bench.ways import BEATS, Way, evaluate_run, judge_trial, space, whole_run
+from gauss_bench.bench.ways import BEATS, Way, judge_trial, space, whole_run
 from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.metrics import joint_force_errors
-from gauss_bench.reach import UNITS, Requirement, Trial
+from gauss_bench.reach import Requirement, Trial
 from gauss_bench.reference.build import build_reference
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections.search import list_owned
@@ -39,7 +39,6 @@ from gauss_bench.runs import apart
 from gauss_bench.runs.offers import offer
 from gauss_bench.runs.one_run import Run as Ended
 from gauss_bench.runs.one_run import Sampling
-from gauss_bench.suites.read import read_suite
 from gauss_bench.suites.schema import Search, Suite
 from gauss_bench.tables import TABLES, row_of
 from gauss_bench.trajectory import Status, Trajectory
@@ -90,23 +89,20 @@ def test_sizes_are_finer_than_a_factor_of_two_from_the_coarsest_on(beats: int) -
     assert met[counts >= 50].min() >= 10
     assert (met[counts >= 5 * beats] == beats).all()
     walked = counts[list(scale.rungs)]
-    assert walked[0] == 10
-    assert walked[-1] == counts[-1]
+    assert (walked[0], walked[-1]) == (10, counts[-1])
     assert (walked[1:] / walked[:-1]).max() < 2.5  # octaves, as near as beats allow
-    tolerated = tolerances()
-    assert (tolerated.sizes[0], tolerated.sizes[-1]) == pytest.approx((1e-2, 1e-13))
-    assert np.diff(np.log10(tolerated.sizes)) == pytest.approx(np.full(len(tolerated.sizes) - 1, -0.5))
+    tolerated = np.log10(tolerances().sizes)
+    assert tolerated == pytest.approx(np.arange(-2.0, -13.5, -0.5))
 
 
-@pytest.mark.parametrize(("exact_from", "found"), [(11.0, 15), (33.0, 35), (41.0, 50), (52.0, 60), (90.0, 100), (700.0, 750)])
-def test_a_requirement_is_met_within_a_half_even_by_few_steps(exact_from: float, found: int) -> None:
+def test_a_requirement_is_met_within_a_half_even_by_few_steps() -> None:
     """A method of order eight that meets 1e-6 from so many steps a second on, and not with fewer."""
-    trials, ended = explore(Method(1e-6 * exact_from**8, 8.0), equal_steps(1.0, 50, 10_000), [COARSE, FINE], 24)
-    best = coarsest(trials, FINE)
-    assert best is not None
-    assert best.steps == found
-    assert found < 1.5 * exact_from
-    assert ended == "every requirement is met"
+    for exact_from, found in ((11.0, 15), (33.0, 35), (41.0, 50), (52.0, 60), (90.0, 100), (700.0, 750)):
+        trials, ended = explore(Method(1e-6 * exact_from**8, 8.0), equal_steps(1.0, 50, 10_000), [COARSE, FINE], 24)
+        best = coarsest(trials, FINE)
+        assert best is not None
+        assert best.steps == found < 1.5 * exact_from
+        assert ended == "every requirement is met"
 
 
 def test_the_budget_counts_evaluations_and_is_never_exceeded() -> None:
@@ -206,14 +202,6 @@ def test_rounds_stand_by_the_process_that_they_were_in() -> None:
     gap = np.nan
     np.testing.assert_array_equal(found["a"], [[1.0, 2.0], [gap, gap], [3.0, gap]])
     np.testing.assert_array_equal(found["b"], [[gap], [5.0], [gap]])
-
-
-def test_a_ratio_lies_within_its_spread() -> None:
-    rng = np.random.default_rng(3)
-    for count in (2, 3, 4, 5) * 20:
-        one, other = rng.uniform(0.5, 2.0, (2, count))
-        value, low, high = ratio(*in_processes(one=list(one), other=list(other)).values())
-        assert low * (1 - 1e-12) <= value <= high * (1 + 1e-12)
 
 
 def test_what_ran_in_no_process_has_its_reason() -> None:
@@ -344,7 +332,7 @@ def searched(folder: Path) -> dict[str, list[dict[str, Any]]]:
     return {"search_ladder": rows, "search_races": races} | winners_and_times("four_bar", "torque", PART, told, races)
 
 
-def test_a_search_names_the_known_winner_and_a_second_one_names_it_again(clock: Clock, tmp_path: Path) -> None:
+def test_a_search_names_the_known_winner(clock: Clock, tmp_path: Path) -> None:
     """At 1e-4 rad `exact` needs steps of 1 ms, 100 of them in 0.2 ms; `rough` 3.2 times as many, each a quarter cheaper, and `dear`
     1.8 times fewer, each 45 times as dear: neither is worth a race. `same` costs what `exact` costs, and comes later."""
     found = searched(tmp_path)
@@ -367,10 +355,6 @@ def test_a_search_names_the_known_winner_and_a_second_one_names_it_again(clock: 
         assert [row[f"ratio{x}"] for x in ("", "_low", "_high")] == pytest.approx([row["seconds"] / own["seconds"]] * 3)
         assert (row["variants"], row["passing"], row["raced"], row["budget"]) == (4, 4, 2, 16)
         assert row["evaluations"] == sum(r["engine"] == "mujoco" for r in found["search_ladder"])
-    again = searched(tmp_path)["search_winners"]
-    assert [(r["engine"], r["settings"], r["steps"]) for r in again] == [
-        (r["engine"], r["settings"], r["steps"]) for r in found["search_winners"]
-    ]
     rows = {name: tuple(row_of(TABLES[name], r) for r in found[name]) for name in found}
     assert compared(Run({}, rows)) == ["search"]
     for table in ("search_ladder", "search_races", "search_winners", "search_times"):
@@ -419,25 +403,6 @@ def test_an_accuracy_out_of_reach_is_told_with_how_near_it_came(
     assert row["error"] == pytest.approx(1e-4, rel=1e-3)
     assert (row["settings"], row["message"]) == ("exact", "not reached in 1,280 steps")  # no order: the error does not fall
     assert row["raced"] == row["passing"] == 0
-
-
-def test_a_ladder_and_a_race_build_the_model_of_a_variant_once(
-    clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A kernel takes seconds to compile: sixteen evaluations, and a race of three sizes, are of one."""
-    kind, built = type(get("gauss-native")), []
-    build = kind.build
-    monkeypatch.setattr(kind, "build", lambda self, *asked: built.append(asked) or build(self, *asked))
-    monkeypatch.setitem(WAYS, "default", (1e-4, 4.0, 1e-7))
-    variant = next(x for x in space(offer("gauss-native")) if x.integrator == "rk4")
-    rows = ladder("four_bar", "torque", "gauss-native", variant, PART, str(tmp_path))["search_ladder"]
-    assert (len(rows) > 5, len(built)) == (True, 1)
-    run, models = WayRun("four_bar", load("four_bar", "torque"), 0.1), {}
-    ways = [Way("gauss-native", "default", "rk4", "none", 0.1 / steps) for steps in (100, 200, 400)]
-    blocks = [whole_run(run, way, round(0.1 / way.size), 0.0, 0.03, models) for way in ways]
-    assert len(built) == 2
-    for block, way in zip(blocks, ways, strict=True):
-        assert block.seconds() == pytest.approx(1e-7 * round(0.1 / way.size), rel=1e-3)
 
 
 def test_a_ladder_goes_as_far_as_a_run_may_and_no_further(clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -501,21 +466,19 @@ def test_a_run_longer_than_the_lead_is_cut_and_scaled(clock: Clock) -> None:
     assert (whole.count, whole.seconds()) == pytest.approx((1.0, 0.18))
 
 
-def test_the_error_is_the_largest_of_the_whole_run(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A motion that strays by 1e-3 rad in its middle and comes back."""
-    read = Exact.read
-
-    def strayed(self: Exact) -> Trajectory:
-        found = read(self)
-        found.q[len(found.t) // 2] += 1e-3
-        return found
-
-    monkeypatch.setattr(Exact, "read", strayed)
-    monkeypatch.setitem(WAYS, "exact", (0.0, 0.0, 2e-6))
+def test_the_error_is_the_largest_of_the_whole_run_and_at_the_end_that_of_the_last_sample() -> None:
+    """A link that is 1 mm and 1 mrad off halfway and 1 um at the end holds 1e-5 m there, and does not over the run."""
     mechanism = load("four_bar", "torque")
-    run, way = WayRun("four_bar", mechanism, 0.1), Way("mujoco", "exact", "rk4", "none", 1e-3)
-    trial = evaluate_run(run, Evaluator(mechanism), Exact.truth, way, False, 10)
-    assert (trial.errors["angle"], trial.errors["position"]) == pytest.approx((1e-3, 1e-3))
+    truth = Exact.truth
+    q = truth.q.copy()
+    q[len(q) // 2, [3, 5]] += 1e-3
+    q[-1, 4] -= 1e-6
+    ran = Ended(Status.OK, "", Trajectory(truth.t, q, truth.v, truth.a, 7), None, Sampling(truth.t, 1e-3, 100, 0))
+    way = Way("gauss", "default", "rk4", "none", 1e-3)
+    trial = judge_trial(motion_of("four_bar", "torque", PART), Evaluator(mechanism), truth, way, ran)
+    assert (trial.errors["position"], trial.errors["angle"], trial.errors["end"]) == pytest.approx((1e-3, 1e-3, 1e-6))
+    assert trial.meets(Requirement("end", 1e-5))
+    assert not trial.meets(Requirement("position", 1e-5))
 
 
 def test_a_killed_search_repeats_nothing(tmp_path: Path) -> None:
@@ -554,13 +517,6 @@ def test_processes_of_a_linkage_lie_apart_and_depend_on_the_first() -> None:
     assert told == {"mechanism": "six_bar", "scenario": "torque", "status": "crashed", "message": "SIGSEGV"}
 
 
-def test_the_suite_search_covers_every_linkage_that_moves_freely_for_every_requirement() -> None:
-    (part,) = read_suite("search").search
-    assert {(w.kind, w.limit) for w in requirements(part)} == {(k, x) for k in UNITS if k != "end" for x in (1e-3, 1e-6, 1e-9)}
-    assert all(not load(x, scenario).drivers for x, scenario in part.linkages.items())
-    assert all(x % 10 == 0 for x in BEATS)
-
-
 def test_of_an_engine_whose_loop_may_be_anybodys_the_cheapest_of_each_is_raced(
     clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -577,23 +533,6 @@ def test_of_an_engine_whose_loop_may_be_anybodys_the_cheapest_of_each_is_raced(
     assert {r["in_python"] for r in found["search_winners"]} == {""}
 
 
-def test_an_error_at_the_end_is_that_of_the_last_sample_alone() -> None:
-    """A link that is 1 mm off halfway and 1 um at the end holds 1e-5 m there, and does not over the run."""
-    mechanism = load("four_bar", "torque")
-    truth = build_reference(mechanism, 0.1)
-    q = truth.q.copy()
-    q[len(q) // 2, 3] += 1e-3
-    q[-1, 4] -= 1e-6
-    ran = Ended(Status.OK, "", Trajectory(truth.t, q, truth.v, truth.a, 7), None, Sampling(truth.t, 1e-3, 100, 0))
-    trial = judge_trial(
-        motion_of("four_bar", "torque", PART), Evaluator(mechanism), truth, Way("gauss", "default", "rk4", "none", 1e-3), ran
-    )
-    assert trial.errors["position"] == pytest.approx(1e-3)
-    assert trial.errors["end"] == pytest.approx(1e-6)
-    assert trial.meets(Requirement("end", 1e-5))
-    assert not trial.meets(Requirement("position", 1e-5))
-
-
 def test_errors_of_joint_forces_are_those_of_newtons_laws() -> None:
     """An acceleration that is 1e-3 m/s^2 off on a 0.24 kg rocker's centre shows as that much force at its pins, none at rest."""
     mechanism = load("four_bar", "torque")
@@ -607,14 +546,3 @@ def test_errors_of_joint_forces_are_those_of_newtons_laws() -> None:
     assert 0.5e-3 * mechanism.links[2].mass < errors.max() < 10e-3 * mechanism.links[2].mass
     locked = load("parallelogram", "torque")
     assert np.isnan(joint_force_errors(Evaluator(locked), *(2 * [build_reference(locked, 0.02)]))).all()
-
-
-def test_every_option_that_a_search_changes_is_in_the_table_of_knobs() -> None:
-    """The table says where each is documented."""
-    tables: Tables = {}
-    measured.complete(read_suite("full"), tables)
-    documented = {(r["engine"], r["knob"]) for r in tables["search_knobs"] if r["meaning"] and r["source"]}
-    changed = {(name, knob) for name in ("minimal", "pinocchio") for x in get(name).variants.values() for knob in x.options}  # type: ignore[attr-defined]
-    assert len(changed) > 5
-    assert changed <= documented
-    assert all(row_of(TABLES["search_knobs"], r) for r in tables["search_knobs"])

@@ -10,7 +10,7 @@ import pytest
 
 from gauss_bench.api.diagnose import diagnose
 from gauss_bench.api.own_model import read_own_file
-from gauss_bench.api.tune import tune
+from gauss_bench.api.tune import Tuned, tune
 from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
@@ -91,15 +91,23 @@ def largest_error(model: Path, until: float) -> float:
     return float(subprocess.run(run, capture_output=True, text=True, check=True).stdout)
 
 
-def test_a_tuned_file_holds_its_tolerance_in_plain_mujoco_and_differs_in_the_attributes_named_alone(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Tuned, Path]:
+    """The four-bar with settings that hold a tenth of a millimetre over half a second, and its file."""
     needs("mujoco")
-    out = tmp_path / "tuned.xml"
-    tuned = tune(str(FOUR_BAR), out, position=1e-4, until=1.0)
-    assert tuned.succeeded
-    assert tuned.errors["position"] <= 0.5e-4 < tuned.before["position"]
-    assert largest_error(out, 1.0) < 1e-4 < largest_error(FOUR_BAR, 1.0)
+    out = tmp_path_factory.mktemp("tuned") / "tuned.xml"
+    return tune(str(FOUR_BAR), out, position=1e-4, until=0.5), out
+
+
+def test_a_tuned_file_holds_its_tolerance_in_plain_mujoco_and_differs_in_the_attributes_named_alone(
+    tuned: tuple[Tuned, Path],
+) -> None:
+    found, out = tuned
+    assert found.succeeded
+    assert found.errors["position"] <= 0.5e-4 < found.before["position"]
+    assert largest_error(out, 0.5) < 1e-4 < largest_error(FOUR_BAR, 0.5)
     option, closure = lines_changed(FOUR_BAR.read_text(), out.read_text())
-    assert {*tuned.changed} == {"integrator", "solref", "solimp", "tolerance"}
+    assert {*found.changed} == {"integrator", "solref", "solimp", "tolerance"}
     assert option == '   <option timestep="0.001" gravity="0 0 -9.81" integrator="RK4" tolerance="1e-15"/>'
     assert closure.startswith('     <connect name="top" body1="coupler" body2="rocker" anchor="0.3 0 0.2" solref="0.002 1.0"')
 
@@ -107,7 +115,7 @@ def test_a_tuned_file_holds_its_tolerance_in_plain_mujoco_and_differs_in_the_att
 def test_what_cannot_be_reached_is_exit_code_one_and_nothing_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     needs("mujoco")
     out = tmp_path / "tuned.xml"
-    assert main(["tune", str(FOUR_BAR), "--position", "1e-13", "--until", "0.1", "--out", str(out), "--json"]) == 1
+    assert main(["tune", str(FOUR_BAR), "--position", "1e-13", "--until", "0.05", "--out", str(out), "--json"]) == 1
     answer = json.loads(capsys.readouterr().out)
     assert answer["file"] == ""
     assert answer["errors"]["position"] > 1e-13
@@ -117,7 +125,7 @@ def test_what_cannot_be_reached_is_exit_code_one_and_nothing_is_written(tmp_path
 def test_a_shorter_timestep_is_taken_only_where_it_is_allowed(tmp_path: Path) -> None:
     needs("mujoco")
     out = tmp_path / "tuned.xml"
-    wanted = {"position": 2e-9, "until": 0.1}
+    wanted = {"position": 2e-9, "until": 0.05}
     assert not tune(str(FOUR_BAR), out, **wanted).succeeded
     tuned = tune(str(FOUR_BAR), out, **wanted, allow_step=True)
     assert tuned.succeeded
@@ -153,12 +161,12 @@ def test_closures_of_an_included_file_take_a_default_and_the_result_stays_beside
     (tmp_path / "closures.xml").write_text(f"<mujoco><equality>{closures}</equality></mujoco>")
     model = tmp_path / "model.xml"
     model.write_text(FOUR_BAR.read_text().replace(f"<equality>{closures}</equality>", '<include file="closures.xml"/>'))
-    tuned = tune(str(model), tmp_path / "tuned.xml", position=1e-4, until=0.5)
+    tuned = tune(str(model), tmp_path / "tuned.xml", position=1e-4, until=0.1)
     assert tuned.succeeded
     assert '<equality solref="0.002 1.0"' in (tmp_path / "tuned.xml").read_text()
     (tmp_path / "elsewhere").mkdir()
     with pytest.raises(ExchangeError, match=r"closures\.xml"):
-        tune(str(model), tmp_path / "elsewhere" / "tuned.xml", position=1e-4, until=0.5)
+        tune(str(model), tmp_path / "elsewhere" / "tuned.xml", position=1e-4, until=0.1)
     assert not list((tmp_path / "elsewhere").iterdir())
 
 
@@ -179,16 +187,11 @@ def test_an_edit_leaves_every_other_byte_and_reads_quotes_comments_and_entities(
         write_settings(b"<mujoco>\xff</mujoco>", "model.xml", {}, {})
 
 
-def test_a_diagnosis_of_a_model_names_its_own_softness_and_finds_none_once_it_is_tuned(tmp_path: Path) -> None:
-    needs("mujoco")
-    soft = diagnose(str(FOUR_BAR))
-    assert soft.part == "constraint softness"
-    assert soft.step == 0.001
-    assert soft.engine == "mujoco"
+def test_a_diagnosis_of_a_model_names_its_own_softness_and_finds_none_once_it_is_tuned(tuned: tuple[Tuned, Path]) -> None:
+    soft = diagnose(str(FOUR_BAR), until=0.2)
+    assert (soft.part, soft.step, soft.engine) == ("constraint softness", 0.001, "mujoco")
     assert any("solref 0.02 1" in x for x in soft.remarks)
-    out = tmp_path / "tuned.xml"
-    tune(str(FOUR_BAR), out, position=1e-4)
-    good = diagnose(str(out), position=1e-4)
+    good = diagnose(str(tuned[1]), position=1e-4, until=0.2)
     assert good.numbers is not None
     assert good.numbers.error < 1e-6
     assert any("as good as" in x for x in good.remarks)

@@ -1,4 +1,4 @@
-"""Recommendations for an engine; settings, requirements and errors in words."""
+"""The answer of a recommendation for one engine; settings, requirements and errors in words."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -8,7 +8,7 @@ from gauss_bench import reach
 from gauss_bench.engines.base import Choice
 
 LOOPS = "loops"  # kind of error that needs no reference: the largest gap of a joint
-UNITS = reach.UNITS | {LOOPS: "m"}
+UNITS = reach.UNITS | {LOOPS: "m"}  # kind of error -> its unit
 BEATS = 200  # number of samples of a run whose integrator chooses its own steps
 
 
@@ -18,21 +18,22 @@ class Answer:
 
     Attributes:
         engine: name of the engine.
-        status: "ok", "not reached", "not tried" or "skip"; message: the reason in one sentence, from `gauss_bench.reach`.
-        settings, integrator, stabilization: names of the engine's choices; empty if there is no setting.
+        status: "ok", "not reached", "not tried" or "skip".
+        message: the reason of the status in one sentence, from `gauss_bench.reach`.
+        settings, integrator, stabilization: names as the engine offers them; empty if there is no setting.
         step, tolerance: integration step [s], or relative tolerance of an integrator that chooses its own steps.
         steps: number of steps of the run.
-        errors: kind -> largest error of the whole run [m], [rad], [N], with this setting or the best that was found.
-        seconds, seconds_low, seconds_high: processor time of a run [s], with the 5 % and the 95 % point; None without a race.
-        ratio, ratio_low, ratio_high: time of a run over that of the fastest engine, with the 5 % and the 95 % point.
-        tried, variants: number of variants that were tried, and of all variants of the engine.
+        errors: kind -> largest error of the whole run [m], [rad], [N], with this setting or with the best one that was found.
+        seconds, seconds_low, seconds_high: processor time of a run [s], with its 5 % and 95 % quantile; None without a race.
+        ratio, ratio_low, ratio_high: time of a run divided by that of the fastest engine, with its 5 % and 95 % quantile.
+        tried, variants: number of variants that were tried, and number of all variants of the engine.
         evaluations: number of runs in the search.
         complete: whether every variant was searched to its end.
-        loops: time loop -> time of its cheapest setting over that of the fastest engine, where an engine has several loops.
+        loops: time loop -> time of its cheapest setting divided by that of the fastest engine, if the engine has several loops.
         in_python: the part of the suite's own code that runs in Python inside the measured time.
         options: the engine's options under these settings.
         owner: the engine's authors if the settings are theirs; empty if they are the suite's.
-        snippet: a program that runs the setting, in the engine's own language where possible; empty where there is none.
+        snippet: a program that runs the setting, in the engine's own language if possible; empty if there is no program.
     """
 
     engine: str
@@ -80,10 +81,10 @@ def format_setting(
 
 
 def format_limits(wanted: Mapping[str, float]) -> str:
-    """Return requirements (kind -> largest allowed error) in words, such as "0.0001 m and 0.001 rad"."""
+    """Return requirements, kind -> largest allowed error, in words such as "0.0001 m and 0.001 rad"."""
     return " and ".join(f"{x:g} {UNITS[kind]}" for kind, x in wanted.items())
 
 
 def format_errors(errors: Mapping[str, float], kinds: Iterable[str], joint: str = " and ") -> str:
-    """Return the errors of these kinds in words, as far as they are known."""
+    """Return those errors (kind -> value) that are of the given kinds in words, joined by `joint`."""
     return joint.join(f"{errors[kind]:.1e} {UNITS[kind]}" for kind in kinds if kind in errors)

@@ -1,9 +1,10 @@
 """A time budget that does not count seconds in which other programs had the processor, up to a limit.
 
-If elapsed time alone counted, a search on a busy machine would lose answers, because engines whose turn comes late are never tried.
-So the budget counts the seconds that a quiet machine would have taken: elapsed seconds less those that the processes of the search
-spent waiting for a processor, divided by the number of processes that work side by side. Where the system does not report waiting,
-all seconds count. In any case a part of the search ends when the elapsed time reaches WALL times its share of the budget.
+If elapsed time alone counted, a search on a busy machine would lose answers, because engines whose turn comes late would never be
+tried. The budget counts the seconds that a quiet machine would have taken. These are the elapsed seconds less the seconds that the
+processes of the search waited for a processor, divided by the number of processes that work side by side. If the system does not
+report waits, all seconds count. In any case a part of the search ends when the elapsed time reaches WALL times its share of the
+budget.
 """
 
 import contextlib
@@ -12,18 +13,20 @@ import threading
 import time
 from pathlib import Path
 
+from gauss_bench.runs.worker import read_waits
+
 LANES = 2  # number of processes that a recommendation runs side by side
-WALL = 1.4  # limit of the elapsed time of a share of the budget, in units of that share
-END = 1.45  # limit of the elapsed time of everything, in units of the budget
+WALL = 1.4  # elapsed time of a share of the budget is at most WALL times that share
+END = 1.45  # elapsed time of the whole recommendation is at most END times the budget
 
 
 class Budget:
-    """A budget of seconds that starts now; `lanes` processes work side by side."""
+    """A budget of seconds that starts when the object is made; `lanes` processes work side by side."""
 
     def __init__(self, seconds: float, lanes: int = LANES):
         self.seconds, self.lanes, self.started = seconds, lanes, time.monotonic()
-        self._seen: dict[str, float] = wait()
-        self._lost, self._looking = 0.0, threading.Lock()
+        self._seen = wait()  # waits at the last look
+        self._lost, self._looking = 0.0, threading.Lock()  # seconds of waiting so far; several threads look
 
     def wall_time(self) -> float:
         """Return the elapsed seconds."""
@@ -47,22 +50,12 @@ class Budget:
         return min(WALL * share, END) * self.seconds - self.wall_time()
 
 
-def wait() -> dict[str, float]:
-    """Return thread -> seconds that it waited for a processor, for the threads of this process and its child processes."""
-    own = Path(f"/proc/{os.getpid()}/task")
-    seconds: dict[str, float] = {}
-    with contextlib.suppress(OSError):
-        threads = [own / name for name in os.listdir(own)]
-        children = [Path("/proc", name) for x in threads for name in _read(x / "children").split()]
-        for place in (*threads, *children):
-            with contextlib.suppress(ValueError, IndexError):
-                seconds[place.name] = int(_read(place / "schedstat").split()[1]) * 1e-9
+def wait() -> dict[int, float]:
+    """Return thread -> seconds for which it has waited for a processor: threads of this process, first threads of its children."""
+    seconds = read_waits(os.getpid())
+    for thread in [*seconds]:
+        with contextlib.suppress(OSError):  # a thread may end meanwhile
+            children = Path(f"/proc/{os.getpid()}/task/{thread}/children").read_text(encoding="ascii").split()
+            for child in map(int, children):
+                seconds |= {k: x for k, x in read_waits(child).items() if k == child}
     return seconds
-
-
-def _read(path: Path) -> str:
-    """Return the content of a system file, or an empty text where the file is gone."""
-    try:
-        return path.read_text(encoding="ascii")
-    except OSError:
-        return ""

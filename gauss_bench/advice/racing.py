@@ -1,4 +1,4 @@
-"""The race of settings that meet a requirement, in a worker; the first choices of all engines come first, while there is time."""
+"""The race of settings that meet a requirement, in a worker, until a deadline."""
 
 import time
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from gauss_bench.linkage.load import load
 from gauss_bench.runs.blocks import Models
 
 ROUNDS = (3, 10)  # fewest and most rounds of the race
-LEAD = 0.03  # [s] length of the part of a run with equal steps that is timed
+LEAD = 0.03  # [s] time of the part of a run with equal steps that is timed
 SLOW = 0.3  # [s] a run that takes longer is timed only once
 
 
@@ -26,23 +26,27 @@ def race_there(
     engines: Sequence[str],
     path: str,
 ) -> Tables:
-    """Race settings, each with its number of steps, in the worker's process until `deadline`; the most important come first.
+    """Race settings in this process; return rows {"way", "seconds"} of the race and {"engine", "message"} of failures.
 
     Args:
+        until: end of the runs [s].
         samples: number of samples of a run whose integrator chooses its own steps.
-        deadline: in terms of time.monotonic, which all processes share and which does not jump with the time of day.
+        rows: each has the fields of a `Way` and its number of steps; the most important come first, because time may end.
+        deadline: end of the race by time.monotonic, which all processes share and which does not jump with the time of day.
+        engines: the engines that take part.
+        path: the file into which the name of the running engine is written.
     """
     run = Run(linkage, load(linkage, scenario), until)
-    race, round_time = Race(watching(path)), 0.0
-    slow: dict[str, tuple[Way, float]] = {}
+    race, round_time = Race(watching(path)), 0.0  # [s] elapsed time of one round
+    slow: dict[str, tuple[Way, float]] = {}  # engine -> its way and the seconds of one run
     models: Models = {}
-    for row in (r for r in rows if r[0] in engines):
-        way, steps = Way(*row[:5]), row[5]
+    for *names, steps in rows:
+        way = Way(*names)
         left = deadline - time.monotonic() - ROUNDS[0] * round_time
-        if (race.blocks and left <= 0) or way.engine in slow:
+        if way.engine not in engines or way.engine in slow or (race.blocks and left <= 0):
             continue
         race.add(way, pace_run, run, way, steps, LEAD, samples, models)
-        if not (race.blocks and race.blocks[-1].entry == way):
+        if way in race.failed:
             continue
         begun = time.monotonic()
         seconds = race.blocks[-1].seconds()
@@ -54,6 +58,6 @@ def race_there(
             round_time += taken
     rounds = int(min(max((deadline - time.monotonic()) / max(round_time, 1e-3), ROUNDS[0]), ROUNDS[1]))
     measured = race.run(rounds)
-    told = [{"way": list(way), "seconds": x.tolist()} for way, x in measured.samples.items() if isinstance(way, Way)]
+    raced = [{"way": list(way), "seconds": x.tolist()} for way, x in measured.samples.items() if isinstance(way, Way)]
     failed = [{"engine": way.engine, "message": str(x)} for way, x in measured.failed.items() if isinstance(way, Way)]
-    return {"failed": failed, "race": told + [{"way": list(way), "seconds": [x]} for way, x in slow.values()]}
+    return {"failed": failed, "race": raced + [{"way": list(way), "seconds": [x]} for way, x in slow.values()]}

@@ -2,11 +2,10 @@
 
 The search over steps and tolerances is that of suites (`bench/search.py`). The variants are tried in an order that gives every
 engine an early answer: first one variant of each engine, then the others in turn. Runs take place in worker processes, two at a
-time, and are not timed. A variant is not tried with more than SPARE times the evaluations of the engine's best setting so far.
-Errors are the largest of the whole run against the reference of `truth.py`. A setting must stay within half of the requirement,
-because the error of the reference and the time between samples may account for the other half. Candidates, their order and their
-errors are therefore the same in every recommendation. If the budget ends the search, only the last candidates are missing, and the
-answer says so.
+time, and are not timed. A variant has at most SPARE times the evaluations of the engine's best setting so far. Errors are the
+largest of the whole run against the reference of `truth.py`. A setting must stay within half of the requirement, because the error
+of the reference and the time between samples may account for the other half. Candidates, their order and their errors are therefore
+the same in every recommendation. If the budget ends the search, only the last candidates are missing, and the answer says so.
 
 Then the accurate settings with the least work of each engine are timed side by side in one process, as in suites.
 """
@@ -26,7 +25,7 @@ from gauss_bench.advice.answer import BEATS, LOOPS, UNITS, Answer, format_errors
 from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.racing import race_there
 from gauss_bench.advice.truth import MORE, NoTruth, Truth, truth
-from gauss_bench.bench.clock import ratio, spread, time_of
+from gauss_bench.bench.clock import ratio_columns, spread, time_of
 from gauss_bench.bench.search import coarsest, equal_steps, explore, nearest, no_coarser, pick_winner, tolerances
 from gauss_bench.bench.survived import list_survivors
 from gauss_bench.bench.ways import Run, Way, choice_of, judge_trial, request_of, sample
@@ -42,7 +41,7 @@ from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
-SHARE = "share of the requirement"  # largest of the errors, each divided by its requirement
+SHARE = "share of the requirement"  # kind of error: the largest of the errors, each divided by its requirement
 HALF = Requirement(SHARE, 0.5)
 KNOWN = 0.1  # largest error bar of the reference, as a share of the requirement
 TRUE = "gauss-native"  # engine whose compiled model computes the reference; it is also searched like any other engine
@@ -50,39 +49,46 @@ DENSE = 400  # most samples of a run with equal steps
 EVALUATED = 24  # most runs of one variant
 MOST = 200_000  # most steps of a run
 TURNED = 0.7  # [rad] largest turn of the fastest link in a step that is tried: larger steps are never accurate
-# order of the reference's integrator: others first try the steps that it would need, and coarser ones only if these are accurate
+# Order of the reference's integrator. Other engines first try the steps that it would need, and coarser ones if these are accurate.
 ORDER = 8.0
-SPARE = 8.0  # most evaluations of a variant, in units of those of the engine's best setting so far
+SPARE = 8.0  # most work of a variant, in units of the work of the engine's best setting so far
 CHOICES = 4  # most settings of one engine that are timed
 NEAR = 4.0  # settings with more than NEAR times the least work of their engine are not timed
-TRUTH, SEARCHED, RACED = 0.5, 0.65, 0.95  # shares of the budget at which these phases end
+TRUTH, SEARCHED, RACED = 0.5, 0.65, 0.95  # shares of the budget at which the reference, the search and the race end
 AFTER = 0.05  # share of the budget by which a run may exceed the end of the search
 ONE_TRY = 0.1  # share of the budget that the first run of an engine may take in any case
 TRIED = 0.85  # share of the budget until which an engine without a run gets one
 LAST = 1.25  # end of writing the programs, which follows the race, in units of the budget
 WRITTEN = 15.0  # [s] that writing the program of the advised setting may take in any case
-WAITS = 4.0  # most elapsed time of it, in units of WRITTEN: other programs may have the processor
-LONGEST = 0.15  # share of the budget that one run may take; the first run of an engine, which loads or compiles, twice that
+WAITS = 4.0  # most elapsed time of writing it, in units of WRITTEN: other programs may have the processor
+LONGEST = 0.15  # share of the budget that one run may take; the first run of an engine may take twice as long, because it compiles
 
 Told = Callable[[str], object]
 Better = Callable[[Answer], object]
 
 
 class _Over(Exception):
-    """The time for the search of a variant has ended."""
+    """Raised if the time for the search of a variant has ended."""
 
 
 @dataclass
 class _Engine:
-    """The state of the search for one engine.
+    """The state of the search for one engine, or for the settings that its authors own.
 
     Attributes:
-        owner: the engine's authors if the variants are theirs, which are searched apart; empty if they are the suite's.
-        left: variants that were not tried yet; options: settings -> options of the engine.
-        trials: variant -> its trials; ended: variant -> why its search ended.
-        cut: whether time ended the search of a variant; busy: whether a lane runs it now.
-        longest: the largest time limit of its runs [s].
-        refused: the status and the reason where the engine cannot run the linkage.
+        name: of the engine.
+        left: variants that were not tried yet.
+        worker: the process in which the engine runs.
+        adaptive: its integrators that choose their own steps.
+        variants: number of all its variants.
+        options: settings -> options of the engine.
+        trials: variant -> its trials.
+        ended: variant -> why its search ended.
+        cut: whether time ended the search of a variant.
+        busy: whether a thread runs a variant now.
+        longest: the largest time limit of a run so far [s].
+        refused: the status and the reason if the engine cannot run the linkage.
+        owner: the engine's authors if the variants are theirs; empty if they are the suite's.
     """
 
     name: str
@@ -101,33 +107,56 @@ class _Engine:
 
     @property
     def title(self) -> str:
-        """The name of the engine, and the owner if the variants are its authors': the key of this search among all."""
+        """The name of the engine, with the owner if the variants are its authors': the key of this search among all."""
         return f"{self.name} {BY_AUTHORS}, {self.owner}" if self.owner else self.name
 
-    def passing(self) -> dict[Way, Trial]:
-        """Return the settings that meet the requirement, from the least work to the most; equal ones in the order of trying."""
-        holding = {way: trial for way, x in self.trials.items() if (trial := coarsest(x, HALF)) is not None}
-        return {
-            way._replace(size=trial.size): trial
-            for way, trial in sorted(holding.items(), key=lambda pair: work(pair[0].integrator, pair[1]))
-        }
-
-    def loop_of(self, way: Way) -> str:
-        """Return the name of the time loop that a setting uses, or an empty text where its options name none."""
-        return str(self.options.get(way.settings, {}).get("loop", ""))
+    @property
+    def is_open(self) -> bool:
+        """Whether variants are left to be tried, and the engine does not refuse the linkage."""
+        return bool(self.left) and self.refused is None
 
     @property
     def has_run(self) -> bool:
-        """Whether a variant has been run: one that refuses the linkage is tried and not run."""
-        return any(trial.status is not Status.SKIP for some in self.trials.values() for trial in some)
+        """Whether a variant has been run; a variant that refuses the linkage is tried, but does not run."""
+        return any(trial.status is not Status.SKIP for trial in self.all_trials())
+
+    def all_trials(self) -> list[Trial]:
+        """Return the trials of all variants, in the order of the search."""
+        return [trial for trials in self.trials.values() for trial in trials]
+
+    def passing(self) -> dict[Way, Trial]:
+        """Return way -> trial of the settings that meet the requirement, from the least work to the most.
+
+        Settings with equal work are in the order in which they were tried.
+        """
+        found = {way: trial for way, x in self.trials.items() if (trial := coarsest(x, HALF)) is not None}
+        by_work = sorted(found.items(), key=lambda pair: work(pair[0].integrator, pair[1]))
+        return {way._replace(size=trial.size): trial for way, trial in by_work}
 
     def best(self) -> tuple[Way, Trial] | None:
         """Return the setting with the least work that meets the requirement so far, or None."""
         return next(iter(self.passing().items()), None)
 
+    def nearest(self) -> tuple[Way, Trial] | None:
+        """Return the setting whose errors come nearest to the requirement, or None if no run ended."""
+        ended = [(way, trial) for way, x in self.trials.items() if (trial := nearest(x, SHARE)) is not None]
+        way, trial = min(ended, key=lambda pair: pair[1].errors[SHARE], default=(None, None))
+        return None if way is None or trial is None else (way._replace(size=trial.size), trial)
+
+    def loop_of(self, way: Way) -> str:
+        """Return the name of a setting's time loop, or an empty text if its options name none."""
+        return str(self.options.get(way.settings, {}).get("loop", ""))
+
+    def size_of(self, way: Way) -> dict[str, float]:
+        """Return the size of a setting as {"step": ...} or {"tolerance": ...}."""
+        return {"tolerance" if way.integrator in self.adaptive else "step": way.size}
+
 
 def work(integrator: str, trial: Trial) -> float:
-    """Return the number of acceleration evaluations of a run; else steps times evaluations per step; infinity if unknown."""
+    """Return the number of acceleration evaluations of a run.
+
+    If the engine does not count them, it is the number of steps times the evaluations of a step, or infinity without steps.
+    """
     if trial.evaluations:
         return float(trial.evaluations)
     return math.inf if trial.steps is None else float(trial.steps * EVALUATIONS.get(integrator, 1))
@@ -135,11 +164,11 @@ def work(integrator: str, trial: Trial) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """The result of the search, before the race. The time budget only decides which candidates are missing.
+    """The result of the search, before the race. The time budget decides only which candidates are missing.
 
     Attributes:
         truth: the reference of all errors.
-        engines: name -> trials of every variant of the suite (sizes 0) in the order of trying.
+        engines: name -> trials of every variant of the suite (a way of size 0), in the order in which they were tried.
     """
 
     truth: Truth
@@ -150,9 +179,10 @@ class Recommender:
     """One recommendation, as a context manager: call `search`, `race` and `answers` in this order.
 
     Attributes:
-        run: linkage, scenario and duration; wanted: kind of error -> largest allowed error [m], [rad], [N].
-        spaces: engine -> its variants in the order in which they are tried, or a sentence why it has none.
-        owned: variants of these engines that their authors own; they are searched and raced apart from the suite's.
+        run: linkage, scenario and duration.
+        wanted: kind of error -> largest allowed error [m], [rad], [N].
+        engines: title -> state of the search for an engine.
+        lost: engine -> why the race continued without it.
     """
 
     def __init__(
@@ -165,25 +195,40 @@ class Recommender:
         better: Better = lambda answer: None,
         owned: Mapping[str, Sequence[Variant]] | None = None,
     ):
+        """Prepare the search.
+
+        Args:
+            spaces: engine -> its variants in the order in which they are tried, or the reason why it has none.
+            told: called with sentences of progress.
+            better: called with each answer that is better than the engine's answer before.
+            owned: engine -> variants that its authors own; they are searched and raced apart from the suite's.
+        """
         self.run, self.wanted, self.budget = run, dict(wanted), budget
-        self._better = better
-        self._told, self._say, self._stack, self._state = told, threading.Lock(), ExitStack(), threading.Condition()
+        self._told, self._better, self._say = told, better, threading.Lock()
+        self._stack, self._state = ExitStack(), threading.Condition()
+        self._failures: queue.Queue[BaseException] = queue.Queue()  # errors in the threads of the search
         self.judge = Evaluator(run.mechanism)
-        self.engines: dict[str, _Engine] = {}  # by title
-        self.lost: dict[str, str] = {}  # engine -> why the race went on without it
-        theirs = {(name, x.owner): [y for y in some if y.owner == x.owner] for name, some in (owned or {}).items() for x in some}
-        for (name, owner), space in [*(((name, ""), space) for name, space in spaces.items()), *theirs.items()]:
-            offered = offer(name)
-            engine = _Engine(name, [], self._stack.enter_context(Worker()), offered.adaptive, owner=owner)
-            if not offered.usable:
-                engine.refused = offered.status, offered.reason
-            elif isinstance(space, str):
-                engine.refused = Status.SKIP, space
-            else:
-                engine.left, engine.variants = list(space), len(space)
-                engine.options = {x.name: x.options for x in space}
-            self.engines[engine.title] = engine
+        self.engines: dict[str, _Engine] = {}
+        self.lost: dict[str, str] = {}
         self.truth: Truth | None = None
+        for name, space in spaces.items():
+            self._enter(name, "", space)
+        for name, variants in (owned or {}).items():
+            for owner in dict.fromkeys(x.owner for x in variants):
+                self._enter(name, owner, [x for x in variants if x.owner == owner])
+
+    def _enter(self, name: str, owner: str, space: Sequence[Variant] | str) -> None:
+        """Add the search for an engine's variants, or the reason why there are none."""
+        offered = offer(name)
+        engine = _Engine(name, [], self._stack.enter_context(Worker()), offered.adaptive, owner=owner)
+        if not offered.usable:
+            engine.refused = offered.status, offered.reason
+        elif isinstance(space, str):
+            engine.refused = Status.SKIP, space
+        else:
+            engine.left, engine.variants = list(space), len(space)
+            engine.options = {x.name: x.options for x in space}
+        self.engines[engine.title] = engine
 
     def __enter__(self) -> "Recommender":
         return self
@@ -192,6 +237,7 @@ class Recommender:
         self._stack.close()
 
     def report(self, sentence: str) -> None:
+        """Report a sentence of progress with the elapsed time; several threads do."""
         with self._say:
             self._told(f"{self.budget.wall_time():5.1f} s  {sentence}")
 
@@ -209,31 +255,30 @@ class Recommender:
                 known = f"the error bar of the reference is {truth.bars[kind]:.1e} {UNITS[kind]}"
                 raise NoTruth(f"{known}, more than a tenth of the required {limit:g} {UNITS[kind]}: {truth.told}")
         self.truth = truth
-        # Steps in which the fastest link would turn by more than TURNED are not tried.
+        # [s] the longest step, in which the fastest link turns by TURNED
         self.longest = TURNED / max(float(np.abs(angles(truth.reference.v)).max()), 1e-9)
         halved = max(truth.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in truth.halving)
-        # The error of the reference's method falls with steps^-ORDER: these steps should give half of the requirement.
+        # [s] the first step: errors of the reference's method fall with steps^-ORDER, so that it would give half of the requirement
         self.first = self.run.until / (truth.steps * (halved / HALF.limit) ** (1 / ORDER))
         lanes = [threading.Thread(target=self._lane, daemon=True) for _ in range(LANES)]
-        failures: queue.Queue[BaseException] = queue.Queue()
-        self._failures = failures
         for lane in lanes:
             lane.start()
         for lane in lanes:
             while lane.is_alive():  # an interrupt of the user is noticed between two of these waits
                 lane.join(0.2)
-        if not failures.empty():
-            raise failures.get()
+        if not self._failures.empty():
+            raise self._failures.get()
         return Searched(truth, {x.name: x.trials for x in self.engines.values() if not x.owner})
 
     def _truth(self) -> Truth:
-        """Compute the reference, in the worker of the compiled engine, so that its model is compiled once for both uses."""
+        """Return the reference, computed in the worker of the engine TRUE, so that its model is compiled once for both uses."""
         wanted = {k: KNOWN * x for k, x in self.wanted.items()}
         own = self.engines.get(TRUE)
         worker = own.worker if own is not None and own.refused is None else self._stack.enter_context(Worker())
         return truth(self.run, wanted, lambda: self.budget.remaining(TRUTH), worker, self.report)
 
     def _lane(self) -> None:
+        """Search variants in one thread until none is left; several threads do."""
         try:
             while (engine := self._next()) is not None:
                 self._variant(engine, engine.left.pop(0))
@@ -247,48 +292,49 @@ class Recommender:
         """Return the idle engine with the fewest variants tried, or None at the end of the search.
 
         When the time for the search has ended, each engine without a run still gets one, with steps that should be accurate enough.
-        Variants that refuse the linkage take no time, so an engine that has only refused so far has had no run.
+        Variants that refuse the linkage take no time, so that an engine whose variants all refused has had no run.
         """
         with self._state:
             while self._failures.empty():
-                due = self.budget.remaining(SEARCHED) > 0
-                open_ones = [x for x in self.engines.values() if x.left and x.refused is None and (due or not x.has_run)]
-                if not open_ones:
-                    return None
-                free = [x for x in open_ones if not x.busy]
-                if free:
-                    chosen = min(free, key=lambda x: len(x.trials))
+                in_time = self.budget.remaining(SEARCHED) > 0
+                waiting = [x for x in self.engines.values() if x.is_open and (in_time or not x.has_run)]
+                idle = [x for x in waiting if not x.busy]
+                if idle:
+                    chosen = min(idle, key=lambda x: len(x.trials))
                     chosen.busy = True
                     return chosen
+                if not waiting:
+                    return None
                 self._state.wait(0.2)
         return None
 
     def _variant(self, engine: _Engine, variant: Variant) -> None:
-        """Search one variant over step sizes or tolerances, and keep its trials."""
+        """Search one variant over steps or tolerances, and keep its trials."""
         way = Way(engine.name, variant.name, variant.integrator, variant.stabilization, 0.0)
-        adaptive, before, first = variant.integrator in engine.adaptive, engine.best(), not engine.has_run
+        adaptive, before, is_first = variant.integrator in engine.adaptive, engine.best(), not engine.has_run
         trials: list[Trial] = []
         engine.trials[way] = trials
         scale, most = tolerances(smallest=12), 0
         if not adaptive:
             most = self._most(way, before)
             scale = no_coarser(equal_steps(self.run.until, BEATS, most), self.longest)
-        # The search asks for some sizes twice; each is run once.
-        seen: dict[float, Trial] = {}
-        until = self.budget.seconds_used() + self._slice(first)
+        known: dict[float, Trial] = {}  # size -> trial: the search asks for some sizes twice
+        until = self.budget.seconds_used() + self._slice(is_first)
 
         def evaluate(size: float) -> Trial:
-            if size not in seen:
-                if (seen or not first) and self.budget.seconds_used() >= until:
+            """Return the trial at a size, which is run if it is not known and time is left."""
+            if size not in known:
+                # the first run of an engine is made in any case
+                if (known or not is_first) and self.budget.seconds_used() >= until:
                     raise _Over
-                seen[size] = self._evaluate(engine, way._replace(size=size), adaptive)
-                trials.append(seen[size])
-            return seen[size]
+                known[size] = self._evaluate(engine, way._replace(size=size), adaptive)
+                trials.append(known[size])
+            return known[size]
 
         try:
-            late = first and self.budget.remaining(SEARCHED) <= 0  # the engine gets a single run: its step is rather too fine
-            start = scale if adaptive else no_coarser(scale, self.first / 2 if late else self.first)
-            # Begin at coarser sizes as long as they hold: the cheapest setting may need fewer steps than the reference.
+            is_late = is_first and self.budget.remaining(SEARCHED) <= 0  # a single run, whose step is rather too short
+            start = scale if adaptive else no_coarser(scale, self.first / 2 if is_late else self.first)
+            # begin with coarser sizes as long as they hold: the cheapest setting may need fewer steps than the reference
             while len(start.sizes) < len(scale.sizes) and evaluate(start.sizes[0]).meets(HALF):
                 start = no_coarser(scale, 2 * start.sizes[0])
             _, engine.ended[way] = explore(evaluate, start, [HALF], EVALUATED, most)
@@ -298,16 +344,19 @@ class Recommender:
             self._refuse(engine, trials[-1])
         self._tell(engine, before)
 
-    def _slice(self, first: bool) -> float:
-        """Return the seconds that a variant may take. The first that an engine runs gets twice an equal share of the time."""
+    def _waiting(self) -> int:
+        """Return the number of engines that were not tried yet."""
+        return sum(not x.trials and x.refused is None for x in self.engines.values())
+
+    def _slice(self, is_first: bool) -> float:
+        """Return the seconds that a variant may take; the first variant of an engine has twice an equal share of the time."""
         left = self.budget.remaining(SEARCHED)
-        waiting = sum(not x.trials and x.refused is None for x in self.engines.values())
-        return left if not first else min(left, 2 * LANES * left / (1 + waiting))
+        return min(left, 2 * LANES * left / (1 + self._waiting())) if is_first else left
 
     def _refuse(self, engine: _Engine, trial: Trial) -> None:
-        """Keep the variants with other time loops of an engine that refused the linkage, else one with another integrator.
+        """Keep only some variants of an engine that refused the linkage in its last trial.
 
-        Without any, record the reason.
+        They are those with other time loops, else one with another integrator. If there is none, the engine has refused.
         """
         loops = {engine.loop_of(way) for way in engine.trials}
         others = [x for x in engine.left if str(x.options.get("loop", "")) not in loops]
@@ -317,16 +366,17 @@ class Recommender:
         engine.refused = None if others else (trial.status, trial.message)
 
     def _most(self, way: Way, before: tuple[Way, Trial] | None) -> int:
-        """Return the most steps that a variant may take: MOST, or as many as are at most SPARE times the engine's best."""
+        """Return the most steps that a variant may take: MOST, or SPARE times the work of the engine's best setting before."""
         if before is None:
             return MOST
         spared = SPARE * work(before[0].integrator, before[1]) / EVALUATIONS.get(way.integrator, 1)
         return int(min(MOST, max(spared, 2 * DENSE)))
 
     def _evaluate(self, engine: _Engine, way: Way, adaptive: bool) -> Trial:
+        """Run a setting and return the trial, whose errors include SHARE."""
         assert self.truth is not None
         steps = BEATS if adaptive else round(self.run.until / way.size)
-        # Samples must divide the steps evenly, so that no shorter step is needed to meet a sample time.
+        # the number of samples divides the number of steps, so that no shorter step is needed to meet a sample
         samples = BEATS if adaptive else max(x for x in range(1, DENSE + 1) if steps % x == 0)
         wanted = sample(self.run, steps, samples)
         limit, wall = self._limit(engine), max(self.budget.remaining_wall_time(TRIED), 1.0)
@@ -339,26 +389,27 @@ class Recommender:
         errors = dict(trial.errors)
         if LOOPS in self.wanted and ran.trajectory is not None:
             errors[LOOPS] = float(drift(self.judge, ran.trajectory).position.max())
-        # The requirement that is met worst counts; an undetermined error (NaN) does not pass as small.
+        # an undetermined error (NaN) makes the share NaN, which meets no requirement
         worst = share(replace(trial, errors=errors), [Requirement(*x) for x in self.wanted.items()])
         return replace(trial, errors=errors | {SHARE: worst})
 
     def _limit(self, engine: _Engine) -> float:
-        """Return the time limit of a run [s]. The first run of an engine, which loads or compiles its library, has a minimum."""
+        """Return the time limit of a run [s]; the first run of an engine, which loads or compiles its library, has longer."""
+        left = self.budget.remaining(SEARCHED + AFTER)
         if engine.has_run:
-            return max(min(LONGEST * self.budget.seconds, self.budget.remaining(SEARCHED + AFTER)), 1.0)
-        waiting = 1 + sum(not x.trials and x.refused is None for x in self.engines.values())
-        own = max(self.budget.remaining(SEARCHED + AFTER), LANES * self.budget.remaining(TRIED) / waiting)
+            return max(min(LONGEST * self.budget.seconds, left), 1.0)
+        own = max(left, LANES * self.budget.remaining(TRIED) / (1 + self._waiting()))
         return max(min(2 * LONGEST * self.budget.seconds, own), ONE_TRY * self.budget.seconds, 1.0)
 
     def _tell(self, engine: _Engine, before: tuple[Way, Trial] | None) -> None:
-        after, trials = engine.best(), [x for many in engine.trials.values() for x in many]
+        """Report what the search of a variant has changed: a refusal, a first setting that holds, or one that is better."""
+        after = engine.best()
         if after is None:
-            best = nearest(trials, SHARE)
+            near = nearest(engine.all_trials(), SHARE)
             if engine.refused:
                 self.report(f"{engine.title}: {engine.refused[0]}: {engine.refused[1]}")
-            elif best is not None and len(engine.trials) == 1:
-                self.report(f"{engine.title}: not yet; nearest {self._errors(best)}")
+            elif near is not None and len(engine.trials) == 1:
+                self.report(f"{engine.title}: not yet; nearest {self._errors(near)}")
         elif before is None or work(after[0].integrator, after[1]) < work(before[0].integrator, before[1]):
             how = "holds" if before is None else "better"
             self.report(f"{engine.title}: {how}: {describe_setting(after[0], engine)}: {self._errors(after[1])}")
@@ -366,26 +417,27 @@ class Recommender:
                 self._better(replace(self._hold(engine, *after, None, None), message="not raced yet"))
 
     def _errors(self, trial: Trial) -> str:
+        """Return the required kinds of a trial's errors in words."""
         return format_errors(trial.errors, self.wanted, ", ")
 
     # The race for the cheapest setting
 
     def race(self) -> dict[Way, Array]:
         """Time the accurate settings side by side in one process; return setting -> seconds of a run (rounds,)."""
-        chosen: dict[Way, int | None] = {}
-        lists = [choices(x) for x in self.engines.values()]
-        for place in range(CHOICES):  # first choices of all engines before second ones of any
-            chosen |= {way: trial.steps for ways in lists for way, trial in ways[place : place + 1]}
+        chosen: dict[Way, int | None] = {}  # setting -> number of steps
+        by_engine = [choices(x) for x in self.engines.values()]
+        for rank in range(CHOICES):  # first choices of all engines before second choices of any
+            chosen |= {way: trial.steps for ways in by_engine for way, trial in ways[rank : rank + 1]}
         if not chosen or self.budget.remaining(RACED) <= 0:
             return {}
-        self.report(f"race: {len(chosen)} settings of {len({x.engine for x in chosen})} engines")
-        rows = [[*way, steps] for way, steps in chosen.items()]
-        place_of = (self.run.linkage, self.run.mechanism.scenario, self.run.until, BEATS)
-        deadline = time.monotonic() + self.budget.remaining(RACED)
         names = list(dict.fromkeys(x.engine for x in chosen))
+        self.report(f"race: {len(chosen)} settings of {len(names)} engines")
+        motion = (self.run.linkage, self.run.mechanism.scenario, self.run.until, BEATS)
+        deadline = time.monotonic() + self.budget.remaining(RACED)
+        arguments = (*motion, [[*way, steps] for way, steps in chosen.items()], deadline)
         limits = (max(1.0, x()) for x in (self.budget.remaining, self.budget.remaining_wall_time))
         try:
-            tables, lost = list_survivors(race_there, (*place_of, rows, deadline), names, *limits)
+            tables, lost = list_survivors(race_there, arguments, names, *limits)
         except WorkerFailure as error:
             self.report(f"race: {error}")
             self.lost = {} if error.status is Status.TIMEOUT else dict.fromkeys(names, str(error))
@@ -396,8 +448,11 @@ class Recommender:
         return {Way(*r["way"]): np.array(r["seconds"]) for r in tables["race"] if r["seconds"]}
 
     def answers(self, times: Mapping[Way, Array]) -> list[Answer]:
-        """Return an answer for every engine: first those that meet the requirement, the fastest first, then the others."""
-        chosen: dict[str, tuple[Way, Trial]] = {}
+        """Return an answer for every engine: first those that meet the requirement, the fastest first, then the others.
+
+        `times` are setting -> seconds of a run (rounds,).
+        """
+        chosen: dict[str, tuple[Way, Trial]] = {}  # title of an engine -> its setting
         for engine in self.engines.values():
             ways = engine.passing()
             if raced := {way: times[way] for way in ways if way in times}:
@@ -406,18 +461,19 @@ class Recommender:
             elif best := engine.best():
                 chosen[engine.title] = best
         fastest = min((times[w] for w, _ in chosen.values() if w in times), key=time_of, default=None)
-        held: list[Answer] = []
+        held = []
         for title, (way, trial) in chosen.items():
             engine = self.engines[title]
+            own = {w: x for w, x in times.items() if w.settings in engine.options}
             answer = self._hold(engine, way, trial, times.get(way), fastest)
-            own_times = {w: x for w, x in times.items() if w.settings in engine.options}
-            held.append(replace(answer, loops=by_loop(engine, own_times, fastest)))
-        # Settings without a race have no ratio and come last.
-        held.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)
+            held.append(replace(answer, loops=by_loop(engine, own, fastest)))
+        held.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)  # settings without a race come last
         return held + [self._not_held(x) for x in self.engines.values() if x.title not in chosen]
 
     def call_worker(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...], least: float = 1.0) -> Any:
-        """Call a function in the engine's worker, until LAST times the budget at the latest, or for `least` seconds [s].
+        """Return function(*arguments) from the worker of an engine.
+
+        The call may take until LAST times the budget, or `least` seconds if that is later.
 
         Raises:
             WorkerFailure: the call failed or took too long.
@@ -428,39 +484,50 @@ class Recommender:
         return worker.call(function, arguments, limit, longest=longest)
 
     def _counts(self, engine: _Engine) -> dict[str, Any]:
-        evaluations = sum(map(len, engine.trials.values()))
-        complete = not engine.cut and not (engine.left and engine.refused is None)
-        return {"tried": len(engine.trials), "variants": engine.variants, "evaluations": evaluations, "complete": complete}
+        """Return the fields of an answer that do not depend on its setting."""
+        complete = not engine.cut and not engine.is_open
+        counts = {"tried": len(engine.trials), "variants": engine.variants, "evaluations": len(engine.all_trials())}
+        return counts | {"complete": complete, "owner": engine.owner}
 
     def _hold(self, engine: _Engine, way: Way, trial: Trial, seconds: Array | None, fastest: Array | None) -> Answer:
-        timed: dict[str, float] = {}
+        """Return the answer with a setting that meets the requirement.
+
+        `seconds` are the times of its run (rounds,), and `fastest` those of the fastest engine; None without a race.
+        """
+        fields = self._counts(engine) | engine.size_of(way)
+        message = ""
         if seconds is not None and fastest is not None:
-            timed = spread("seconds", seconds)
-            timed |= dict(zip(("ratio", "ratio_low", "ratio_high"), ratio(seconds, fastest), strict=True))
-        adaptive = way.integrator in engine.adaptive
-        size = {"tolerance": way.size} if adaptive else {"step": way.size}
-        errors = {k: x for k, x in trial.errors.items() if k in UNITS and not math.isnan(x)}
-        columns: dict[str, Any] = way._asdict() | size | timed | self._counts(engine)
-        columns.pop("size")
-        columns["owner"] = engine.owner
-        message = "" if timed else f"holds, not raced: {self.lost.get(engine.name, f'the time ended first; {MORE}')}"
-        columns["options"] = engine.options.get(way.settings, {})
-        columns["in_python"] = in_python(way.engine, self.run.mechanism, choice_of(way, adaptive, self.run.until))
-        return Answer(status=str(Status.OK), message=message, steps=trial.steps, errors=errors, **columns)
+            fields |= spread("seconds", seconds) | ratio_columns(seconds, fastest)
+        else:
+            message = f"holds, not raced: {self.lost.get(engine.name, f'the time ended first; {MORE}')}"
+        choice = choice_of(way, way.integrator in engine.adaptive, self.run.until)
+        return Answer(
+            engine.name,
+            str(Status.OK),
+            message,
+            *way[1:4],
+            steps=trial.steps,
+            errors=known_errors(trial),
+            options=engine.options.get(way.settings, {}),
+            in_python=in_python(engine.name, self.run.mechanism, choice),
+            **fields,
+        )
 
     def _not_held(self, engine: _Engine) -> Answer:
-        counts: dict[str, Any] = self._counts(engine) | {"owner": engine.owner}
+        """Return the answer for an engine without a setting that meets the requirement, with the setting that came nearest."""
         found = answer_of(engine)
         status = str(Status.SKIP if found.kind in (Kind.NO_MODEL, Kind.UNDETERMINED) else found.kind)
-        best = [(way, trial) for way, x in engine.trials.items() if (trial := nearest(x, SHARE)) is not None]
-        if found.kind is not Kind.NOT_REACHED or not best:
+        near, counts = engine.nearest(), self._counts(engine)
+        if found.kind is not Kind.NOT_REACHED or near is None:
             return Answer(engine.name, status, found.words, **counts)
-        way, trial = min(best, key=lambda x: x[1].errors[SHARE])
-        errors = {k: x for k, x in trial.errors.items() if k in UNITS and not math.isnan(x)}
-        placed = describe_setting(way._replace(size=trial.size), engine)
         untried = "" if counts["complete"] else "; some variants were not tried"
-        message = f"{found.words}; came to {self._errors(trial)} with {placed}{untried}"
-        return Answer(engine.name, status, message, steps=trial.steps, errors=errors, **counts)
+        message = f"{found.words}; came to {self._errors(near[1])} with {describe_setting(near[0], engine)}{untried}"
+        return Answer(engine.name, status, message, steps=near[1].steps, errors=known_errors(near[1]), **counts)
+
+
+def known_errors(trial: Trial) -> dict[str, float]:
+    """Return kind -> error of a trial, for the kinds of UNITS that are determined."""
+    return {kind: x for kind, x in trial.errors.items() if kind in UNITS and not math.isnan(x)}
 
 
 def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
@@ -469,40 +536,47 @@ def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
     least = min((work(w.integrator, t) for w, t in ways), default=0.0)
     near = [(w, t) for w, t in ways if work(w.integrator, t) <= NEAR * least or w.integrator in engine.adaptive][:CHOICES]
     shown = {engine.loop_of(w) for w, _ in near}
-    others = {engine.loop_of(w): (w, t) for w, t in reversed(ways) if engine.loop_of(w) not in shown}  # the least of each loop
+    # reversed, so that the setting with the least work replaces the others of its loop
+    others = {engine.loop_of(w): (w, t) for w, t in reversed(ways) if engine.loop_of(w) not in shown}
     return [*near[: CHOICES - len(others)], *others.values()]
 
 
 def by_loop(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) -> dict[str, float]:
-    """Return time loop -> time of its fastest setting over that of the fastest engine; empty if the engine has a single loop."""
-    ways = [way for way in times if way.engine == engine.name]
-    loops = {loop: [w for w in ways if engine.loop_of(w) == loop] for loop in dict.fromkeys(map(engine.loop_of, ways))}
-    if fastest is None or len(loops) < 2:
+    """Return time loop -> time of its fastest setting divided by that of the fastest engine.
+
+    The result is empty without a race, and for an engine with a single loop.
+    """
+    seconds: dict[str, list[float]] = {}
+    for way, x in times.items():
+        if way.engine == engine.name:
+            seconds.setdefault(engine.loop_of(way), []).append(time_of(x))
+    if fastest is None or len(seconds) < 2:
         return {}
-    return {loop: min(time_of(times[w]) for w in some) / time_of(fastest) for loop, some in loops.items()}
+    return {loop: min(some) / time_of(fastest) for loop, some in seconds.items()}
 
 
 def answer_of(engine: _Engine) -> Reach:
-    """Return the answer for an engine without a setting that meets the requirement."""
-    if engine.refused is not None and engine.refused[0] is not Status.SKIP:
-        return Reach(Kind.NOT_TRIED, engine.refused[1])
+    """Return the answer in words for an engine without a setting that meets the requirement."""
+
+    def not_tried(reason: str) -> Reach:
+        return Reach(Kind.NOT_TRIED, f"{reason}; {MORE}", within="within the budget")
+
+    trials = engine.all_trials()
     if engine.refused is not None:
+        if engine.refused[0] is not Status.SKIP:
+            return Reach(Kind.NOT_TRIED, engine.refused[1])
         return reach([[Trial(math.nan, {}, 0, *engine.refused)]], [HALF])
-    if engine.trials and engine.left and not engine.has_run:
-        refused = next(trial.message for some in engine.trials.values() for trial in some)
-        return Reach(Kind.NOT_TRIED, f"the variants that had a turn refused ({refused}); {MORE}", within="within the budget")
-    trials = [trial for some in engine.trials.values() for trial in some]
     if not trials:
-        return Reach(Kind.NOT_TRIED, f"it had no turn; {MORE}", within="within the budget")
-    # a refusal or a crash at one setting does not say what the runs without an end would have come to
+        return not_tried("it had no turn")
+    if engine.left and not engine.has_run:
+        return not_tried(f"the variants that had a turn refused ({trials[0].message})")
+    # a refusal or a crash at one setting does not tell the errors of runs that did not end
     statuses = {trial.status for trial in trials}
     if Status.TIMEOUT in statuses and Status.OK not in statuses:
-        return Reach(Kind.NOT_TRIED, f"no run ended in the {engine.longest:.3g} s that it had; {MORE}", within="within the budget")
+        return not_tried(f"no run ended in the {engine.longest:.3g} s that it had")
     return reach(engine.trials.values(), [HALF])
 
 
 def describe_setting(way: Way, engine: _Engine) -> str:
     """Return a setting in words."""
-    adaptive = way.integrator in engine.adaptive
-    size = {"tolerance": way.size} if adaptive else {"step": way.size}
-    return format_setting(way.settings, way.integrator, way.stabilization, **size)
+    return format_setting(way.settings, way.integrator, way.stabilization, **engine.size_of(way))

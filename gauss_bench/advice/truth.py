@@ -1,11 +1,11 @@
 """A reference for any motion within seconds: runs with equal steps, which are halved until the motion changes little.
 
-The integrator is of order eight, with the suite's own formulation: in numpy at first, and compiled if more steps are needed. The
-run with half the step is the reference. Its difference from the coarser run is its error bar, about 200 times too large at order 8.
-To show that the equations are those of the linkage, the accelerations are compared with numpy's at every sample. If there is a
-certificate, the motion is compared with it too, and the error bar includes the difference. Between samples, which are as dense as
-the coarser steps, positions are polynomials of degree five that match position, velocity and acceleration at both ends (quintic
-Hermite interpolation). The error bar includes the interpolation error.
+The integrator has order eight. It runs with the suite's own formulation, in numpy at first, and compiled if more steps are needed.
+The run with half the step is the reference. Its difference from the run with the whole step is its error bar, which is about 200
+times too large at order eight. The accelerations at every sample are compared with those of the suite's equations in numpy, which
+shows an error of the compiled equations. If there is a certificate, the motion is compared with it too, and the error bar includes
+the difference. Between samples, which are as dense as the whole steps, positions are polynomials of degree five that match
+position, velocity and acceleration at both ends (quintic Hermite interpolation). The error bar includes the interpolation error.
 """
 
 import math
@@ -29,23 +29,21 @@ from gauss_bench.runs.worker import Worker
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
-MORE = "a larger --budget helps"  # where time alone was missing
+MORE = "a larger --budget helps"  # the end of a reason if only time was missing
 METHOD = "dop853_fixed"
 PLAIN, NATIVE = 100, 1600  # steps of the first coarser run, in numpy and compiled
 LOOK = 0.2  # share of the budget for the first two runs, in numpy
-COMPILED = 0.6  # share of the budget for compiled code, which may be compiled anew during a run; the rest is for numpy
+COMPILED = 0.6  # share of the budget for compiled code, which may be compiled during a run; the rest is for numpy
 MOST = 400_000  # most steps of a run
 SAMPLES = 3200  # most samples of the reference
-AGREEMENT = 1e-6  # relative, of accelerations against those in numpy: rounding leaves 1e-9, a wrong term about 1
-# error of the interpolation through every second sample over that through all: 2^6 = 64, of which a quarter is relied on
+AGREEMENT = 1e-6  # allowed relative difference of accelerations from those in numpy: rounding leaves 1e-9, a wrong term about 1
+# The interpolation through every second sample has 2^6 = 64 times the error of that through all samples. A quarter is relied on.
 SIXTH = 16.0
-
-
-SHORTER, ATTEMPTS = 4.0, 3  # factor by which a time is shortened where no reference is known over it, and how many times there are
+SHORTER, ATTEMPTS = 4.0, 3  # divisor of a duration without a reference, and number of durations that are tried
 
 
 class NoTruth(ArithmeticError):
-    """No reference is accurate enough to judge by."""
+    """Raised if no reference is accurate enough to judge by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +52,10 @@ class Truth:
 
     Attributes:
         reference: its samples, equally spaced.
-        bars: kind of error -> error bar of the reference [m], [rad], [N]; no force where redundant constraints leave it open.
-        halving: kind -> the change by halving the steps; steps: number of steps of the coarser run.
-        certified: whether a certificate vouches for it.
+        bars: kind of error -> error bar of the reference [m], [rad], [N]; without forces if redundant constraints leave them open.
+        halving: kind of error -> the change by halving the steps.
+        steps: number of steps of the coarser run.
+        certified: whether a certificate confirms the motion.
         told: one line on how the reference was made.
     """
 
@@ -68,7 +67,7 @@ class Truth:
     told: str
 
     def at(self, run: Run, times: Array) -> Reference:
-        """Return the reference at any times (k,) of the run, accelerations included."""
+        """Return the reference at any times (k,) [s] of the run, with accelerations."""
         q, v = between(self.reference, times)
         a = AbsoluteCoordinates(run.mechanism).acceleration(times, q, v)
         return Reference.with_one_bar(Trajectory(times, q, v, a, None), self.reference.method, self.bar)
@@ -80,15 +79,23 @@ class Truth:
 
 
 def shorten(until: float) -> Iterator[float]:
-    """Yield a duration [s] and ever shorter ones: a chaotic motion has a reference over a short time only."""
+    """Yield a duration [s] and shorter ones, because a chaotic motion has a reference over a short time only."""
     for k in range(ATTEMPTS):
         yield until / SHORTER**k
 
 
 def between(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
-    """Return q and v (k, n) at times between equally spaced samples, by quintic Hermite polynomials of q."""
+    """Return q and v (k, n) at times (k,) [s] between equally spaced samples, by quintic Hermite polynomials of q.
+
+    In the interval of a time, with s from 0 to 1 and derivatives by s,
+
+        q(s) = p + u s + b s^2 / 2 + c3 s^3 + c4 s^4 + c5 s^5
+
+    p, u and b are position, first and second derivative at s = 0. P, U and B are what position and derivatives at s = 1 have beyond
+    the polynomial of degree two, and determine c3, c4 and c5.
+    """
     h = float(known.t[1] - known.t[0])
-    k = np.clip(np.floor(times / h + 1e-9).astype(int), 0, len(known.t) - 2)
+    k = np.clip(np.floor(times / h + 1e-9).astype(int), 0, len(known.t) - 2)  # interval of each time
     s = ((times - known.t[k]) / h)[:, None]
     p, u, b = known.q[k], h * known.v[k], h * h * known.a[k]
     P, U, B = known.q[k + 1] - p - u - b / 2, h * known.v[k + 1] - u - b, h * h * known.a[k + 1] - b
@@ -98,24 +105,29 @@ def between(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
 
 
 def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], worker: Worker, told: Callable[[str], object]) -> Truth:
-    """Return a reference whose error bars are within `wanted` (kind -> m, rad or N), or as near as time and rounding allow.
+    """Return a reference whose error bars are within `wanted`, or as small as time and rounding allow.
 
     Two runs in numpy come first: if they are accurate enough, nothing is compiled. Else the compiled formulation takes smaller and
     smaller steps, for COMPILED of the budget at most. If it fails, numpy continues.
 
     Args:
+        wanted: kind of error -> largest error bar [m], [rad], [N].
         left: returns the seconds that are left.
         worker: runs the compiled formulation and keeps its model.
+        told: called with sentences of progress.
 
     Raises:
-        NoTruth: no run completed, its accelerations are not the linkage's, or it contradicts the certificate.
+        NoTruth: no run was completed, its accelerations are not the linkage's, or it contradicts the certificate.
     """
     budget = left()
     reasons: dict[str, str] = {}
     known: list[Truth] = []
 
     def try_steps(engine: str, where: Worker, share: float, first: int, most: float = math.inf) -> bool:
-        """Try `first` steps and more; return whether one is accurate enough. `share` of the budget is left for other engines."""
+        """Try `first` to `most` steps in a worker, and tell whether a run is accurate enough.
+
+        A share of the budget is left for other engines.
+        """
         try:
             for found in follow(run, engine, where, lambda: left() - share * budget, first, most):
                 told(f"truth: {2 * found.steps} steps by {engine}, known to {format_errors(found.bars, wanted, ', ')}")
@@ -145,17 +157,19 @@ def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], work
 def follow(
     run: Run, engine: str, worker: Worker, left: Callable[[], float], steps: int = PLAIN, most: float = math.inf
 ) -> Iterator[Truth]:
-    """Yield references with smaller and smaller steps of one engine, until the time ends or round-off stops the improvement.
+    """Yield references with smaller and smaller steps of one engine, until the time ends or rounding stops the improvement.
 
     Args:
-        steps: number of steps of the first coarser run; most: of the last one.
+        left: returns the seconds that are left.
+        steps: number of steps of the first coarser run.
+        most: largest number of steps of a coarser run.
 
     Raises:
         NoTruth: the run with the smallest steps failed, or no run has the linkage's accelerations.
     """
     judge, failed = Evaluator(run.mechanism), ""
     best: Truth | None = None
-    fine: Trajectory | str = ""
+    fine: Trajectory | str = ""  # the last run, or why it failed; it is the coarser run of the next pair
     while steps <= min(most, MOST) and left() > 0:
         coarse = fine if isinstance(fine, Trajectory) else _run(run, engine, steps, left(), worker)
         if left() <= 0:
@@ -166,7 +180,7 @@ def follow(
         elif left() > 0:
             found = _compare(run, judge, coarse, fine, steps, engine)
             if best is not None and all(found.bars[k] >= best.bars[k] for k in ("position", "angle")):
-                return  # round-off: smaller steps improve nothing
+                return  # rounding: smaller steps improve nothing
             best = found
             yield found
         steps *= 2
@@ -175,8 +189,11 @@ def follow(
 
 
 def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Trajectory | str:
-    """Run with a number of steps; return the trajectory, with SAMPLES samples at most, or the reason why there is none."""
-    every = max(1, math.ceil(steps / SAMPLES))
+    """Run with a number of steps within `limit` [s]; return the trajectory, or the reason why there is none.
+
+    The trajectory has at most SAMPLES samples, which are equally spaced.
+    """
+    every = max(1, math.ceil(steps / SAMPLES))  # steps from sample to sample
     kept = steps // every
     times = run.until / kept * np.arange(kept + 1)
     choice = Choice("default", METHOD, "none", run.until / steps)
@@ -186,13 +203,19 @@ def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Tra
 
 
 def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, steps: int, engine: str) -> Truth:
-    """Return the finer run as a reference; its difference from the coarser run is the error bar."""
-    every = (len(fine.t) - 1) // (len(coarse.t) - 1)
+    """Return the finer run as a reference, whose error bar is its difference from the coarser run of `steps` steps.
+
+    The bars of positions and angles also include the interpolation error and the largest gap of a joint.
+
+    Raises:
+        NoTruth: the accelerations are not those of the linkage.
+    """
+    every = (len(fine.t) - 1) // (len(coarse.t) - 1)  # samples of the finer run for each of the coarser one
     kept = fine[::every]
     true = AbsoluteCoordinates(run.mechanism).acceleration(kept.t, kept.q, kept.v)
     off = float(np.median(relative_acceleration_error(kept.a, true)))
     if not off <= AGREEMENT:
-        raise NoTruth(f"accelerations of {engine} differ from those of the linkage by {off:.1e} of themselves")
+        raise NoTruth(f"accelerations of {engine} differ from those of the linkage by {off:.1e} of their size")
     how = f"step-halved ({2 * steps} steps of order eight by {engine}, and {steps})"
     reference = Reference.with_one_bar(replace(kept, a=true), how)
     bars = state_errors(run.mechanism, coarse, reference).largest
@@ -214,10 +237,10 @@ def _between_bars(known: Reference) -> dict[str, float]:
 
 
 def _certify(run: Run, truth: Truth) -> Truth:
-    """Return the reference after a comparison with a certificate, whose difference its error bars then include.
+    """Return the reference, compared with the certificate of the motion if there is one; the error bars include the difference.
 
     Raises:
-        NoTruth: the certificate holds another motion.
+        NoTruth: the certificate has another motion.
     """
     certificate = find_certified(run.mechanism, run.until)
     if certificate is None:
@@ -227,5 +250,8 @@ def _certify(run: Run, truth: Truth) -> Truth:
     own = float(np.fmax(certificate.error_q, certificate.floor_q).max())
     if max(off.values()) > 1e3 * max(truth.bar, own):
         raise NoTruth(f"the motion found and the certified one differ by {max(off.values()):.1e}")
+    # halving the steps changes errors of order eight by 2^8 = 256: the bar is this much too large
     bars = {**truth.bars, **{kind: max(x, truth.bars[kind] / 256) + own for kind, x in off.items()}}
-    return replace(truth, bars=bars, certified=True, told=f"certified to {own:.0e}, and so says what was run here: {truth.told}")
+    return replace(
+        truth, bars=bars, certified=True, told=f"certified to {own:.0e}, which the motion found here confirms: {truth.told}"
+    )

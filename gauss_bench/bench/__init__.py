@@ -1,1 +1,1 @@
-"""From cases to rows: isolated runs, interleaved timing, and the accuracy gate."""
+"""Run suites and write their rows: cases, races, searches and the accuracy gate. See README.md."""

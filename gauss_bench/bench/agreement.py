@@ -1,8 +1,9 @@
 """Checks that measure: accelerations at given states, and runs against the motion that they should follow.
 
-Accelerations are compared with own terms on linkages that hold every kind of joint, force and driver (`probes`), under every
-settings label, integrator and variant. A run is compared with own motion, or, where loops are declared soft, with the motion by the
-engine's own accelerations, which were compared before; it may be off by what half its step or a tighter tolerance changes.
+Accelerations are compared with those of the suite's own equations on linkages that hold every kind of joint, force and driver
+(`probes`), under every setting, integrator and variant. A run is compared with the suite's own motion. If the engine declares its
+closures soft, the run is compared with the motion that follows from the engine's own accelerations, which are compared first. The
+allowed error of a run is a multiple of the change that half the step, or a tighter tolerance, makes.
 """
 
 from collections.abc import Iterator
@@ -27,19 +28,20 @@ from gauss_bench.suites.read import FOLDER
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
 
-EXACT = 1e-9  # of the largest acceleration of a state: rounding leaves 1e-12, Pinocchio's articulated bodies 1e-10
-LEAST_GAMMA = 0.5  # of gamma in a row of J a: with MuJoCo's softest closures it is 1.0000, without the velocity term 0
-LOOSE = 0.05  # of the linkage's size: MuJoCo's loops, as shipped, open by a hundredth of it, open trees fall by a tenth meanwhile
-ALONG = 1e-8  # of N^T Q: MuJoCo's solver leaves 1e-9 where it ends by its own tolerance
-RATIO = 3.0  # of what half the step changes: an error of order one is twice that, of a higher order less
-ROUNDING = 1e-9  # of the largest position, speed and acceleration
-GAVE_UP = (Status.NOT_CONVERGED, Status.WARNING, Status.DIVERGED)
-COARSE, TIGHT = 1e-6, 1e-8  # tolerances at which integrators run that choose their steps
-TIMES = np.linspace(0.0, DURATION, 21)  # [s]
-STIFF = 40  # steps from time to time where SUBSTEPS are too few: 1/8 ms follows vibrations of 1 ms
+EXACT = 1e-9  # allowed error relative to the largest acceleration: rounding leaves 1e-12, Pinocchio's articulated bodies 1e-10
+ALONG = 1e-8  # allowed N^T (M a - Q) relative to N^T Q: MuJoCo's solver leaves 1e-9 if it ends by its own tolerance
+SINGLE = (1e-8, 1e-5)  # relative errors of computation in single precision, which rounds numbers by 6e-8 of themselves
+LEAST_GAMMA = 0.5  # least share of gamma in a row of J a: 1.0000 with MuJoCo's softest closures, 0 without the velocity term
+LOOSE = 0.05  # allowed gap relative to the linkage's size: MuJoCo's loops open by a hundredth, open trees fall by a tenth
+RATIO = 3.0  # allowed error relative to the change by half the step: 2 for a method of order one, less for higher orders
+ROUNDING = 1e-9  # allowed error of a run relative to its largest position, velocity and acceleration, in any case
+GAVE_UP = (Status.NOT_CONVERGED, Status.WARNING, Status.DIVERGED)  # statuses of a run whose solver gave up
+COARSE, TIGHT = 1e-6, 1e-8  # tolerances of integrators that choose their steps
+TIMES = np.linspace(0.0, DURATION, 21)  # [s] samples of a run
+STIFF = 40  # steps between two samples if SUBSTEPS are too few: steps of 1/8 ms follow vibrations of 1 ms
 LEVELS = ("positions", "velocities", "accelerations")
-KINDS = str(FOLDER / "linkages" / "kinds.toml")  # slides on what moves, three degrees of freedom, drivers of every kind
-LINKAGES = (  # moved by loads and by drivers; with redundant rows; those of most engines last
+KINDS = str(FOLDER / "linkages" / "kinds.toml")  # it has slides on moving links, three degrees of freedom, all kinds of drivers
+LINKAGES = (  # linkages and scenarios, moved by loads and by drivers; parallelogram has redundant rows
     *((PROBE, x) for x in ("loaded", "driven")),
     *((KINDS, x) for x in ("loaded", "driven")),
     *(("parallelogram", x) for x in ("torque", "cycloid")),
@@ -54,7 +56,7 @@ def declarations(subject: Subject) -> Iterator[Check]:
     wrong = []
     for word, label, cause in declared:
         if label not in (*offer.settings, *offer.variants):
-            wrong.append(f"{label} is no name of settings or variant")
+            wrong.append(f"there are no settings and no variant {label!r}")
         if len(cause) < LEAST_WORDS:
             wrong.append(f"{label}: {word} without a cause")
         if word == "unfinished" and label in offer.settings:
@@ -65,13 +67,15 @@ def declarations(subject: Subject) -> Iterator[Check]:
 
 @dataclass(frozen=True)
 class Answer:
-    """The accelerations of an engine on a probe, compared with our own.
+    """The accelerations of an engine on a probe, compared with the suite's own.
 
     Attributes:
-        off, along: errors of the accelerations and of N^T (M a - Q); NaN where the engine returned no accelerations.
+        off: relative error of the accelerations; NaN without accelerations.
+        along: N^T (M a - Q) relative to N^T Q; NaN without accelerations.
         gamma: the smallest share of gamma in a row of J a.
-        refused: why the engine does not take the linkage; wrong: why there are no accelerations.
-        given: (k, n), or None.
+        refused: why the engine does not take the linkage, or an empty text.
+        wrong: why there are no accelerations, or an empty text.
+        given: the accelerations (k, n), or None.
     """
 
     off: float = float("nan")
@@ -90,17 +94,26 @@ class Answer:
         if self.wrong or self.refused:
             return self.wrong
         if not self.along <= ALONG:
-            return f"N^T (M a - Q) is {self.along:.1e} of N^T Q: not soft loops, but a wrong mass, force or row of J"
+            cause = explain_size(self.along) or "not soft loops, but a wrong mass, force or row of J"
+            return f"N^T (M a - Q) is {self.along:.1e} of N^T Q: {cause}"
         if not self.gamma >= LEAST_GAMMA:
             share = round(self.gamma, 2) + 0.0  # no negative zero
             return f"J a is {share:.2f} of gamma: the velocity term dJ/dt v of the constraints is missing or wrong"
         if not soft and not self.off <= EXACT:
-            return f"accelerations are off by {self.off:.1e} of the largest"
+            return ": ".join(filter(None, (f"accelerations are off by {self.off:.1e} of the largest", explain_size(self.off))))
         return ""
 
 
+def explain_size(error: float) -> str:
+    """Return a sentence if a relative error is as large as those of single precision, else an empty text."""
+    least, most = SINGLE
+    if not least < error <= most:
+        return ""
+    return "as large as the rounding of single precision (float32); in double precision it would be a wrong number"
+
+
 def ask(subject: Subject, choice: Choice, on: Probe) -> Answer:
-    """Ask an engine for its accelerations at the states of a probe."""
+    """Ask an engine for its accelerations at the states of a probe, and compare them with those of the probe."""
     question = partial(accelerations, on.t, on.q, on.v)
     run = subject.perform(on.mechanism, choice, np.array([0.0, STEP]), question, on.a.size)
     if refusal(subject, choice, run, on.mechanism):
@@ -114,44 +127,51 @@ def ask(subject: Subject, choice: Choice, on: Probe) -> Answer:
 
 
 def refusal(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism) -> bool:
-    """Tell whether an engine refuses a linkage or its redundant rows, or reports, under a variant, that its solver gave up.
+    """Tell whether a run ended without a fault of the engine.
 
-    Variants are what searches try, and may fail with a sentence; settings are what users are offered.
+    This is so if the engine refuses the linkage or its redundant rows, or if its solver gave up under a variant: searches try
+    variants, which may fail with a reason, while users are offered settings.
     """
     redundant = run.status is Status.RANK_LOST and mechanism.redundant > 0
     return run.status is Status.SKIP or redundant or (choice.settings in subject.offer.variants and run.status in GAVE_UP)
 
 
+def _check_failed(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism, title: str) -> Check:
+    """Return the check of a run without a trajectory: not made if the run is a `refusal`, else failed."""
+    return Check(title, None if refusal(subject, choice, run, mechanism) else False, run.message)
+
+
 def name_choice(choice: Choice) -> str:
-    """Return a choice in words."""
+    """Return settings, integrator and stabilisation of a choice in words."""
     return ", ".join((choice.settings, choice.integrator, choice.stabilization))
 
 
 def digits(error: float) -> str:
-    """Return the number of digits that agree at a relative error, 0 to 16, in words."""
+    """Return the number of digits that agree at a relative error, from 0 to 16, in words."""
     return f"{max(0.0, -np.log10(max(error, 1e-16))):.1f} digits"
 
 
 def same_states(subject: Subject) -> Iterator[Check]:
     """Check accelerations at given states: on every linkage under each setting, on one under every integrator and variant."""
+    offer = subject.offer
     for choice in subject.choices():
-        title, offer = f"accelerations ({name_choice(choice)})", subject.offer
+        title = f"accelerations ({name_choice(choice)})"
         if cause := offer.unfinished.get(choice.settings):
             yield Check(title, None, f"declared unfinished: {cause}")
             continue
         subject.tell(f"Accelerations under {name_choice(choice)}.")
-        on = [probe(*subject.moving[0])]
+        probes = [probe(*subject.moving[0])]
         if choice.integrator == offer.integrators[0] and choice.settings in offer.settings:
-            on = [*(probe(*x) for x in LINKAGES), probe(*subject.moving[0], EVERYTHING)]
+            probes = [*(probe(*x) for x in LINKAGES), probe(*subject.moving[0], EVERYTHING)]
         answers = {}
-        for x in on:
-            name = f"{x.mechanism.name} {x.mechanism.scenario}"
-            answers[name if x.change == AS_IT_IS else f"{name}, {x.change}"] = ask(subject, choice, x)
+        for on in probes:
+            name = f"{on.mechanism.name} {on.mechanism.scenario}"
+            answers[name if on.change == AS_IT_IS else f"{name}, {on.change}"] = ask(subject, choice, on)
         yield _combine(title, answers, choice.settings in offer.soft)
 
 
 def _combine(title: str, answers: dict[str, Answer], soft: bool) -> Check:
-    """Combine an engine's answers, by the name of the probe, into one check."""
+    """Combine an engine's answers (name of the probe -> answer) into one check."""
     taken = {name: x for name, x in answers.items() if not x.refused}
     if not taken:
         return Check(title, None, next(iter(answers.values())).refused)
@@ -160,18 +180,17 @@ def _combine(title: str, answers: dict[str, Answer], soft: bool) -> Check:
         worst = max(faults, key=lambda name: np.nan_to_num(taken[name].off, nan=np.inf))
         others = f"; it shows on {len(faults)} of {len(taken)}: {_list_few(list(faults))}"
         return Check(title, False, f"{faults[worst]} ({worst}){others}")
-    off, along = max(x.off for x in taken.values()), max(x.along for x in taken.values())
-    count = sum(len(x.given) for x in taken.values() if x.given is not None)
-    message = f"agree to {digits(off)} "
+    message = f"agree to {digits(max(x.off for x in taken.values()))}"
     if soft:
-        message = f"agree to {digits(off)}, those that constraints leave free to {digits(along)}, "
-    message += f"at {count} states of {len(taken)} linkage{'s' * (len(taken) > 1)}"
+        message += f", those that constraints leave free to {digits(max(x.along for x in taken.values()))},"
+    count = sum(len(x.given) for x in taken.values() if x.given is not None)
+    message += f" at {count} states of {len(taken)} linkage{'s' * (len(taken) > 1)}"
     refused = [name for name, x in answers.items() if x.refused]
     return Check(title, True, message + (f"; refused or not asked: {_list_few(refused)}" if refused else ""))
 
 
 def _list_few(names: list[str]) -> str:
-    """Return the first three names, and how many more there are."""
+    """Return the first three names, and the number of others."""
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
@@ -185,29 +204,28 @@ def change_numbers(subject: Subject) -> Iterator[Check]:
 
 
 def forces(subject: Subject) -> Iterator[Check]:
-    """Check that every kind of force acts as defined: all together, and each alone where that fails."""
-    document, _, _ = document_of(KINDS)
+    """Check that every kind of force acts as defined: first all together and, if that fails, each alone."""
     soft = subject.usual.settings in subject.offer.soft
-    together = _combine("every kind of force acts as defined", {"kinds": ask(subject, subject.usual, probe(KINDS, "loaded"))}, soft)
+    answer = ask(subject, subject.usual, probe(KINDS, "loaded"))
+    together = _combine("every kind of force acts as defined", {"kinds": answer}, soft)
     yield together
-    if together.passed:
+    bare = probe(KINDS, "loaded", forces=())
+    unloaded = Answer() if together.passed else ask(subject, subject.usual, bare)
+    if together.passed or unloaded.refused:
         return
-    bare = probe(KINDS, "loaded", AS_IT_IS, ())
-    unloaded = ask(subject, subject.usual, bare)
-    if unloaded.refused:
-        return
+    document = document_of(KINDS)[0]
     for name in document["scenarios"]["loaded"]["forces"]:
-        title = f"a {document['forces'][name]['type']} acts as defined ({name})"
-        on = probe(KINDS, "loaded", AS_IT_IS, (name,))
+        on = probe(KINDS, "loaded", forces=(name,))
         answer = ask(subject, subject.usual, on)
-        check = _combine(title, {"kinds": answer}, soft)
+        check = _combine(f"a {document['forces'][name]['type']} acts as defined ({name})", {"kinds": answer}, soft)
         if check.passed is False and answer.given is not None and unloaded.given is not None:
+            # the effect of a force is the difference of accelerations with it and without it
             check = replace(check, message=effect((answer.given - unloaded.given).ravel(), (on.a - bare.a).ravel()))
         yield check
 
 
 def effect(measured: Array, true: Array) -> str:
-    """Name the fault in a force's effect on the accelerations (n,), if any."""
+    """Name the fault of a force, given its measured and its true effect (n,) on the accelerations."""
     factor = float(measured @ true / (true @ true))
     if np.abs(measured).max() <= 1e-6 * np.abs(true).max():
         return "it has no effect"
@@ -217,26 +235,26 @@ def effect(measured: Array, true: Array) -> str:
 
 
 def reactions(subject: Subject) -> Iterator[Check]:
-    """Check that joint forces that the engine tells itself are those of the accelerations, by Newton's laws."""
+    """Check that the joint forces that the engine reports are those of the accelerations, by Newton's laws."""
     title = "joint forces follow from the accelerations"
     if subject.usual.settings in subject.offer.soft:
         yield Check(title, None, "declared soft: its joints exert other forces")
         return
-    worst = ""
+    agreed = ""  # the digits on the last linkage on which the engine reports joint forces
     for linkage, scenario in (subject.moving[0], *PLAIN):
         on = probe(linkage, scenario)
         question = ForceQuestion(on.mechanism, Trajectory(on.t, on.q, on.v, on.a, None))
         run = subject.perform(on.mechanism, subject.usual, np.array([0.0, STEP]), question.ask, question.answers)
         if run.trajectory is None:
-            yield Check(title, None if refusal(subject, subject.usual, run, on.mechanism) else False, run.message)
+            yield _check_failed(subject, subject.usual, run, on.mechanism, title)
             return
         error, largest = question.compare(run.answer)
         if error > EXACT * largest:
             off = f"they are off by {error:.1e} (N, N m), where the largest is {largest:.1e}"
             yield Check(title, False, f"{off} ({on.mechanism.name})")
             return
-        worst = worst if np.isnan(error) else f"agree to {digits(error / largest)}"
-    yield Check(title, True if worst else None, worst or "it tells none")
+        agreed = agreed if np.isnan(error) else f"agree to {digits(error / largest)}"
+    yield Check(title, True if agreed else None, agreed or "it reports none")
 
 
 def motions(subject: Subject) -> Iterator[Check]:
@@ -247,7 +265,7 @@ def motions(subject: Subject) -> Iterator[Check]:
     for linkage, scenario in ((PROBE, "driven"), ("parallelogram", "torque")):
         yield _follow(subject, usual, linkage, scenario)
     for name in (x for x in offer.stabilizations if x != usual.stabilization):
-        for integrator in offer.integrators:  # the first that goes with it
+        for integrator in offer.integrators:  # the first one that can be combined with the stabilisation
             check = _follow(subject, replace(usual, stabilization=name, integrator=integrator), *subject.moving[0])
             if check.passed is not None:
                 break
@@ -257,7 +275,7 @@ def motions(subject: Subject) -> Iterator[Check]:
 def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Check:
     """Compare a run under one choice, and its finer repetitions, with the motion that it should follow.
 
-    The motion by the accelerations of a soft loop may need finer steps: if the comparison fails, it is repeated with those.
+    The motion by the accelerations of a soft loop may need short steps: if the comparison fails, it is repeated with STIFF steps.
     """
     check = _follow_motion(subject, choice, linkage, scenario, SUBSTEPS)
     if check.passed is False and choice.settings in subject.offer.soft:
@@ -266,31 +284,32 @@ def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Ch
 
 
 def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str, finer: int) -> Check:
-    """Compare as `_follow`; a motion by accelerations takes `finer` steps from time to time."""
+    """Compare as `_follow`; a motion by the engine's own accelerations takes `finer` steps between two samples."""
     subject.tell(f"A run under {name_choice(choice)}.")
     mechanism = probe(linkage, scenario).mechanism
     title = f"a run ({name_choice(choice)}; {mechanism.name} {scenario})"
     unfinished = choice.settings in subject.offer.unfinished
     soft = choice.settings in subject.offer.soft and not unfinished
     motion = partial(follow_accelerations, dop853_tableau(), TIMES, mechanism.q0, mechanism.v0, finer=finer)
-    question = motion if soft else nothing
-    tried = _from_coarse_to_fine(choice, choice.integrator in subject.offer.adaptive)
-    runs = [subject.perform(mechanism, x, TIMES, question, len(LEVELS) * len(TIMES) * mechanism.n, again=True) for x in tried]
-    for run in runs:
+    count = len(LEVELS) * len(TIMES) * mechanism.n  # numbers of such a motion
+    runs, samples = [], []  # of each run its samples (3, k, n)
+    for tried in _from_coarse_to_fine(choice, choice.integrator in subject.offer.adaptive):
+        run = subject.perform(mechanism, tried, TIMES, motion if soft else nothing, count, again=True)
         if run.trajectory is None:
-            return Check(title, None if refusal(subject, choice, run, mechanism) else False, run.message)
+            return _check_failed(subject, choice, run, mechanism, title)
+        runs.append(run)
+        samples.append(np.array([run.trajectory.q, run.trajectory.v, run.trajectory.a]))
     if soft and (fault := find_loose(mechanism, runs[0].trajectory)):
         return Check(title, False, fault)
     if soft and choice.stabilization != "none":
         return Check(title, None, "it runs; declared soft, it has no motion that its stabilisation should lead to")
-    *samples, fine = [np.array([x.q, x.v, x.a]) for x in (run.trajectory for run in runs) if x]
     distance = ""
-    for run, levels in zip(runs, samples, strict=False):
+    for run, given in zip(runs[:-1], samples[:-1], strict=True):
         true = np.asarray(run.answer, dtype=float) if soft else _true_motion(linkage, scenario)
-        if true.shape != levels.shape:
+        if true.shape != given.shape:
             return Check(title, False, "its accelerations cannot be integrated")
-        # a soft loop's own accelerations are its gap times a stiffness, not the motion's
-        distance, fault = _compare(true, levels, fine, LEVELS[: 2 if soft else 3])
+        # accelerations of a soft loop are its gap times a stiffness, and are not compared
+        distance, fault = _compare(true, given, samples[-1], LEVELS[: 2 if soft else 3])
         if fault:
             return Check(title, None if unfinished else False, fault + ", declared unfinished" * unfinished)
     return Check(title, True, distance)
@@ -310,10 +329,16 @@ def _from_coarse_to_fine(choice: Choice, adaptive: bool) -> list[Choice]:
 
 
 def _compare(true: Array, given: Array, fine: Array, words: tuple[str, ...]) -> tuple[str, str]:
-    """Compare positions, velocities and accelerations (3, k, n) with the reference: return their distance, and a fault if any."""
-    way = np.array([true[0] - true[0, 0], true[1], true[2]])
-    scale = np.abs(way).max(axis=(1, 2))
-    off, moved = (np.abs(given - x).max(axis=(1, 2)) / scale for x in (true, fine))
+    """Compare the samples of a run with the motion that it should follow; return their distance and a fault, in words or empty.
+
+    Args:
+        true: positions, velocities and accelerations (3, k, n) of that motion.
+        given, fine: those of the run and of its finest repetition.
+        words: names of the levels that are compared.
+    """
+    travel = np.array([true[0] - true[0, 0], true[1], true[2]])
+    scale = np.abs(travel).max(axis=(1, 2))
+    off, moved = (np.abs(given - x).max(axis=(1, 2)) / scale for x in (true, fine))  # (3,)
     for word, x, y in zip(words, off, moved, strict=False):
         if not x <= RATIO * y + ROUNDING:
             return "", f"{word} are off by {x:.1e} of the largest; a finer run changes them by {y:.1e}"
@@ -322,7 +347,7 @@ def _compare(true: Array, given: Array, fine: Array, words: tuple[str, ...]) -> 
 
 @lru_cache(maxsize=16)
 def _true_motion(linkage: str, scenario: str) -> Array:
-    """Return the suite's own motion (3, k, n) at TIMES."""
+    """Return the suite's own motion at TIMES: positions, velocities and accelerations (3, k, n)."""
     return np.array(absolute_motion(probe(linkage, scenario).mechanism, TIMES))
 
 

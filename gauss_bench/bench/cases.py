@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import NamedTuple
 
 from gauss_bench.engines import names
 from gauss_bench.engines.base import Choice
@@ -11,8 +12,16 @@ from gauss_bench.runs.offers import Offer, duration, offer, usable_steps
 from gauss_bench.suites.read import read_suite
 from gauss_bench.suites.schema import PLAIN, LeftOut, Suite
 
-LISTED = {x for name in ("quick", "exhaustive") for part in read_suite(name).accuracy for x in part.linkages.items()}
-Variant = tuple[str, str, str]  # settings, integrator, stabilisation
+# linkages and scenarios whose runs end where these suites say
+LISTED = {place for name in ("quick", "exhaustive") for part in read_suite(name).accuracy for place in part.linkages.items()}
+
+
+class Combination(NamedTuple):
+    """A combination of an engine's settings with one of its integrators and stabilisations, by name."""
+
+    settings: str
+    integrator: str
+    stabilization: str
 
 
 @dataclass(frozen=True, order=True)
@@ -21,10 +30,10 @@ class Case:
 
     Attributes:
         linkage: name of a built-in linkage, or a path.
-        scenario: of that file; "" for the first one that has a start.
+        scenario: name of a scenario of the linkage; "" for the first one that has a start.
         engine, settings, integrator, stabilization: names as the engine offers them.
-        step: [s]; where an integrator chooses its own steps, only the spacing of the samples.
-        t_end: [s].
+        step: [s]; spacing of the samples if the integrator chooses its own steps.
+        t_end: end of the run [s].
     """
 
     linkage: str
@@ -38,38 +47,39 @@ class Case:
 
     @property
     def choice(self) -> Choice:
+        """The setting of the run, as engines take it."""
         return Choice(self.settings, self.integrator, self.stabilization, self.step)
 
 
-def variants(
+def combinations(
     engine: Offer, integrators: int | Sequence[str] | None = None, plain: bool = False, asked: str | None = None
-) -> list[Variant]:
-    """Return the (settings, integrator, stabilization) under which an engine is run.
+) -> list[Combination]:
+    """Return the combinations under which an engine is run; the first one has the engine's defaults.
 
     These are every setting with every integrator, without stabilisation, and every stabilisation with the defaults.
 
     Args:
-        integrators: only the first so many integrators, or only those of these names.
-        plain: only the defaults of the engine.
-        asked: only this setting.
+        integrators: a number n for the first n integrators, or the names of integrators; None for all.
+        plain: whether only the defaults of the engine are run.
+        asked: the only setting that is run; None for all.
 
     Raises:
-        ChoiceError: the engine has no such settings.
+        ChoiceError: the engine has no setting `asked`.
     """
     if not engine.usable:
-        return [("default", "", "none")]  # one case, whose row has the reason
+        return [Combination("default", "", "none")]  # for one row, which has the reason
     if asked is not None:
-        engine.require_settings(asked)
+        engine.resolve_settings(asked)
     if integrators is None or isinstance(integrators, int):
         chosen = engine.integrators[:integrators]
     else:
         chosen = tuple(x for x in engine.integrators if x in integrators)
     labels = [*engine.settings] if asked is None else [asked]
-    first = (labels[0], (chosen or engine.integrators)[0])
+    default = Combination(labels[0], (chosen or engine.integrators)[0], "none")
     if plain:
-        return [(*first, "none")]
-    every = [(s, i, "none") for s in labels for i in chosen]
-    return every + [(*first, s) for s in engine.stabilizations if s != "none"]
+        return [default]
+    unstabilised = [Combination(label, integrator, "none") for label in labels for integrator in chosen]
+    return unstabilised + [default._replace(stabilization=x) for x in engine.stabilizations if x != "none"]
 
 
 def cross(
@@ -81,20 +91,27 @@ def cross(
     plain: Sequence[str] = PLAIN,
     asked: str | None = None,
 ) -> Iterator[Case]:
-    """Yield the cases of all linkages (name or path -> scenario) with all engines, at their variants or at the setting `asked`."""
+    """Yield the cases of all linkages with all engines and their combinations, at every step.
+
+    Args:
+        linkages: name or path -> scenario.
+        steps: [s], from large to small; an integrator that chooses its own steps has the last one only.
+        t_end: end of the runs [s].
+        integrators, asked: as in `combinations`.
+        plain: engines that are run with their defaults only, unless a setting is asked for.
+    """
     for linkage, scenario in linkages.items():
         for name in engines:
             engine = offer(name)
-            shown = variants(engine, integrators, name in plain) if asked is None else variants(engine, asked=asked)
-            for settings, integrator, stabilization in shown:
-                for step in steps[-1:] if integrator in engine.adaptive else steps:
-                    yield Case(linkage, scenario, name, settings, integrator, stabilization, step, t_end)
+            for chosen in combinations(engine, integrators, asked is None and name in plain, asked):
+                for step in steps[-1:] if chosen.integrator in engine.adaptive else steps:
+                    yield Case(linkage, scenario, name, *chosen, step, t_end)
 
 
 def as_asked(chosen: Sequence[Case], until: float | None = None, steps: Sequence[float] | None = None) -> list[Case]:
-    """Return the cases with the end and the steps [s] that a user asks for.
+    """Return the cases, each once, with the end and the steps [s] that a user asks for.
 
-    Without an end, a linkage and scenario that no suite lists runs for the duration of its scenario.
+    If the user gives no end, a case ends where its suite says, or at the end of a scenario that no suite lists.
 
     Raises:
         ChoiceError: the end or a step cannot be used.
@@ -102,10 +119,11 @@ def as_asked(chosen: Sequence[Case], until: float | None = None, steps: Sequence
     adapted: dict[Case, None] = {}
     scenario_duration = cache(lambda linkage, scenario: load(linkage, scenario or None).duration)
     for case in chosen:
-        suite = case.t_end if (case.linkage, case.scenario) in LISTED else None
-        end = duration(scenario_duration(case.linkage, case.scenario), suite, until)
-        wanted = usable_steps(steps or (case.step,), end)
-        used = wanted[-1:] if case.integrator in offer(case.engine).adaptive else wanted
+        suite_end = case.t_end if (case.linkage, case.scenario) in LISTED else None
+        end = duration(scenario_duration(case.linkage, case.scenario), suite_end, until)
+        used = usable_steps(steps or (case.step,), end)
+        if case.integrator in offer(case.engine).adaptive:
+            used = used[-1:]
         adapted |= {replace(case, step=step, t_end=end): None for step in used}
     return list(adapted)
 
@@ -114,13 +132,13 @@ def cases(suite: Suite) -> list[Case]:
     """Return the cases of a suite, each once, without those that it leaves out."""
     distinct: dict[Case, None] = {}
     for part in suite.accuracy:
-        chosen = part.engines or names()
-        distinct |= dict.fromkeys(cross(part.linkages, chosen, part.steps, part.until, part.integrators, part.plain))
-    return [case for case in distinct if not any(is_left_out(case, x) for x in suite.left_out)]
+        engines = part.engines or names()
+        distinct |= dict.fromkeys(cross(part.linkages, engines, part.steps, part.until, part.integrators, part.plain))
+    return [case for case in distinct if not any(is_left_out(case, rule) for rule in suite.left_out)]
 
 
 def is_left_out(case: Case, rule: LeftOut) -> bool:
-    """Tell whether a rule leaves a case out: every field that the rule fills must match."""
+    """Tell whether a rule leaves a case out: each field of the rule is empty or names the case's value."""
     pairs = (
         (rule.linkages, case.linkage),
         (rule.engines, case.engine),
@@ -129,4 +147,4 @@ def is_left_out(case: Case, rule: LeftOut) -> bool:
         (rule.stabilizations, case.stabilization),
         (rule.steps, case.step),
     )
-    return all(not wanted or value in wanted for wanted, value in pairs)
+    return all(value in named for named, value in pairs if named)

@@ -1,17 +1,18 @@
 """Measure times in races: blocks of work run interleaved in one process, in a new random order every round.
 
-The speed of a machine varies with time, but blocks that run one after the other are affected alike: the ratio of lower quartiles of
-interleaved blocks varies by a few per cent where single timings vary by half. Times are processor times, because waits for a shared
-processor would affect long blocks more often than short ones. A block lasts at least two milliseconds, and shorter work is repeated
-within it: its first repetition is slow, because the processor's caches hold the code of other blocks. The garbage collector is off
-during a race. No block is discarded.
+The speed of a machine varies with time, but blocks that run one after the other are affected alike. The ratio of the lower
+quartiles of interleaved blocks varies by a few per cent, while single timings vary by half. Times are processor times, because
+waits for a shared processor would affect long blocks more often than short ones. A block lasts at least two milliseconds. Shorter
+work is repeated within the block, because the first repetition is slow: the processor's caches hold the code of other blocks. The
+garbage collector is off during a race. No block is discarded.
 
-A race is repeated in several processes, because the addresses of code and data change a time by some per cent and stay the same in
-one process: rounds of one process scatter less than two races differ. A time is the median over the processes of the lower
-quartiles of their rounds; a ratio is the ratio of two such times, over the processes that ran both. The spread of a time or ratio
-covers the value of each process, and the result of a second race of as many processes with a probability of 99 % (`foreseen`).
-With a single process, the spread of a time is the range from the 5 % to the 95 % quantile of its rounds, that of a ratio the same
-range over resampled rounds; neither predicts a second race. An entry that cannot be built or run has a reason instead of times.
+A race is repeated in several processes. The addresses of code and data change a time by some per cent and stay the same in one
+process, so that the rounds of one process scatter less than two races differ. A time is the median over the processes of the lower
+quartiles of their rounds. A ratio is the ratio of two times, over the processes that ran both. The spread of a time or ratio covers
+the value of each process and, with a probability of 99 %, the result of a second race of as many processes (`foreseen`). With a
+single process the spread predicts no second race. The spread of a time is then the range from the 5 % to the 95 % quantile of its
+rounds, and the spread of a ratio is the same range over resampled rounds. An entry that cannot be built or run has a reason instead
+of times.
 
 Source: T. Kalibera and R. Jones, Rigorous benchmarking in reasonable time, 2013 (paired benchmarks).
 """
@@ -31,16 +32,23 @@ from gauss_bench.runs.blocks import Block, BlockElsewhere
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Failure, RunFailure, Status
 
-SLOW, SLOW_ROUNDS = 0.1, 4  # [s] slower blocks run in the first rounds only: all rounds would take minutes
-CERTAIN = 0.99  # chance that a second race falls within a spread
-RESAMPLES = 200  # of the rounds, for the spread of a ratio
+SLOW, SLOW_ROUNDS = 0.1, 4  # [s] a block that takes longer runs in the first rounds only: all rounds would take minutes
+CERTAIN = 0.99  # probability that the result of a second race falls within a spread
+RESAMPLES = 200  # resamplings of the rounds, for the spread of a ratio
 
 Row = dict[str, Any]
 K = TypeVar("K", bound=Hashable)
 
 
+Watch = Callable[[Hashable], object]  # called with the key of an entry before the entry's code runs
+
+
+def watch_nothing(entry: Hashable) -> None:
+    """Do nothing with the key of an entry that is about to run."""
+
+
 class Key(NamedTuple):
-    """The key of a timed quantity: its name, the engine and its setting."""
+    """The key of an entry: the name of the timed quantity, the engine and its setting."""
 
     quantity: str
     engine: str
@@ -49,15 +57,13 @@ class Key(NamedTuple):
     stabilization: str = "none"
 
 
-def interleave(
-    blocks: list[Block], rounds: int, seed: int = 1, watch: Callable[[Hashable], object] = id
-) -> Iterator[tuple[Block, int, float]]:
+def interleave(blocks: list[Block], rounds: int, seed: int = 1, watch: Watch = watch_nothing) -> Iterator[tuple[Block, int, float]]:
     """Time each block once a round, in a new random order every round; yield block, round and seconds per repetition.
 
-    A block that takes long, such as generating code, sits out the later rounds.
+    A block that takes longer than SLOW, such as the generation of code, is left out after SLOW_ROUNDS rounds.
     """
     order = random.Random(seed)
-    slow: set[int] = set()
+    slow: set[int] = set()  # identities of blocks, because blocks cannot be hashed
     gc.disable()
     try:
         for number in range(rounds):
@@ -66,7 +72,7 @@ def interleave(
                     continue
                 watch(item.entry)
                 seconds = item.seconds()
-                if seconds * item.count * item.again > SLOW:
+                if seconds * item.count * item.again > SLOW:  # the time of the whole block
                     slow.add(id(item))
                 yield item, number, seconds
     finally:
@@ -82,10 +88,10 @@ class Measured:
     """The result of a race.
 
     Attributes:
-        samples: entry -> seconds per repetition (processes, rounds); NaN in rounds that the entry skipped, and in all rounds of a
-            process in which it did not run.
-        failed: entry -> why it has no times.
-        facts: entry -> further columns.
+        samples: key of an entry -> seconds per repetition (processes, rounds); NaN in rounds that the entry skipped, and in all
+            rounds of a process in which it did not run.
+        failed: key of an entry -> why it has no times.
+        facts: key of an entry -> further columns of its row.
     """
 
     samples: Mapping[Hashable, Array]
@@ -96,7 +102,7 @@ class Measured:
         """Return the samples (processes, rounds) of an entry.
 
         Raises:
-            Failure: it was not measured.
+            Failure: the entry was not measured.
         """
         if key in self.samples:
             return self.samples[key]
@@ -107,32 +113,32 @@ class Measured:
         """Return the time [s] of an entry.
 
         Raises:
-            Failure: it was not measured.
+            Failure: the entry was not measured.
         """
         return time_of(self.of(key))
 
     def compare(self, own: Hashable, rival: Hashable) -> Row:
-        """Return the times of two entries and their ratio, as `compare` does for samples.
+        """Return the columns of `compare` for the samples of two entries.
 
         Raises:
-            Failure: one of them was not measured.
+            Failure: one of the entries was not measured.
         """
         return compare(self.of(own), self.of(rival))
 
 
 class Race:
-    """Entries that are timed against each other; one that cannot be built is left out with the reason.
+    """Entries that are timed against each other; an entry that cannot be built is left out, and its reason is kept.
 
-    `watch` is called with an entry before its code runs, so that a crash can be attributed to it.
+    `watch` tells which entry is at work, so that a crash can be attributed to it.
     """
 
-    def __init__(self, watch: Callable[[Hashable], object] = id) -> None:
+    def __init__(self, watch: Watch = watch_nothing) -> None:
         self.watch = watch
         self.blocks: list[Block] = []
         self.failed: dict[Hashable, Failure] = {}
 
     def add(self, key: Hashable, make: Callable[..., Block], *arguments: Any) -> None:
-        """Enter the block that make(*arguments) returns, under the key."""
+        """Enter the block that make(*arguments) returns under a key, or keep the reason why there is no block."""
         self.watch(key)
         try:
             block = make(*arguments)
@@ -145,6 +151,7 @@ class Race:
             self.blocks.append(block)
 
     def run(self, rounds: int) -> Measured:
+        """Time all blocks in a number of rounds in this process, and return the samples (1, rounds) and failures."""
         samples: dict[Hashable, list[float]] = {block.entry: [] for block in self.blocks}
         for block, _, seconds in interleave(self.blocks, rounds, watch=self.watch):
             samples[block.entry].append(seconds)
@@ -156,14 +163,17 @@ class Race:
 
 
 def key_of(row: Row) -> Key:
-    """Return the key of the timed quantity in a row."""
+    """Return the key of the entry that a row belongs to."""
     return Key(*(row[x] for x in Key._fields))
 
 
 def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, strict: bool = False) -> Measured:
-    """Collect the rows of races by entry: seconds of each round in each process, facts, or a status with its reason.
+    """Collect the rows of races by entry.
 
-    With `strict`, an entry that failed in one process counts as failed, even if others have times.
+    Args:
+        rows: each has the seconds of one round in one process, the facts of an entry, or a status with its reason.
+        key: returns the key of the entry that a row belongs to.
+        strict: whether an entry that failed in one process counts as failed even if it has times in other processes.
     """
     samples: dict[Hashable, dict[int, list[float]]] = {}
     failed: dict[Hashable, Failure] = {}
@@ -180,7 +190,7 @@ def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, 
 
 
 def pad(processes: Sequence[Array]) -> Array:
-    """Return rounds of several processes, (rounds,) each, as one array (processes, rounds), filled with NaN."""
+    """Return the rounds of several processes, (rounds,) each, as one array (processes, rounds); short rows end with NaN."""
     table = np.full((len(processes), max(map(len, processes), default=0)), np.nan)
     for row, x in zip(table, processes, strict=True):
         row[: len(x)] = x
@@ -188,38 +198,46 @@ def pad(processes: Sequence[Array]) -> Array:
 
 
 def over_processes(samples: Mapping[K, Mapping[int, Sequence[float]]]) -> dict[Hashable, Array]:
-    """Return the samples (processes, rounds) of every entry, given the seconds of its rounds by number of the process."""
+    """Return key -> samples (processes, rounds) of all entries, given key -> number of a process -> seconds of its rounds."""
     numbers = sorted({number for x in samples.values() for number in x})
     return {key: pad([np.array(x.get(number, ())) for number in numbers]) for key, x in samples.items()}
 
 
 def quartiles(samples: Array) -> Array:
-    """Lower quartiles (processes,) of the rounds, NaN where there are none; `samples` (processes, rounds), or (rounds,) of one."""
-    return np.array([np.quantile(x, 0.25) if x.size else np.nan for x in (row[np.isfinite(row)] for row in np.atleast_2d(samples))])
+    """Return the lower quartile (processes,) of the rounds of each process; NaN for a process without rounds.
+
+    Here and below, `samples` and other times are (processes, rounds) in seconds, or (rounds,) of a single process.
+    """
+    timed = [row[np.isfinite(row)] for row in np.atleast_2d(samples)]
+    return np.array([np.quantile(x, 0.25) if x.size else np.nan for x in timed])
 
 
 def time_of(samples: Array) -> float:
-    """Return the time [s] of an entry: the median over processes of the lower quartile of their rounds."""
+    """Return the time [s] of an entry: the median over the processes of the lower quartiles of their rounds."""
     return float(np.nanmedian(quartiles(samples)))
 
 
 def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
-    """Return the scatter of a ratio: one value a process, or RESAMPLES resampled ones where only one process ran both.
+    """Return values of the ratio samples / baseline that show its scatter.
 
-    Both (processes, rounds), or (rounds,) of one.
+    They are one value (processes,) for each process that ran both, or RESAMPLES values from resampled rounds if only one did.
     """
     one, other = common(samples, baseline)
     if len(one) != 1:
         return quartiles(one) / quartiles(other)
     rounds = np.isfinite(one[0])
     pair = one[0][rounds], other[0][rounds]
+    # the same rounds are drawn of both: a disturbance of one round affects both alike and cancels
     picks = np.random.default_rng(seed).integers(0, rounds.sum(), (RESAMPLES, rounds.sum()))
     longer, shorter = (np.quantile(x[picks], 0.25, axis=1) for x in pair)
     return np.asarray(longer / shorter)
 
 
 def ratio(samples: Array, baseline: Array) -> tuple[float, float, float]:
-    """Return the ratio of two times over the rounds that both have, with the lower and upper end of its spread; NaN without any."""
+    """Return the ratio samples / baseline, over the rounds that both have, and the lower and upper end of its spread.
+
+    All three are NaN if no process ran both.
+    """
     one, other = common(samples, baseline)
     if not len(one):
         return math.nan, math.nan, math.nan
@@ -227,8 +245,18 @@ def ratio(samples: Array, baseline: Array) -> tuple[float, float, float]:
     return time_of(one) / time_of(other), low, high
 
 
+def ratio_columns(samples: Array, baseline: Array, name: str = "ratio") -> Row:
+    """Return the columns of the ratio samples / baseline and its spread; their names begin with `name`."""
+    return dict(zip((name, f"{name}_low", f"{name}_high"), ratio(samples, baseline), strict=True))
+
+
 def ends(values: Array, several: bool) -> tuple[float, float]:
-    """Return the ends of the spread of values: of several processes, or of the rounds of one, as the middle 90 %."""
+    """Return the lower and upper end of a spread.
+
+    Args:
+        values: one for each process if `several`, else one for each round of a single process.
+        several: whether several processes ran; if not, the spread is the middle 90 % of the values.
+    """
     if several:
         return foreseen(values)
     low, high = np.quantile(values, (0.05, 0.95)).tolist()
@@ -236,10 +264,10 @@ def ends(values: Array, several: bool) -> tuple[float, float]:
 
 
 def foreseen(values: Array) -> tuple[float, float]:
-    """Return an interval that covers all `values` (processes,) and, with probability CERTAIN, the median of a second race.
+    """Return the ends of an interval that covers all `values` (processes,) and, with probability CERTAIN, a second race's median.
 
-    With a standard deviation s of the logarithms, two medians of n values each differ with a standard deviation of
-    s (pi / n)^(1/2). As s is estimated from n values, n >= 2, the quantile is that of Student's t with n - 1 degrees of freedom.
+    With a standard deviation s of the logarithms, two medians of n values each differ with a standard deviation of s (pi /
+    n)^(1/2). Because s is estimated from n values, n >= 2, the quantile is that of Student's t with n - 1 degrees of freedom.
     """
     logarithms = np.log(values)
     scatter = logarithms.std(ddof=1) * math.sqrt(math.pi / len(values))
@@ -249,17 +277,17 @@ def foreseen(values: Array) -> tuple[float, float]:
 
 
 def common(one: Array, other: Array) -> tuple[Array, Array]:
-    """Return both samples (processes, rounds), restricted to processes that ran both; NaN where either has no value."""
+    """Return both samples (processes, rounds), restricted to processes that ran both; NaN in rounds that only one of them has."""
     pair = [np.atleast_2d(x) for x in (one, other)]
     rounds = min(x.shape[1] for x in pair)
     first, second = (x[:, :rounds] for x in pair)
-    both = np.isfinite(first) & np.isfinite(second)
-    ran = both.any(axis=1)
+    both = np.isfinite(first) & np.isfinite(second)  # (processes, rounds)
+    ran = both.any(axis=1)  # (processes,)
     return np.where(both, first, np.nan)[ran], np.where(both, second, np.nan)[ran]
 
 
 def spread(name: str, samples: Array) -> dict[str, float]:
-    """Return the columns of a time and its spread; `samples` (processes, rounds), or (rounds,) of one process."""
+    """Return the columns of a time and its spread; their names begin with `name`."""
     found = quartiles(samples)
     found = found[np.isfinite(found)]
     rounds = samples[np.isfinite(samples)]
@@ -268,16 +296,15 @@ def spread(name: str, samples: Array) -> dict[str, float]:
 
 
 def compare(own: Array, rival: Array) -> Row:
-    """Return both times, each over all its rounds, and the ratio of the rival's to the own over the rounds that both have.
+    """Return columns: both times, each over all its rounds, and the ratio rival / own over the rounds that both have.
 
-    A time is the same in every comparison. Where one entry has fewer rounds, the ratio is therefore not the quotient of the times.
+    A time is the same in every comparison. If one entry has fewer rounds, the ratio is therefore not the quotient of the times.
     """
-    row: Row = spread("seconds", own) | {"rival_seconds": time_of(rival)}
-    return row | dict(zip(("ratio", "ratio_low", "ratio_high"), ratio(rival, own), strict=True))
+    return spread("seconds", own) | {"rival_seconds": time_of(rival)} | ratio_columns(rival, own)
 
 
 def row(start: Row, make: Callable[..., Row], *arguments: Any) -> Row:
-    """Return the row that make(*arguments) measures, with status OK, or a row with the reason why there is no measurement."""
+    """Return the columns `start` with those that make(*arguments) measures and status OK, or with the reason of its failure."""
     try:
         return start | {"status": str(Status.OK), "message": ""} | make(*arguments)
     except Failure as failure:
@@ -285,12 +312,15 @@ def row(start: Row, make: Callable[..., Row], *arguments: Any) -> Row:
 
 
 def at_least(row: Row, column: str, target: float | None) -> Row:
-    """Return the row with its target, and whether the column reaches it; a missing measurement does not reach it."""
+    """Return the row with a target and whether a column is at least the target; a missing measurement is not.
+
+    Without a target, the row is returned as it is.
+    """
     if target is None:
         return row
     return row | {"target": target, "met": row.get(column) is not None and bool(row[column] >= target)}
 
 
 def at_most(row: Row, column: str, target: float) -> Row:
-    """As `at_least`, for a quantity with an upper limit."""
+    """Return the row with a target and whether a column is at most the target; a missing measurement is not."""
     return row | {"target": target, "met": row.get(column) is not None and bool(row[column] <= target)}

@@ -1,7 +1,7 @@
-"""Check that an engine keeps the contract, by runs in a worker whose answers are verified.
+"""Check that an engine keeps the contract, by runs in a worker process.
 
-    conformance("my_engine")          an installed plug-in, or one of the built-in engines
-    conformance("my_package.adapter:Engine")     a class that is not installed as a plug-in yet
+    conformance("my_engine")                     an installed plug-in, or one of the built-in engines
+    conformance("my_package.adapter:Engine")     a class that is not installed as a plug-in
 
 This file checks the form of runs: times, start, repetition, counts. `agreement` checks accelerations and motions.
 """
@@ -14,26 +14,27 @@ import numpy as np
 
 from gauss_bench.bench.agreement import MEASURED
 from gauss_bench.bench.measure import mechanism_of
-from gauss_bench.bench.subject import EVERY_STEP, PLAIN, STEP, Check, Subject
+from gauss_bench.bench.subject import EVERY_STEP, PLAIN, STEP, Check, Subject, check_failed_run, check_fault
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.apart import build_first
 from gauss_bench.runs.offers import offers
-from gauss_bench.runs.one_run import Asked, nothing
 from gauss_bench.runs.questions import accelerations, run_before
 from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Status, Trajectory
+from gauss_bench.trajectory import Trajectory
 
-ODD = (0.0, 0.0137, 0.02, 0.0555, 0.1)  # [s] times that a step of a millisecond misses
-START = 1e-9  # of the first sample, relative to the linkage's size and speed
-DERIVED = 0.02  # of velocities against differences of positions, and accelerations of velocities: the median, of the largest
-LATE = 0.75  # steps: first-order methods put rates half a step beside the differences of what they integrate
-PARTS = (2, 4)  # parts of a step, in the runs that show of which order a method is
-FIRST_ORDER = (1.5, 3.0)  # times: what half the step changes less of velocities; 2 in theory, 4 for a method of second order
+ODD = np.array([0.0, 0.0137, 0.02, 0.0555, 0.1])  # [s] times of which some are no multiples of a millisecond
+START = 1e-9  # allowed error of the first sample: [m, rad], and relative to the largest speed
+# allowed median difference, relative to the largest value, of velocities from difference quotients of positions, and of
+# accelerations from those of velocities
+DERIVED = 0.02
+LATE = 0.75  # [steps] allowed delay of rates: those of first-order methods are half a step late or early
+PARTS = (2, 4)  # divisors of the step, in the runs that show whether a method is of first order
+FIRST_ORDER = (1.5, 3.0)  # limits of the ratio of changes as the step is halved twice: 2 for first order, 4 for second
 
 
 def conformance(name: str, told: Callable[[str], None] = lambda sentence: None) -> list[Check]:
-    """Run all checks of an engine, given by name or as MODULE:CLASS; `told` is called with each before it runs.
+    """Return the results of all checks of an engine, given by name or as MODULE:CLASS; `told` is called before each check.
 
     Raises:
         KeyError: there is no engine of that name.
@@ -43,7 +44,7 @@ def conformance(name: str, told: Callable[[str], None] = lambda sentence: None) 
     if not offer.usable:
         return [described]
     build_first(name, offer.settings, told)
-    worker = keep(name)  # which has described it already
+    worker = keep(name)  # it has imported the engine already
     try:
         subject, checks = Subject(offer, worker, told), [described]
         for check in CHECKS:
@@ -54,35 +55,41 @@ def conformance(name: str, told: Callable[[str], None] = lambda sentence: None) 
         worker.stop()
 
 
-def _judge(
-    subject: Subject, name: str, look: Callable[[Mechanism, Trajectory], str], times: Array | None = None
+def _check_runs(
+    subject: Subject, name: str, find_fault: Callable[[Mechanism, Trajectory], str], times: Array | None = None
 ) -> Iterator[Check]:
-    """Yield a check on each linkage; `look` says what is wrong with a trajectory, at every step or these times, or nothing."""
+    """Yield one check for each linkage of PLAIN.
+
+    Args:
+        find_fault: returns the fault of a trajectory in a sentence, or an empty text.
+        times: sample times [s] of the run; every step if not given.
+    """
     for linkage, scenario in PLAIN:
         run = subject.whole[linkage] if times is None else subject.run(linkage, scenario, times)
         title = f"{name} ({linkage})"
         if run.trajectory is None:
-            yield Check(title, None if run.status is Status.SKIP else False, run.message)
+            yield check_failed_run(title, run)
         else:
-            message = look(mechanism_of(linkage, scenario), run.trajectory)
-            yield Check(title, not message, message)
+            yield check_fault(title, find_fault(mechanism_of(linkage, scenario), run.trajectory))
 
 
 def _times(subject: Subject) -> Iterator[Check]:
     """Check that samples are at the times asked for."""
-    yield from _judge(subject, "samples are at the times asked for", lambda m, x: "", np.array(ODD))
+    # a run without these samples has no trajectory
+    yield from _check_runs(subject, "samples are at the times asked for", lambda mechanism, trajectory: "", ODD)
 
 
 def _start(subject: Subject) -> Iterator[Check]:
     """Check that the first sample is the start of the scenario."""
 
-    def look(m: Mechanism, x: Trajectory) -> str:
+    def find_fault(m: Mechanism, x: Trajectory) -> str:
+        """Return how far the first sample is from the start, if it is too far."""
         gap = max(np.abs(x.q[0] - m.q0).max(), np.abs(x.v[0] - m.v0).max() / max(1.0, np.abs(m.v0).max()))
         if gap <= START:
             return ""
         return f"it is {gap:.1e} (m, rad, or of the largest speed) away: units, order of links, or a step too many"
 
-    yield from _judge(subject, "the first sample is the start", look)
+    yield from _check_runs(subject, "the first sample is the start", find_fault)
 
 
 def _derivatives(subject: Subject) -> Iterator[Check]:
@@ -91,25 +98,22 @@ def _derivatives(subject: Subject) -> Iterator[Check]:
         run = subject.whole[linkage]
         title = f"velocities and accelerations are derivatives ({linkage})"
         if run.trajectory is None:
-            yield Check(title, None if run.status is Status.SKIP else False, run.message)
+            yield check_failed_run(title, run)
             continue
         fault, is_late = rates_fault(run.trajectory)
-        if is_late:  # the steps of a method of first order may change accelerations by as much as this
-            finer = [
-                subject.perform(mechanism_of(linkage, scenario), replace(subject.usual, step=STEP / k), EVERY_STEP).trajectory
-                for k in PARTS
-            ]
-            if explains_lateness(run.trajectory, *finer):
-                fault = f"{fault}, and less the shorter the steps are: a method of first order"
-                yield Check(title, True, fault)
+        if is_late:  # a method of first order may have such rates, which become better with shorter steps
+            mechanism, finer = mechanism_of(linkage, scenario), [replace(subject.usual, step=STEP / k) for k in PARTS]
+            half, quarter = (subject.perform(mechanism, choice, EVERY_STEP).trajectory for choice in finer)
+            if explains_lateness(run.trajectory, half, quarter):
+                yield Check(title, True, f"{fault}, and less the shorter the steps are: a method of first order")
                 continue
-        yield Check(title, not fault, fault)
+        yield check_fault(title, fault)
 
 
 def rates_fault(x: Trajectory) -> tuple[str, bool]:
-    """Return what is wrong with the velocities or accelerations of a trajectory, and whether it is that they are late or early."""
+    """Return the fault of a trajectory's velocities or accelerations, or an empty text, and whether it is a delay or a lead."""
     for low, high, words in ((x.q, x.v, "velocities"), (x.v, x.a, "accelerations")):
-        slope, reported = (low[2:] - low[:-2]) / (x.t[2:] - x.t[:-2])[:, None], high[1:-1]
+        slope, reported = (low[2:] - low[:-2]) / (x.t[2:] - x.t[:-2])[:, None], high[1:-1]  # central differences (k - 2, n)
         apart = np.median(np.abs(slope - reported).max(axis=1)) / max(np.abs(slope).max(), 1e-12)
         if apart > DERIVED:
             fault = f"{words} and differences are {apart:.1%} apart: units, order of links, a reference point, or another time"
@@ -120,10 +124,13 @@ def rates_fault(x: Trajectory) -> tuple[str, bool]:
 
 
 def explains_lateness(x: Trajectory, half: Trajectory | None, quarter: Trajectory | None) -> bool:
-    """Tell whether rates that are late or early are so by a method of first order, from runs with the steps of PARTS.
+    """Tell whether a method of first order explains rates that are late or early.
 
-    Then every halving of the step changes the velocities half as much, and the rates of the finest run are right at the samples. A
-    shift by whole samples stays as it is, and the changes of a method of higher order fall faster.
+    If so, every halving of the step changes the velocities half as much, and the rates of the finest run are right at the samples.
+    Samples that are shifted by whole steps stay shifted, and the changes of a method of higher order fall faster.
+
+    Args:
+        x, half, quarter: the run, and its repetitions with the step divided by PARTS; None if a repetition failed.
     """
     if half is None or quarter is None or rates_fault(quarter)[0]:
         return False
@@ -132,7 +139,11 @@ def explains_lateness(x: Trajectory, half: Trajectory | None, quarter: Trajector
 
 
 def lateness(slope: Array, reported: Array) -> float:
-    """Return by how many samples the reported rates (k, n) lag behind the difference quotients `slope` (k, n), by least squares."""
+    """Return by how many samples reported rates (k, n) are later than the difference quotients `slope` (k, n).
+
+    A rate that is d samples late is slope - d change, where `change` is the change of the slope from one sample to the next. The
+    result is the d of least squares.
+    """
     change = (slope[2:] - slope[:-2]) / 2
     scale = float((change * change).sum())
     return float(((slope - reported)[1:-1] * change).sum()) / scale if scale else 0.0
@@ -140,57 +151,52 @@ def lateness(slope: Array, reported: Array) -> float:
 
 def _same_again(subject: Subject) -> Iterator[Check]:
     """Check that a repeated run returns the same bits."""
-    for linkage, scenario in PLAIN[:1]:
-        runs = [
-            subject.whole[linkage],
-            *(subject.run(linkage, scenario, EVERY_STEP, ask) for ask in (nothing, partial(run_before, EVERY_STEP))),
-        ]
-        first, second, third = (run.trajectory for run in runs)
-        if first is None or second is None or third is None:
-            fault = next(run.message for run in runs if run.trajectory is None)
-            yield Check("a run repeats bit by bit", None if runs[0].status is Status.SKIP else False, fault)
-            continue
-        yield Check("a run repeats bit by bit", _equal(first, second), "" if _equal(first, second) else "two runs differ")
-        fault = "" if _equal(first, third) else "a model that has run before gives another motion: prepare must reset everything"
-        yield Check("a model can run again", not fault, fault)
+    (linkage, scenario), title = PLAIN[0], "a run repeats bit by bit"
+    runs = [
+        subject.whole[linkage],
+        subject.run(linkage, scenario, EVERY_STEP),
+        subject.run(linkage, scenario, EVERY_STEP, partial(run_before, EVERY_STEP)),
+    ]
+    first, second, third = (run.trajectory for run in runs)
+    if first is None or second is None or third is None:
+        yield check_failed_run(title, next(run for run in runs if run.trajectory is None))
+        return
+    yield check_fault(title, "" if _equal(first, second) else "two runs differ")
+    fault = "" if _equal(first, third) else "a model that has run before gives another motion: prepare must reset everything"
+    yield check_fault("a model can run again", fault)
 
 
 def _is_undisturbed(subject: Subject) -> Iterator[Check]:
     """Check that asking for an acceleration does not change the run."""
-    linkage, scenario = PLAIN[0]
+    (linkage, scenario), title = PLAIN[0], "asking for an acceleration changes nothing"
     m = mechanism_of(linkage, scenario)
-    plain, asked = subject.whole[linkage], subject.run(linkage, scenario, EVERY_STEP, asking(m), m.n)
+    question = partial(accelerations, np.zeros(1), m.q0[None], m.v0[None])  # at the start
+    plain, asked = subject.whole[linkage], subject.run(linkage, scenario, EVERY_STEP, question, m.n)
     if plain.trajectory is None or asked.trajectory is None:
-        yield Check("asking for an acceleration changes nothing", None if plain.status is Status.SKIP else False, asked.message)
+        yield check_failed_run(title, plain if plain.trajectory is None else asked)
         return
     fault = "" if asked.answer is not None and np.isfinite(np.asarray(asked.answer, dtype=float)).all() else "it is not finite"
-    yield Check("an acceleration is a finite number for each coordinate", not fault, fault)
-    fault = "" if _equal(plain.trajectory, asked.trajectory) else "a run goes another way after a question at its start"
-    yield Check("asking for an acceleration changes nothing", not fault, fault)
+    yield check_fault("an acceleration is a finite number for each coordinate", fault)
+    yield check_fault(title, "" if _equal(plain.trajectory, asked.trajectory) else "a run changes after a question at its start")
 
 
 def _steps(subject: Subject) -> Iterator[Check]:
     """Check that steps are counted right, by an engine that counts them."""
+    title, wanted = "steps are counted", len(EVERY_STEP) - 1
     if subject.offer.integrators[0] in subject.offer.adaptive:
-        yield Check("steps are counted", None, "its first integrator chooses its own steps")
-        return
-    wanted = len(EVERY_STEP) - 1
+        yield Check(title, None, "its first integrator chooses its own steps")
+    elif all(run.trajectory is not None and run.trajectory.steps is None for run in subject.whole.values()):
+        yield Check(title, None, "it does not count its steps")
+    else:
 
-    def look(m: Mechanism, x: Trajectory) -> str:
-        return "" if x.steps == wanted else f"{x.steps} steps are told, {wanted} of {STEP:g} s were asked for"
+        def find_fault(m: Mechanism, x: Trajectory) -> str:
+            return "" if x.steps == wanted else f"{x.steps} steps are counted, {wanted} of {STEP:g} s were asked for"
 
-    if all(run.trajectory is not None and run.trajectory.steps is None for run in subject.whole.values()):
-        yield Check("steps are counted", None, "it does not count its steps")
-        return
-    yield from _judge(subject, "steps are counted", look)
-
-
-def asking(m: Mechanism) -> Asked:
-    """Return the question for the acceleration (1, n) at the start of a linkage, which is asked in the worker."""
-    return partial(accelerations, np.zeros(1), m.q0[None], m.v0[None])
+        yield from _check_runs(subject, title, find_fault)
 
 
 def _equal(one: Trajectory, other: Trajectory) -> bool:
+    """Tell whether two trajectories have the same samples, bit by bit."""
     return all(np.array_equal(getattr(one, x), getattr(other, x)) for x in ("t", "q", "v", "a"))
 
 

@@ -17,9 +17,9 @@ class Differences:
     """The differences of accuracy between two runs.
 
     Attributes:
-        compared: how many figures both runs have.
+        compared: number of figures that both runs have.
         beyond: figures that differ by more than the gate allows, and cases with different statuses.
-        only_here, only_there: how many cases one run has and the other has not.
+        only_here, only_there: number of cases that only the one or only the other run has.
     """
 
     compared: int
@@ -34,18 +34,19 @@ def differences(here: Path, there: Path) -> Differences:
     A figure that is better by the factor of the gate counts as a difference too, because neither run is a baseline.
 
     Raises:
-        TableError: a folder holds no accuracy run, a table is damaged, or of a later format than is known here.
+        TableError: a folder holds no accuracy run, a table is damaged, or its format is later than the known ones.
     """
-    cases, figures = [], []
+    cases, references, figures = [], [], []
     for folder in (here, there):
         rows = accuracy_rows(folder)
+        long = facts(frame("results", rows), frame("references", read_table("references", folder)))
         cases.append({_key(row) for row in rows})
-        figures.append(facts(frame("results", rows), frame("references", read_table("references", folder))))
+        references.append({_key(row) for row in long[long["engine"] == "reference"].to_dict("records")})
+        figures.append(long)
     shared = cases[0] & cases[1]
-    truths = [{_key(row) for row in x[x["engine"] == "reference"].to_dict("records")} for x in figures]
-    common = shared | (truths[0] & truths[1])
-    known = set(figures[0]["metric"]) & set(figures[1]["metric"])  # an earlier format may not have had a figure at all
-    own, other = (x[[_key(row) in common and row["metric"] in known for row in x.to_dict("records")]] for x in figures)
+    keys = shared | (references[0] & references[1])
+    metrics = set(figures[0]["metric"]) & set(figures[1]["metric"])  # a table of an earlier format may lack a metric
+    own, other = (x[[_key(row) in keys and row["metric"] in metrics for row in x.to_dict("records")]] for x in figures)
     verdicts = compare(own, other)
     beyond = tuple(v for v in verdicts if v.outcome != "ok" and v.metric != "observed_order")
     return Differences(len(verdicts), beyond, len(cases[0] - shared), len(cases[1] - shared))
@@ -58,8 +59,8 @@ class Clocked:
     Attributes:
         what: table, row and column.
         here, there: the values as words, a ratio with its spread.
-        matters: whether a reader's conclusion changes: a target or a claim changed sides, or a ratio crossed 1.
-        factor: the ratio here over that there; 1 for anything else.
+        matters: whether a reader's conclusion changes, because a target or a claim changed sides or a ratio crossed 1.
+        factor: the ratio `here` divided by the ratio `there`; 1 for targets and claims.
     """
 
     what: str
@@ -75,14 +76,14 @@ class Clocked:
 
 
 def compare_times(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
-    """Count the ratios, targets and claims that both runs have, and return those that differ.
+    """Return the number of ratios, targets and claims that both runs have, and those that differ.
 
     Ratios differ if their spreads do not overlap.
 
     Raises:
-        TableError: a table is damaged, or of a later format than is known here.
+        TableError: a table is damaged, or its format is later than the known ones.
     """
-    found: list[Clocked | None] = []
+    found: list[Clocked | None] = []  # None for each that agrees
     for name, table in TABLES.items():
         columns = [c.name for c in table.columns if c.timed and c.name.endswith(("met", "verdict", "ratio"))]
         if not table.keys or not columns:
@@ -98,17 +99,22 @@ def compare_times(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
 
 
 def _apart(what: str, column: str, row: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[Clocked | None]:
-    """Yield the difference of a column that both rows have, None if they agree; nothing if a row lacks it."""
+    """Yield the difference of a column between two rows, or None if they agree; yield nothing if a row lacks the column.
+
+    `what` names the table and the row.
+    """
     what = f"{what}: {column}"
     if not column.endswith("ratio"):
         if row[column] not in (None, "") and other[column] not in (None, ""):
             yield None if row[column] == other[column] else Clocked(what, _word(row[column]), _word(other[column]), True)
         return
-    ends = [[x[f"{column}{end}"] for end in ENDS] for x in (row, other)]
-    if all(math.isfinite(x) and x > 0 for three in ends for x in three):
-        (x, low, high), (y, least, most) = ends
-        beyond = low > most or high < least
-        yield Clocked(what, _range(x, low, high), _range(y, least, most), (x > 1) != (y > 1), x / y) if beyond else None
+    ends = [[x[f"{column}{end}"] for end in ENDS] for x in (row, other)]  # value, lower and upper end of each row
+    if all(math.isfinite(x) and x > 0 for values in ends for x in values):
+        (x, low, high), (y, other_low, other_high) = ends
+        if low <= other_high and other_low <= high:  # the spreads overlap
+            yield None
+        else:
+            yield Clocked(what, _range(x, low, high), _range(y, other_low, other_high), (x > 1) != (y > 1), x / y)
 
 
 def _word(value: bool | str) -> str:
@@ -122,6 +128,7 @@ def _range(x: float, low: float, high: float) -> str:
 
 
 def _key(row: Mapping[Any, Any]) -> tuple[object, ...]:
+    """Return the values of the columns that identify a case."""
     return tuple(row[k] for k in KEY)
 
 
@@ -129,8 +136,8 @@ def accuracy_rows(folder: Path) -> tuple[dict[str, Any], ...]:
     """Return the rows of the accuracy cases of a run.
 
     Raises:
-        TableError: there are none, or they cannot be read.
-        ChangedRows: a table of the run is not as the run wrote it.
+        TableError: there are no such rows, or they cannot be read.
+        ChangedRows: a table of the run has changed since the run.
     """
     rows = read_table("results", folder)
     if not rows:

@@ -1,7 +1,7 @@
 """The accuracy gate: compare the figures of the gate suite with a committed baseline. Times are not compared.
 
 A figure fails if it is worse than its limit, and is reported as better if it improved by the same factor. A much better figure
-fails too, because a faulty metric may cause it; a real improvement is accepted like any other change. Limits follow from the
+fails too, because a faulty metric may be the cause; a real improvement is accepted like any other change. Limits follow from the
 baseline by the rules below. A new baseline is accepted only with a reason, which is stored with the date.
 """
 
@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,42 +28,46 @@ Key = tuple[Any, ...]  # values of the columns FIGURE
 
 @dataclass(frozen=True)
 class Rule:
-    """Limits of a metric: worse than `factor` times the baseline, and above `floor`, fails; better by `factor` is reported."""
+    """Limits of a metric.
+
+    A figure fails if it is worse than `factor` times the baseline and above `floor`, and is reported if it is better by `factor`.
+    """
 
     factor: float
     floor: float
 
 
-# Figures move by less than 2 between machines as long as they stand above rounding, where they move by much more: hence the floors.
+# Figures differ by a factor below 2 between machines. Figures of the size of rounding differ by much more, and have floors.
 RULES = {
     "acceleration_error_median": Rule(2.0, 1e-12),  # rounding at a condition of 1e4
-    "measured_error_t1": Rule(2.0, 1e-10),  # rounding grown over a second of fast turning
+    "measured_error_t1": Rule(2.0, 1e-10),  # rounding that has grown over a second of fast turning
     "position_error": Rule(2.0, 1e-10),
     "length_error": Rule(2.0, 1e-10),
     "angle_error": Rule(2.0, 1e-10),
-    "velocity_error": Rule(2.0, 1e-8),  # speeds are some 50 times angles
+    "velocity_error": Rule(2.0, 1e-8),  # speeds in rad/s are some 50 times angles
     "position_drift": Rule(2.0, 1e-12),
     "velocity_drift": Rule(2.0, 1e-10),
-    "energy_error": Rule(2.0, 1e-8),  # [J] the quadrature of the work through samples a millisecond apart
+    "energy_error": Rule(2.0, 1e-8),  # [J] quadrature of the work through samples a millisecond apart
 }
 SCATTERING = {"idas": 10.0, "idas_ggl": 10.0}  # a start moved by 1e-15 changes figures of IDAS by this factor
-FLATTERING = 10.0  # a figure better than the baseline by this factor fails, if the baseline is as far above its floor
+FLATTERING = 10.0  # a figure better than the baseline by this factor fails, if the baseline is above its floor by this factor
 ORDER_FLATTERING = 1.0  # an order that is higher by more fails: integrators do not gain an order
 ORDER_MARGIN = 0.2  # observed orders scatter by 0.1 between neighbouring steps
 TRUTH_MARGIN = 1e-9  # references have an error bar of 1e-11; a larger change is a fault
-TRUTHS = ("measured_t05", "measured_t1")
-LOST = 1.0  # [m, rad] with such an error the figures of a run differ between machines
-ENDED = ("ok", "invalid")
+TRUTHS = ("measured_t05", "measured_t1")  # gated columns of the references
+LOST = 1.0  # [m, rad] the figures of a run with such an error differ between machines
+ENDED = ("ok", "invalid")  # statuses of runs that have figures
 BROKEN = ("crashed", "timeout", "error", "incomplete", "warning")  # statuses of a failed process or an unfinished run
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """One figure against its limit.
+    """The verdict on one figure.
 
     Attributes:
         outcome: "fail", "better" or "ok".
-        case: linkage, scenario, engine and setting; metric: column of the results, or of the references.
+        case: linkage, scenario, engine and setting.
+        metric: column of the results, or of the references.
         value, limit, baseline: in words, in the metric's unit.
         cause: the engine's message.
     """
@@ -81,17 +85,8 @@ class Verdict:
         return f"{self.outcome}: {self.case}: {cause}{self.metric} = {self.value}, limit {self.limit} (baseline {self.baseline})"
 
 
-class Judged(NamedTuple):
-    """The outcome for a figure, and its value, limit and baseline in words."""
-
-    outcome: str
-    value: str
-    limit: str
-    baseline: str
-
-
 def facts(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
-    """Return the gated figures in long form: one row per case and metric.
+    """Return the gated figures of accuracy rows and references in long form: one row for each case and metric.
 
     A run with large errors has only its status, its validity and its acceleration error, because its other figures differ between
     machines.
@@ -118,69 +113,74 @@ def in_order(figures: list[dict[Any, Any]], columns: list[str]) -> pd.DataFrame:
 
 
 def by_key(figures: pd.DataFrame) -> dict[Key, dict[Any, Any]]:
-    """Return figures by the values of the columns FIGURE."""
+    """Return key -> row of figures; a key has the values of the columns FIGURE."""
     return {tuple(r[k] for k in FIGURE): r for r in figures.to_dict("records")}
 
 
 def _repeatable(row: Mapping[Any, Any]) -> bool:
     """Tell whether the errors of a run are so small that its figures are the same on every machine."""
-    lost = (("acceleration_error_median", OFF_ACCELERATION), ("position_drift", OFF_DRIFT), ("position_error", LOST))
-    return row["status"] in ENDED and all(row[metric] <= limit for metric, limit in lost)
+    limits = {"acceleration_error_median": OFF_ACCELERATION, "position_drift": OFF_DRIFT, "position_error": LOST}
+    return row["status"] in ENDED and all(row[metric] <= limit for metric, limit in limits.items())
 
 
 def compare(figures: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
-    """Return a verdict for every figure; one that is missing on either side fails.
+    """Return a verdict for every figure of a run and of the baseline; a figure that one of them lacks fails.
 
-    A case whose status differs has the verdict on its status alone.
+    If the statuses of a case differ, figures that only one of them has get no verdict: the verdict on the status tells why.
     """
     here, there = by_key(figures), by_key(baseline)
     verdicts = []
     for key in sorted(here.keys() | there.keys(), key=str):
         status = (*key[:-1], "status")
-        ends = {str(x[status]["value"]) for x in (here, there) if status in x}
-        if len(ends) > 1 and key != status and not (key in here and key in there):
+        statuses = {str(x[status]["value"]) for x in (here, there) if status in x}
+        if len(statuses) > 1 and key != status and not (key in here and key in there):
             continue
         values = [str(x[key]["value"]) if key in x else None for x in (here, there)]
-        judged = judge_figure(key, *values)
-        case = " ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in key[:-1] if x != "")
-        cause = str(here[key].get("message", "")) if judged.outcome == "fail" and key in here else ""
-        verdicts.append(Verdict(judged.outcome, case, str(key[-1]), judged.value, judged.limit, judged.baseline, cause))
+        verdict = judge_figure(key, *values)
+        if verdict.outcome == "fail" and key in here:
+            verdict = replace(verdict, cause=str(here[key].get("message", "")))
+        verdicts.append(verdict)
     return verdicts
 
 
-def judge_figure(key: Key, value: str | None, base: str | None) -> Judged:
-    """Judge a figure against its baseline."""
-    metric, missing = key[-1], "none"
+def judge_figure(key: Key, value: str | None, base: str | None) -> Verdict:
+    """Return the verdict on a figure, given its value and that of the baseline as texts; None if one is missing."""
+    metric, missing = str(key[-1]), "none"
+    case = " ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in key[:-1] if x != "")
+
+    def verdict(outcome: str, value: str, limit: str, baseline: str) -> Verdict:
+        return Verdict(outcome, case, metric, value, limit, baseline)
+
     if base is None or value is None:
-        # an order exists only while errors are above their floor: its loss is reported, and does not fail
+        # an order exists only while errors are above their floor: an order that is lost is reported, and does not fail
         outcome = "better" if metric == "observed_order" else "fail"
-        return Judged(outcome, value or missing, "present on both sides", base or missing)
+        return verdict(outcome, value or missing, "present on both sides", base or missing)
     if metric in ("status", "valid"):
-        return Judged("ok" if value == base else "fail", value, base, base)
+        return verdict("ok" if value == base else "fail", value, base, base)
     x, b = float(value), float(base)
     if metric == "observed_order":
         low, high = b - ORDER_MARGIN, b + ORDER_FLATTERING
         if x > high:
-            return Judged("fail", f"{x:.2f}", f"at most {high:.2f} without a reason", f"{b:.2f}")
+            return verdict("fail", f"{x:.2f}", f"at most {high:.2f} without a reason", f"{b:.2f}")
         outcome = "fail" if x < low else "better" if x > b + ORDER_MARGIN else "ok"
-        return Judged(outcome, f"{x:.2f}", f"at least {low:.2f}", f"{b:.2f}")
+        return verdict(outcome, f"{x:.2f}", f"at least {low:.2f}", f"{b:.2f}")
     if metric in TRUTHS:
         bar = TRUTH_MARGIN * (1 + abs(b))
-        return Judged("fail" if abs(x - b) > bar else "ok", value, f"{b:.12g} +- {bar:.1g}", base)
+        return verdict("fail" if abs(x - b) > bar else "ok", value, f"{b:.12g} +- {bar:.1g}", base)
     rule, scatter = RULES[metric], SCATTERING.get(str(key[KEY.index("integrator")]), 1.0)
     factor, flattering = max(rule.factor, scatter), FLATTERING * scatter
-    if x < b / flattering and b > flattering * rule.floor:
-        return Judged("fail", f"{x:.3g}", f"at least {b / flattering:.3g} without a reason", f"{b:.3g}")
+    if x < b / flattering and b > flattering * rule.floor:  # a faulty metric may be the cause
+        return verdict("fail", f"{x:.3g}", f"at least {b / flattering:.3g} without a reason", f"{b:.3g}")
     limit = max(factor * b, rule.floor)
     outcome = "fail" if not x <= limit else "better" if x < b / factor and b > rule.floor else "ok"
-    return Judged(outcome, f"{x:.3g}", f"{limit:.3g}", f"{b:.3g}")
+    return verdict(outcome, f"{x:.3g}", f"{limit:.3g}", f"{b:.3g}")
 
 
 def read_baseline(path: Path) -> pd.DataFrame:
-    """Return the committed figures that `accept` wrote, under the present names.
+    """Return the figures of a baseline, as `accept` wrote them: one row for each case and metric.
 
     Raises:
-        TableError: the file is damaged, or of a later format than is known here.
+        TableError: the file is damaged, or its format is later than the known ones.
     """
     return pd.DataFrame(read_file("baseline", path), columns=[*FIGURE, "value", "accepted"]).astype({"step": float, "t_end": float})
 
@@ -188,15 +188,15 @@ def read_baseline(path: Path) -> pd.DataFrame:
 def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[str]]:
     """Write a new baseline, in which every figure that changed beyond its limits has today's date and the reason.
 
-    A failed case is not accepted and keeps the figures of the old baseline, unless the old baseline has the same failure or there
-    is none. A case whose process failed is never accepted. Mechanisms and engines that were not measured keep their figures too.
+    A failed case is accepted only if the old baseline has the same failure, or if there is no old baseline; else it keeps its old
+    figures. A case whose process failed is never accepted. Mechanisms and engines that were not measured keep their figures too.
 
     Returns:
-        How many figures changed, and a sentence for every case that was not accepted.
+        The number of figures that changed, and a sentence for every case that was not accepted.
     """
     stamp = f"{datetime.now(UTC):%Y-%m-%d} {reason}"
     before, found = by_key(read_baseline(path)) if path.exists() else {}, by_key(figures)
-    refused: dict[Key, str] = {}
+    refused: dict[Key, str] = {}  # key of a case -> sentence
     for key, row in found.items():
         known = [*ENDED, "skip", before[key]["value"] if key in before else ""]
         if key[-1] == "status" and (row["value"] in BROKEN or (before and row["value"] not in known)):
@@ -218,20 +218,24 @@ def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[st
 
 
 def is_known(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
-    """Return the cases of which a baseline has figures, and those of its engines that cannot be used here."""
-    there = {tuple(row) for row in baseline[[*KEY]].itertuples(index=False)}
-    pairs = {(row[0], row[2]) for row in there}
+    """Return the cases whose figures a baseline has, and those of its linkages and engines that cannot be used here.
+
+    The latter are kept so that their missing figures fail.
+    """
+    known = {tuple(row) for row in baseline[[*KEY]].itertuples(index=False)}
+    pairs = {(row[0], row[2]) for row in known}  # linkage and engine
 
     def has(case: Case) -> bool:
+        """Tell whether the case is kept."""
         mechanism = load(case.linkage, case.scenario or None)
         key = (mechanism.name, mechanism.scenario, *astuple(case)[2:])
-        return key in there or ((mechanism.name, case.engine) in pairs and not offer(case.engine).usable)
+        return key in known or ((mechanism.name, case.engine) in pairs and not offer(case.engine).usable)
 
     return [case for case in cases if has(case)]
 
 
 def restrict(baseline: pd.DataFrame, mechanisms: set[str], engines: set[str]) -> pd.DataFrame:
-    """Return the part of a baseline that a partial run can be compared with."""
+    """Return the figures of a baseline that belong to these mechanisms and engines, or to the references of the mechanisms."""
     inside = baseline["mechanism"].isin(list(mechanisms)) & baseline["engine"].isin([*engines, "reference"])
     return baseline[inside].reset_index(drop=True)
 
@@ -242,7 +246,9 @@ def failures(verdicts: list[Verdict]) -> Iterator[Verdict]:
 
 
 def scale_inertia(factor: float, mechanism: Mechanism) -> Mechanism:
-    """Plant a fault: multiply the inertia of the crank, or of every link without a crank, by a factor."""
-    heavy = [mechanism.crank in (None, k) for k in range(len(mechanism.links))]
-    links = [replace(x, inertia=x.inertia * factor) if y else x for x, y in zip(mechanism.links, heavy, strict=True)]
+    """Plant a fault: multiply the inertia of the crank by a factor, or that of every link if there is no crank."""
+    links = [
+        replace(link, inertia=link.inertia * factor) if mechanism.crank in (None, k) else link
+        for k, link in enumerate(mechanism.links)
+    ]
     return replace(mechanism, links=tuple(links))

@@ -1,8 +1,8 @@
-"""The journal of finished tasks, by which a run that was killed is resumed.
+"""The journal of finished tasks, by which a killed run is resumed.
 
-Each finished task is one line of a file, appended and synced to disk. A line ends with the checksum of its content; it is used
-only if the checksum agrees and the code, linkage and libraries are still the same. An incomplete last line is cut off before the
-next one is written. A damaged line stays in the file; a warning on stderr reports it, and its task is run again.
+Each finished task is one line of a file, appended and synced to disk. A line ends with the checksum of its content. It is used only
+if the checksum agrees and the code, the linkage and the libraries are still the same. An incomplete last line is cut off before the
+next line is written. A damaged line stays in the file: a warning on stderr reports it, and its task is run again.
 """
 
 import fcntl
@@ -21,7 +21,7 @@ from gauss_bench.untrusted import BadInput, harmless
 
 
 class Busy(BadInput, RuntimeError):
-    """Another run writes to the same journal."""
+    """Raised if another run writes to the same journal."""
 
 
 def fingerprint() -> str:
@@ -31,28 +31,26 @@ def fingerprint() -> str:
     return hashlib.sha256(f"{versions} {sources}".encode()).hexdigest()[:16]
 
 
-SUM = b', "sum": "'  # stands before the checksum of a line
-DIGITS = 16
+SUM, DIGITS = b', "sum": "', 16  # text before the checksum of a line, and digits of the checksum
 
 
 def line_of(entry: dict[str, Any]) -> bytes:
-    """Return an entry as a line of the journal."""
-    content = json.dumps(entry).encode()
-    return content[:-1] + SUM + _sum(content) + b'"}\n'
+    """Return an entry as a line of the journal: JSON whose last key is the checksum of the other keys."""
+    return _add_checksum(json.dumps(entry).encode())
 
 
 def entry_of(line: bytes) -> dict[str, Any] | None:
-    """Return the entry of a line, or None where the checksum does not agree."""
-    at = len(line) - len(SUM) - DIGITS - len(b'"}\n')
-    content = line[: max(0, at)] + b"}"
-    if at < 0 or line != content[:-1] + SUM + _sum(content) + b'"}\n':
+    """Return the entry of a line, or None if the checksum does not agree."""
+    content = line.rpartition(SUM)[0] + b"}"
+    if line != _add_checksum(content):
         return None
     entry: dict[str, Any] = json.loads(content)
     return entry
 
 
-def _sum(content: bytes) -> bytes:
-    return hashlib.sha256(content).hexdigest()[:DIGITS].encode()
+def _add_checksum(content: bytes) -> bytes:
+    """Return a JSON object, which ends with a brace, as a line with its checksum as the last key."""
+    return content[:-1] + SUM + hashlib.sha256(content).hexdigest()[:DIGITS].encode() + b'"}\n'
 
 
 class Journal:
@@ -82,6 +80,7 @@ class Journal:
         self.file.close()
 
     def _read(self) -> None:
+        """Read the finished tasks, and cut off an incomplete last line."""
         self.file.seek(0)
         content = self.file.read()
         *lines, torn = content.split(b"\n")
@@ -89,21 +88,27 @@ class Journal:
         entries = [entry_of(line + b"\n") for line in lines]
         self.entries = {entry["key"]: entry for entry in entries if entry}
         if damaged := entries.count(None):
-            said = f"{self.path}: {damaged} of {len(lines)} lines are not as they were written; what they told is run again"
-            print(harmless(f"warning: {said}"), file=sys.stderr)
+            warning = (
+                f"warning: {self.path}: {damaged} of {len(lines)} lines are not as they were written; their tasks are run again"
+            )
+            print(harmless(warning), file=sys.stderr)
 
-    def find(self, key: str, stamp: str) -> dict[str, Any] | None:
-        """Return the rows of a task, by table, if the journal holds them under the same stamp; else None."""
+    def find(self, key: str, *stamps: str) -> dict[str, Any] | None:
+        """Return table -> rows of a task if the journal holds them under one of the stamps, else None."""
         entry = self.entries.get(key)
-        return entry["tables"] if entry and entry["stamp"] == stamp else None
+        return entry["tables"] if entry and entry["stamp"] in stamps else None
 
     def add(self, key: str, stamp: str, tables: dict[str, Any]) -> None:
-        """Append a finished task, and return when it is on disk."""
+        """Append a finished task (table -> rows), and return when it is on disk.
+
+        Raises:
+            OSError: the disk is full; the file stays as it was.
+        """
         entry = {"key": key, "stamp": stamp, "tables": tables}
         line, end = memoryview(line_of(entry)), self.file.seek(0, os.SEEK_END)
         try:
             while line:
-                line = line[self.file.write(line) :]
+                line = line[self.file.write(line) :]  # an unbuffered write may write only a part
             os.fsync(self.file.fileno())
         except OSError:
             with suppress(OSError):

@@ -1,18 +1,18 @@
-"""Run one case and compute its row; foreign engines run in a process of their own, and every run is judged in this one."""
+"""Run one case and compute its row. Foreign engines run in a process of their own, and every run is judged in this process."""
 
 import json
 from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.poses import poses
-from gauss_bench.bench.tasks import CASE_LIMIT
+from gauss_bench.bench.tasks import CASE_LIMIT, Rows
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.judge import Evidence, judge, remark
 from gauss_bench.linkage.load import load
@@ -28,18 +28,19 @@ from gauss_bench.runs.scrutiny import LONGEST, at_samples, decides, evidence_of,
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Trajectory
 
-SERIES = 100  # points per curve in the report
+SERIES = 100  # points of a curve in the report, or fewer than twice as many
 NO_TRUTH = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # raised for a linkage without a reference
 
 
 @lru_cache(maxsize=8)
 def mechanism_of(linkage: str, scenario: str) -> Mechanism:
+    """Return a linkage, given by name or path, in a scenario; "" stands for the first one that has a start."""
     return load(linkage, scenario or None)
 
 
 @lru_cache(maxsize=4)
 def states_of(linkage: str, scenario: str) -> TrueStates | None:
-    """Return random states with their reference accelerations, or None where the accelerations are not unique."""
+    """Return random states with their reference accelerations, or None if the accelerations are not unique."""
     try:
         return random_states(mechanism_of(linkage, scenario))
     except NO_TRUTH:
@@ -48,34 +49,52 @@ def states_of(linkage: str, scenario: str) -> TrueStates | None:
 
 @lru_cache(maxsize=4)
 def reference_of(linkage: str, scenario: str, t_end: float, store: str) -> Reference:
+    """Return the reference of a scenario until `t_end` [s], which is kept in the folder `store`.
+
+    Raises:
+        one of NO_TRUTH: the linkage has no reference.
+    """
     return load_stored(mechanism_of(linkage, scenario), t_end, Path(store))
 
 
 @lru_cache(maxsize=4)
 def truth_of(linkage: str, scenario: str, t_end: float, store: str) -> Reference | str:
-    """Return the reference, or the reason why there is none."""
+    """Return the reference as `reference_of`, or the reason why there is none, which is kept too: finding it takes long."""
     try:
         return reference_of(linkage, scenario, t_end, store)
     except NO_TRUTH as error:
         return str(error)
 
 
+class Measurement(NamedTuple):
+    """The measurement of a case.
+
+    Attributes:
+        row: its row in the table of results, without the columns of its key.
+        series, poses: curves and poses for the report, one row for each time.
+    """
+
+    row: dict[str, Any]
+    series: Rows
+    poses: Rows
+
+
 def measure(
     case: Case, store: str, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT, posed: bool = False
-) -> dict[str, Any]:
-    """Run a case and return {"row": ..., "series": [...], "poses": [...]}: its row, and curves and poses for the report.
+) -> Measurement:
+    """Run a case and judge the run.
 
     Args:
         store: the folder of the references.
-        alter: plants a fault in the mechanism that the engine is given; the run is judged by the unaltered one.
+        alter: plants a fault in the mechanism that the engine is given; the run is judged by the unaltered mechanism.
         limit: [s] after which an engine in a process of its own is stopped.
         posed: whether poses are computed; they need a reference and a run that ended.
     """
     mechanism, offered = mechanism_of(case.linkage, case.scenario), offer(case.engine)
     row: dict[str, Any] = {"control": case.engine in CONTROLS, "in_python": in_python(case.engine, mechanism, case.choice)}
 
-    def fail(status: Status, message: str) -> dict[str, Any]:
-        return {"row": row | {"status": str(status), "message": message}, "series": [], "poses": []}
+    def fail(status: Status, message: str) -> Measurement:
+        return Measurement(row | {"status": str(status), "message": message}, [], [])
 
     if not offered.usable:
         return fail(offered.status, offered.reason)
@@ -92,19 +111,11 @@ def measure(
     truth = truth_of(case.linkage, case.scenario, case.t_end, store)
     reference, unknown = (None, f"no truth to compare with: {truth}") if isinstance(truth, str) else (truth, "")
     try:
-        finer, untried, adaptive = None, "", case.integrator in offered.adaptive
+        finer, untried = None, ""
         if not (reference and decides(reference, mechanism) and has_sound_rates(mechanism, run.trajectory)):
             finer, untried = repeat_run(request, offered, run, mechanism, limit)
-        evidence, undecided = evidence_of(
-            mechanism,
-            case.choice,
-            run.trajectory,
-            reference,
-            finer,
-            row.get("acceleration_error_median"),
-            adaptive=adaptive,
-            untried=untried,
-        )
+        known, adaptive = row.get("acceleration_error_median"), case.integrator in offered.adaptive
+        evidence, undecided = evidence_of(mechanism, case.choice, run.trajectory, reference, finer, known, adaptive, untried)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         return fail(Status.ERROR, f"the run cannot be judged: {error}")
     verdict = judge(evidence)
@@ -114,24 +125,30 @@ def measure(
     row |= {"steps": run.trajectory.steps, "evaluations": run.trajectory.evaluations}
     row |= figures(mechanism, run.trajectory, evidence)
     shown = poses(mechanism, run.trajectory, reference) if posed and reference is not None else []
-    return {"row": row, "series": curves(run.trajectory, evidence), "poses": shown}
+    return Measurement(row, curves(run.trajectory, evidence), shown)
 
 
 def repeat_run(request: Request, offered: Offer, run: Run, mechanism: Mechanism, limit: float) -> tuple[Run | None, str]:
-    """Return a finer repetition of a run, or the reason why there is none; it may take half the rest of `limit` [s]."""
+    """Return a finer repetition of a run and an empty text, or None and the reason why there is no repetition.
+
+    The run and its repetition may take `limit` [s] together; the repetition may take half of the rest.
+    """
     assert run.trajectory is not None
-    spent = run.seconds + run.build_time
+    times, spent = run.trajectory.t, run.seconds + run.build_time
     longest = min(LONGEST, (limit - spent) / 2)
-    if len(run.trajectory.t) < 2 or not longest > run.seconds * 2 / len(run.trajectory.t):
+    if len(times) < 2 or not longest > run.seconds * 2 / len(times):  # not enough for the first sample at half the step
         return None, "it was not repeated: no time is left"
-    again = run_of(repeat_finer(request, offered, run.seconds, run.trajectory.t, longest), mechanism, limit - spent)
-    return at_samples(again, run.trajectory.t), ""
+    again = run_of(repeat_finer(request, offered, run.seconds, times, longest), mechanism, limit - spent)
+    return at_samples(again, times), ""
 
 
 def acceleration_errors(given: object, states: TrueStates) -> dict[str, float]:
-    """Return median and largest relative error of accelerations at `states`; NaN if `given` is not an array of their shape."""
+    """Return the columns of median and largest relative error of an engine's accelerations at states with known accelerations.
+
+    They are NaN if `given` is not an array of their shape.
+    """
     error = np.full(1, np.nan)
-    with suppress(TypeError, ValueError):
+    with suppress(TypeError, ValueError):  # an engine may return anything
         a = np.asarray(given, dtype=float)
         if a.shape == states.a.shape:
             error = metrics.relative_acceleration_error(a, states.a)
@@ -163,20 +180,23 @@ def figures(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) ->
 
 
 def at_checkpoints(name: str, t: Array, values: Array) -> dict[str, float]:
-    """Return the columns of values (k,) at the checkpoints of tables; NaN at checkpoints that the run did not reach."""
-    found = {}
+    """Return the columns of values (k,) at the checkpoints of tables; NaN at a checkpoint that is not among the times t (k,) [s].
+
+    The column of the checkpoint 0.5 s is NAME_t05.
+    """
+    columns = {}
     for checkpoint in metrics.CHECKPOINTS:
         at = np.flatnonzero(np.abs(t - checkpoint) < 1e-9)
-        found[f"{name}_t{checkpoint:g}".replace(".", "")] = float(values[at[0]]) if len(at) else np.nan
-    return found
+        columns[f"{name}_t{checkpoint:g}".replace(".", "")] = float(values[at[0]]) if len(at) else np.nan
+    return columns
 
 
 def curves(trajectory: Trajectory, evidence: Evidence) -> list[dict[str, float]]:
-    """Return error, drift and energy over time, thinned to fewer than 2 SERIES points; empty without a reference."""
+    """Return rows of error, drift and energy over time; none without a reference."""
     drift, errors = evidence.drift, evidence.errors
     if errors is None:
         return []
-    near = np.searchsorted(trajectory.t, errors.t - 1e-9)
+    near = np.searchsorted(trajectory.t, errors.t - 1e-9)  # samples at the times of the errors
     shown = slice(None, None, max(1, len(errors.t) // SERIES))
     columns = {
         "t": errors.t,

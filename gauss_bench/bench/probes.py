@@ -1,13 +1,15 @@
-"""Linkages on which an engine's accelerations are held against own terms: as they are, and with their numbers changed.
+"""Linkages on which an engine's accelerations are compared with the suite's own: unchanged, and with changed numbers.
 
-An engine that leaves out, scales or hard-codes a number is wrong wherever that number shows in the accelerations, and every number
-of `suites/linkages/probe.toml` does. Engine and own terms are given the same changed linkage.
+Every number of `suites/linkages/probe.toml` affects the accelerations. Therefore an engine that leaves out, scales or hard-codes
+one of them has wrong accelerations on a linkage in which this number is changed. The engine and the suite's own terms are given the
+same changed linkage.
 
-With N (n, dof) a basis of the velocities that the constraints allow, accelerations a of whatever constraint forces obey
+Let N (n, dof) be a basis of the velocities that the constraints allow. Constraint forces do no work along N, so that with any
+constraint forces the accelerations a obey
 
     N^T (M a - Q) = 0
 
-because those forces do no work along N: a loop that gives way leaves this alone, a wrong mass, force or row of J does not.
+A loop that gives way keeps this equation. A wrong mass, force or row of J violates it.
 """
 
 from collections.abc import Iterator, Mapping
@@ -25,10 +27,10 @@ from gauss_bench.suites.read import FOLDER
 from gauss_bench.terms import Array
 
 PROBE = str(FOLDER / "linkages" / "probe.toml")
-STATES, SEED = 8, 20261123
-REACH, SLOW, FAST = 0.4, 2.0, 6.0  # steps [m, rad] between states; least and largest velocities [m/s, rad/s] along free directions
-FLOOR = 0.05  # of the largest among the states: errors at states near equilibrium are relative to this share
-RESTING = 1e-9  # of the largest constraint force: a smaller one is rounding, and nothing holds its row
+STATES, SEED = 8, 20261123  # number of states of a probe, and the seed of their random numbers
+REACH, SLOW, FAST = 0.4, 2.0, 6.0  # [m, rad] step between states; [m/s, rad/s] least and largest velocities along free directions
+FLOOR = 0.05  # share of the largest size among the states to which errors are relative at states near equilibrium
+RESTING = 1e-9  # a constraint force below this share of the largest one is rounding: nothing holds its row
 AS_IT_IS, EVERYTHING = "as it is", "every number changed"
 FACTORS = {  # kind -> its plural, and what its numbers are multiplied by
     "mass": ("masses", 1.3),
@@ -39,7 +41,7 @@ FACTORS = {  # kind -> its plural, and what its numbers are multiplied by
     "force": ("forces", 1.3),
 }
 
-Path = tuple[str | int, ...]
+Path = tuple[str | int, ...]  # keys and indices that lead to a number of a document
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +49,10 @@ class Probe:
     """A linkage at states of motion.
 
     Attributes:
-        change: what is changed in it.
-        t, q, v, a: (k,) and (k, n): states on the constraints, with the accelerations of own terms.
+        change: name of the change of its numbers.
+        mechanism: the changed linkage.
+        t: (k,) times of the states [s].
+        q, v, a: (k, n) states on the constraints, and their accelerations by the suite's own terms.
     """
 
     change: str
@@ -63,7 +67,7 @@ class Probe:
         return _share(np.abs(a - self.a).max(axis=1), np.abs(self.a).max(axis=1))
 
     def off_along(self, a: Array) -> float:
-        """Return the largest N^T (M a - Q) of accelerations (k, n), relative to N^T Q; 0 without degrees of freedom."""
+        """Return the largest N^T (M a - Q) of accelerations a (k, n), relative to N^T Q; 0 without degrees of freedom."""
         motion = AbsoluteCoordinates(self.mechanism)
         left, loads = [], []
         for t, q, v, given in zip(self.t, self.q, self.v, a, strict=True):
@@ -74,45 +78,58 @@ class Probe:
         return _share(np.array(left), np.array(loads))
 
     def share_of_gamma(self, a: Array) -> float:
-        """Return the smallest share c of its velocity term that a row of J has in accelerations a (k, n), by least squares.
+        """Return the smallest share c of its velocity term that a row of J has in accelerations a (k, n).
 
-        With f the constraint forces that the accelerations need, J a = gamma + (c - 1) g + r f over the states. A row that gives
-        way in proportion to its force has c = 1; c is 0 for a row without its velocity term g. That term depends on the coordinates
-        of an engine: g is gamma in absolute coordinates, and gamma - J a0 in those of a joint tree, where a0 are the accelerations
-        with which the tree moves if its coordinates keep their rates. Of these, the one that explains the row best is taken. Rows
-        without velocity terms are left out, those without forces (of springs, where loops are closed), and linkages with redundant
-        rows, whose forces are not determined; the result is then 1.
+        With f the constraint forces that the accelerations need and g the velocity terms, each row of J obeys, at all k states,
+
+            J a = gamma + (c - 1) g + r f
+
+        c and r follow by least squares. A row that gives way in proportion to its force has c = 1; a row without its velocity term
+        has c = 0. g depends on the coordinates of an engine. It is gamma in absolute coordinates, and gamma - J a0 in the
+        coordinates of a joint tree, where a0 are the accelerations of the tree while its joints keep their rates. The g that
+        explains the row best is taken.
+
+        The result is 1 if no row can be judged: rows without velocity terms and rows without forces (springs may close a loop) are
+        left out, and the forces of redundant rows are not determined.
         """
         if self.mechanism.redundant:
             return 1.0
         evaluator, trees = AbsoluteCoordinates(self.mechanism).evaluator, [spanning_tree(self.mechanism, x) for x in (False, True)]
-        found = []
+        extra, forces, velocities = [], [], []  # at each state: J a - gamma and f, (m,), and the three candidates of g, (3, m)
         for t, q, v, given in zip(self.t, self.q, self.v, a, strict=True):
             terms = evaluator.terms(float(t), q, v)
-            force = np.linalg.lstsq(terms.J.T, terms.M @ given - terms.Q, rcond=None)[0]
             states = [tree.relative(q, v) for tree in trees]
             moved = [tree.absolute(*y, 0.0 * y[0])[2] for tree, y in zip(trees, states, strict=True)]
-            velocity = [terms.gamma, *(terms.gamma - terms.J @ a0 for a0 in moved)]
-            found.append((terms.J @ given - terms.gamma, force, velocity))
-        beside, forces, velocities = (np.array(x) for x in zip(*found, strict=True))  # (k, m), (k, m), (k, 3, m)
-        largest = np.abs(velocities[:, 0]).max(initial=0.0)
-        shares, strong = [], np.abs(forces).max(axis=0) > RESTING * np.abs(forces).max(initial=0.0)
-        for row in np.flatnonzero(strong):
-            terms_of_row = [g for g in velocities[:, :, row].T if np.abs(g).max() > FLOOR * largest]
-            fits = [_fit(beside[:, row], np.column_stack([g, forces[:, row]])) for g in terms_of_row]
-            if fits:
-                shares.append(1.0 + min(fits)[1])
-        return float(min(shares, default=1.0))
+            extra.append(terms.J @ given - terms.gamma)
+            forces.append(np.linalg.lstsq(terms.J.T, terms.M @ given - terms.Q, rcond=None)[0])
+            velocities.append([terms.gamma, *(terms.gamma - terms.J @ a0 for a0 in moved)])
+        return _least_share(np.array(extra), np.array(forces), np.array(velocities))
 
 
-def _fit(x: Array, columns: Array) -> tuple[float, float]:
-    """Return what least squares leave of x (k,) by columns (k, 2), rounded, and the factor of the first column."""
-    factors = np.linalg.lstsq(columns, x, rcond=None)[0]
-    return round(float(np.abs(x - columns @ factors).max()), 12), float(factors[0])
+def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
+    """Return the least share c of `Probe.share_of_gamma`.
+
+    Args:
+        extra, forces: J a - gamma and f (k, m) of each row at each state.
+        velocities: candidates of g (k, 3, m); the first is gamma.
+    """
+    largest = np.abs(velocities[:, 0]).max(initial=0.0)
+    held = np.abs(forces).max(axis=0) > RESTING * np.abs(forces).max(initial=0.0)  # (m,)
+    shares = []
+    for row in np.flatnonzero(held):
+        fits = []  # largest residual, rounded so that equal fits keep their order, and c - 1
+        for g in velocities[:, :, row].T:
+            if np.abs(g).max() > FLOOR * largest:
+                columns = np.column_stack([g, forces[:, row]])
+                factors = np.linalg.lstsq(columns, extra[:, row], rcond=None)[0]
+                fits.append((round(float(np.abs(extra[:, row] - columns @ factors).max()), 12), float(factors[0])))
+        if fits:
+            shares.append(1.0 + min(fits)[1])
+    return float(min(shares, default=1.0))
 
 
 def _share(errors: Array, sizes: Array) -> float:
-    """Return the largest error (k,) relative to its size (k,); infinite where an error is NaN."""
+    """Return the largest error (k,) relative to its size (k,) or to FLOOR times the largest size; infinite if an error is NaN."""
     floored = np.maximum(sizes, FLOOR * sizes.max(initial=0.0))
     share = np.divide(errors, floored, out=np.zeros_like(errors), where=floored > 0)
     return float(share.max(initial=0.0)) if np.isfinite(errors).all() else float("inf")
@@ -120,7 +137,11 @@ def _share(errors: Array, sizes: Array) -> float:
 
 @lru_cache(maxsize=256)
 def probe(linkage: str, scenario: str, change: str = AS_IT_IS, forces: tuple[str, ...] | None = None) -> Probe:
-    """Return a linkage with one of `changes` made, at states of its motion; with only the given forces, if any are given."""
+    """Return a linkage with one of its `changes`, at states of its motion.
+
+    Args:
+        forces: names of the only forces that act; those of the scenario if not given.
+    """
     document, digest, path = document_of(linkage)
     changed = scale(document, changes(linkage, scenario)[change])
     if forces is not None:
@@ -132,25 +153,26 @@ def probe(linkage: str, scenario: str, change: str = AS_IT_IS, forces: tuple[str
 
 
 def moving_states(mechanism: Mechanism, motion: AbsoluteCoordinates) -> tuple[Array, Array, Array]:
-    """Return states t (k,), q, v (k, n) on the constraints, by steps of random size from the start; drivers use the times."""
+    """Return states t (k,), q, v (k, n) on the constraints, by random steps from the start.
+
+    The times are those of the drivers' laws; without drivers they are 0.
+    """
     random = np.random.default_rng(SEED)
     times = np.linspace(0.05, 0.95, STATES) * (mechanism.duration if mechanism.drivers else 0.0)
     q, states = mechanism.q0, []
     for t in times:
         N = motion.null_space(q)  # (n, dof)
-        for _ in range(2):  # the second projection starts near and removes the error that the first leaves
-            q, _ = motion.evaluator.project(t, q + N @ random.normal(0.0, REACH, N.shape[1]), 0.0 * q)
-            N = 0.0 * N
+        q, _ = motion.evaluator.project(t, q + N @ random.normal(0.0, REACH, N.shape[1]), 0.0 * q)
+        q, _ = motion.evaluator.project(t, q, 0.0 * q)  # starts near, and removes the error that the first projection leaves
         N = motion.null_space(q)
-        states.append(
-            motion.evaluator.project(t, q, N @ (random.choice([-1.0, 1.0], N.shape[1]) * random.uniform(SLOW, FAST, N.shape[1])))
-        )
+        speeds = random.choice([-1.0, 1.0], N.shape[1]) * random.uniform(SLOW, FAST, N.shape[1])  # (dof,)
+        states.append(motion.evaluator.project(t, q, N @ speeds))
     return times, np.array([x[0] for x in states]), np.array([x[1] for x in states])
 
 
 @lru_cache(maxsize=8)
 def changes(linkage: str, scenario: str) -> Mapping[str, Mapping[Path, float]]:
-    """Return name of a change -> path of a number -> its factor: no number, all, those of one kind, and each alone."""
+    """Return name of a change -> path of a number -> its factor: for no number, all, those of one kind, and each alone."""
     document, _, _ = document_of(linkage)
     every = [(path, *FACTORS[_kind(path)]) for path in numbers(document, scenario)]
     found: dict[str, dict[Path, float]] = {AS_IT_IS: {}, EVERYTHING: {path: factor for path, _, factor in every}}
@@ -163,7 +185,7 @@ def changes(linkage: str, scenario: str) -> Mapping[str, Mapping[Path, float]]:
 
 
 def numbers(document: dict[str, Any], scenario: str) -> Iterator[Path]:
-    """Yield the paths of all numbers but 0 that a scenario's motion depends on, except its start and its laws."""
+    """Yield the paths of all numbers except 0 that a scenario's motion depends on, without those of its start and its laws."""
     for key in ("gravity", "ground", "links", "joints"):
         yield from _numbers(document.get(key), (key,))
     for name in document["scenarios"][scenario].get("forces", ()):
@@ -171,6 +193,7 @@ def numbers(document: dict[str, Any], scenario: str) -> Iterator[Path]:
 
 
 def _numbers(item: Any, path: Path) -> Iterator[Path]:
+    """Yield the paths of all numbers except 0 in a part of a document; `path` is that of the part."""
     if isinstance(item, (dict, list)):
         for key, value in item.items() if isinstance(item, dict) else enumerate(item):
             yield from _numbers(value, (*path, key))
@@ -187,7 +210,10 @@ def _kind(path: Path) -> str:
 
 
 def scale(item: Any, factors: Mapping[Path, float], path: Path = ()) -> Any:
-    """Return a copy of a part of a document in which the numbers at some paths are multiplied by their factors."""
+    """Return a copy of a part of a document in which the numbers at some paths are multiplied by factors.
+
+    `path` is that of the part, and `factors` maps the path of a number to its factor.
+    """
     if isinstance(item, dict):
         return {key: scale(x, factors, (*path, key)) for key, x in item.items()}
     if isinstance(item, list):

@@ -4,6 +4,7 @@ import os
 import platform
 import subprocess
 import sys
+from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -16,16 +17,14 @@ PACKAGES = ("gauss-bench", "numpy", "scipy", "casadi", "llvmlite", "pin", "exudy
 
 
 def package_versions() -> dict[str, str]:
-    """Return the versions of libraries and engines, and of the packages that engines name; what is not installed is left out.
+    """Return package -> version of PACKAGES, and of the packages that engines name; a package that is not installed is left out.
 
     If the environment of an engine has another version of a package, that version is listed as "PACKAGE of ENGINE".
     """
     versions = {}
     for name in PACKAGES:
-        try:
+        with suppress(PackageNotFoundError):
             versions[name] = version(name)
-        except PackageNotFoundError:
-            continue
     for engine in offers_from_outside():
         for name, found in engine.packages.items():
             if found != NOT_INSTALLED:
@@ -34,7 +33,7 @@ def package_versions() -> dict[str, str]:
 
 
 def check_publishable(folder: Path) -> None:
-    """Check that a run can be traced: its commit is known, its code unchanged, and the processor of its times named.
+    """Check that the run in a folder can be traced: its commit is known, its code unchanged, and the processor of its times named.
 
     Raises:
         TableError: the run may not be published.
@@ -46,13 +45,14 @@ def check_publishable(folder: Path) -> None:
         f"kernels were made in haste, with {facts.get('shortened')}": facts.get("shortened"),
         "does not name the processor that times were taken on": (folder / TIMES).exists() and not facts.get("cpu"),
     }
-    for fault in (words for words, there in faults.items() if there):
-        raise TableError(f"{folder / ENVIRONMENT}: {fault}: not to be published")
+    for fault, is_present in faults.items():
+        if is_present:
+            raise TableError(f"{folder / ENVIRONMENT}: {fault}: not to be published")
 
 
 def environment() -> dict[str, Any]:
-    """Describe the machine, the commit and the versions of a run."""
-    from gauss_bench.compiler.elimination.program import SHORTER  # which loads the compiler
+    """Return the machine, the commit and the versions of a run that begins now."""
+    from gauss_bench.compiler.elimination.program import SHORTER  # imported here, because it loads the compiler
     from gauss_bench.compiler.machine.native_code import QUICK
 
     return {
@@ -71,6 +71,7 @@ def environment() -> dict[str, Any]:
 
 
 def _git(*arguments: str) -> str:
+    """Return the output of a git command in the folder of this package, or an empty text if it fails."""
     try:
         command = ["git", "-C", str(Path(__file__).parent), *arguments]
         return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
@@ -79,6 +80,7 @@ def _git(*arguments: str) -> str:
 
 
 def _cpu() -> str:
+    """Return the name of the processor."""
     if sys.platform == "linux":
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):
@@ -87,6 +89,7 @@ def _cpu() -> str:
 
 
 def _blas() -> str:
+    """Return name and version of the library for linear algebra that numpy was built with."""
     import numpy as np
 
     config: Any = np.show_config(mode="dicts")

@@ -2,10 +2,12 @@
 
 A measurement is a file in `measurements`. It may have these functions:
 
-    exact_tasks(suite, context)                     tasks that measure no time; they run side by side
-    timing_tasks(suite, context, tables)            tasks that measure times, one after the other, given all rows so far
-    second_timing_tasks(suite, context, tables)     further timing tasks, which depend on the rows of the first ones
-    complete(suite, tables)                         fills in columns that depend on the rows of several tasks
+    exact_tasks(suite, context)                     return tasks that measure no time; they run side by side timing_tasks(suite,
+    context, tables)            return tasks that measure times; they run one after the other, after all exact tasks
+    second_timing_tasks(suite, context, tables)     return further timing tasks, which depend on the rows of the first ones
+    complete(suite, tables)                         fill in columns that depend on the rows of several tasks
+
+`tables` holds table -> rows of all tasks that have ended.
 """
 
 import json
@@ -26,7 +28,7 @@ from gauss_bench.bench.measurements import accuracy
 from gauss_bench.bench.measurements.certificates import certificates_digest
 from gauss_bench.bench.measurements.cost import BASELINE
 from gauss_bench.bench.provenance import environment
-from gauss_bench.bench.tasks import CASE_LIMIT, Context, Tables, Task, finish, gather
+from gauss_bench.bench.tasks import CASE_LIMIT, Context, Tables, Task, finish
 from gauss_bench.engines import AUTHORED
 from gauss_bench.judge import LIMITS
 from gauss_bench.linkage.load import built_in, load
@@ -36,17 +38,17 @@ from gauss_bench.suites.read import linkages_of
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import ENVIRONMENT, TABLES, row_of, write_schema, write_table
 
-ORDER = ("accuracy", "cost")  # these come first, because others depend on their rows
+ORDER = ("accuracy", "cost")  # these measurements come first, because others depend on their rows
 
 
 def modules() -> list[ModuleType]:
-    """Return every measurement; those that others depend on come first."""
+    """Return the modules of all measurements; those in ORDER come first."""
     names = sorted((m.name for m in iter_modules(measurements.__path__)), key=lambda x: (x not in ORDER, x))
     return [import_module(f"{measurements.__name__}.{name}") for name in names]
 
 
 def list_tasks(stage: str, *arguments: Any) -> list[Task]:
-    """Return the tasks of all measurements that have the function `stage`."""
+    """Return the tasks of all measurements that have the function `stage`, which is called with the arguments."""
     return [task for module in modules() if hasattr(module, stage) for task in getattr(module, stage)(*arguments)]
 
 
@@ -60,9 +62,10 @@ def run(
     steps: Sequence[float] | None = None,
     limit: float = CASE_LIMIT,
 ) -> Tables:
-    """Run the tasks of a suite that are not finished yet, write its tables into `folder`, and return their rows.
+    """Run the tasks of a suite that are not finished yet, write its tables into `folder`, and return table -> rows.
 
     Args:
+        jobs: number of tasks without times that run side by side.
         costs: whether timing tasks are run.
         name: the name of the suite, for the report.
         until, steps: end and steps [s] of the accuracy cases, instead of the suite's.
@@ -74,11 +77,11 @@ def run(
     stamp, asked = f"{fingerprint()}.{certificates_digest()}", tuple(steps) if steps else None
     context = Context(str(folder / ".run" / "references"), stamp, until=until, steps=asked, limit=limit)
     with Journal(folder / ".run" / "journal.jsonl") as journal:
-        tables = gather(finish(list_tasks("exact_tasks", suite, context), jobs, "accuracy", journal).values())
+        tables = finish(list_tasks("exact_tasks", suite, context), jobs, "accuracy", journal)
         timing_stages = {"timing_tasks": "times", "second_timing_tasks": "times again"} if costs else {}
         for stage, label in timing_stages.items():
-            tasks = list_tasks(stage, suite, context, tables)
-            for table, rows in gather(finish(tasks, 1, label, journal).values()).items():
+            timed = finish(list_tasks(stage, suite, context, tables), 1, label, journal)
+            for table, rows in timed.items():
                 tables.setdefault(table, []).extend(rows)
     complete_rows(suite, tables)
     for table, rows in tables.items():
@@ -98,12 +101,16 @@ def complete_rows(suite: Suite, tables: Tables) -> None:
 def measure_all(
     cases: Sequence[Case], folder: Path, jobs: int = 2, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the accuracy rows and the references of cases, without costs and without a journal.
+    """Return the rows of accuracy cases and of their references, without costs and without a journal.
 
-    Only the references are kept in `folder`. `alter` changes the mechanism that engines are given, to plant a fault.
+    Args:
+        folder: where the references are kept; nothing else is written.
+        jobs: number of cases that run side by side.
+        alter: plants a fault in the mechanism that engines are given.
+        limit: the longest time [s] of one case.
     """
     context = Context(str(folder / ".run" / "references"), "", alter, limit=limit)
-    tables = gather(finish(accuracy.tasks(cases, context), jobs, "accuracy").values())
+    tables = finish(accuracy.tasks(cases, context), jobs, "accuracy")
     rows = accuracy.with_orders(sorted(tables.get("results", []), key=accuracy.in_order))
     return frame("results", rows), frame("references", tables.get("references", []))
 
@@ -129,11 +136,14 @@ def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:
 
 
 def _describe_engine(offer: Offer) -> dict[str, Any]:
-    """Return version and settings of an engine, why some are soft, and the Python of the environment that is its own."""
+    """Return version and settings of an engine, the causes of soft settings, and the Python of its own environment, if any."""
     soft = {label: cause for label, cause in offer.soft.items() if label in offer.settings}
-    described: dict[str, Any] = {"version": offer.version, "settings": offer.settings} | ({"soft": soft} if soft else {})
-    # without the path, which is of this machine
-    return described | ({"environment": offer.environment.partition(" at ")[0]} if offer.environment else {})
+    described: dict[str, Any] = {"version": offer.version, "settings": offer.settings}
+    if soft:
+        described["soft"] = soft
+    if offer.environment:
+        described["environment"] = offer.environment.partition(" at ")[0]  # without the path, which differs between machines
+    return described
 
 
 def own_files(suite: Suite) -> dict[str, str]:

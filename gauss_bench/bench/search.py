@@ -1,15 +1,17 @@
 """Find the cheapest of an engine's variants that meets a requirement, by fixed rules.
 
-First, each variant is evaluated at sizes from coarse to fine; a size is a step, or a tolerance where the integrator chooses its own
-steps. An evaluation is a whole run and its largest errors, which no timing affects, so that the same sizes pass in every search. A
-ladder of some of the sizes ends when each requirement is met or cannot be met. Then the gap between the coarsest size that meets a
-requirement and the next coarser one is halved until no size is left between them. `budget` limits the evaluations of one variant.
+First, each variant is evaluated at sizes from coarse to fine. A size is a step, or a tolerance if the integrator chooses its own
+steps. An evaluation is a whole run and its largest errors. Times do not affect errors, so that the same sizes pass in every search.
+The search tries some of the sizes, the rungs of a ladder, until each requirement is met or cannot be met. Then it halves the gap
+between the coarsest size that meets a requirement and the next coarser one, until no size is left between them. `budget` limits the
+evaluations of one variant.
 
-Second, the variants that meet the requirement race. A setting is left out if it costs more than NEAR times the cheapest, estimated
-as the time of a step times the number of steps. The first process of the race includes all others, further processes only those
-within CLOSE times the fastest in the first. A setting ties with the fastest if it is as fast in a quarter of the processes: then 1
-lies within the middle half of their ratios. The whole range of ratios would also let a setting tie that takes a tenth longer. Of
-those that tie, the first in the engine's file wins, so that a second search names the same winner, or one that tied.
+Second, the variants that meet the requirement race. A setting is left out if its estimated cost, the time of a step times the
+number of steps, is more than NEAR times the least. All other settings run in the first process of the race; those within CLOSE
+times the fastest there run in further processes. A setting ties with the fastest if it is as fast in a quarter of the processes, so
+that 1 lies within the middle half of their ratios. If the whole range of ratios counted, a setting that takes a tenth longer would
+tie too. The winner is the first in the engine's file of those that tie, so that a second search names the same winner or one that
+tied.
 """
 
 import math
@@ -26,24 +28,24 @@ from gauss_bench.trajectory import Status
 
 # statuses that a finer size may cure
 MENDABLE = (Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED, Status.WARNING, Status.ERROR, Status.RANK_LOST)
-COARSEST = 10  # steps of a run
-PER_OCTAVE = 4  # sizes: neighbours differ by a fifth where they need not meet beats, and by a half at most
-FIFTHS = 50  # steps of a run: fewer are multiples of five
-SETTLED = 300  # steps of a run: with fewer, errors of fast links are as large as the motion and show no convergence
-STALLED = 3  # a ladder ends after so many rungs without ...
-FALLS = 0.7  # ... an unmet error below this share of the least before; order one at half the step gives 0.5
-HOPE = 2.0  # a ladder ends if extrapolated errors need more than so many times the allowed steps
-NEAR = 2.0  # times the cheapest estimate, which is right to a few per cent unless Newton's iterations grow with the step
+COARSEST = 10  # fewest steps of a run
+PER_OCTAVE = 4  # sizes for each factor of two: neighbours differ by a fifth, or by a half at most if they must meet beats
+FIFTHS = 50  # a run of fewer steps has a multiple of five
+SETTLED = 300  # with fewer steps, errors of fast links are as large as the motion and show no convergence
+STALLED = 3  # a ladder ends if no unmet error fell in so many rungs
+FALLS = 0.7  # an error has fallen if it is below this share of the least one before; order one at half the step gives 0.5
+HOPE = 2.0  # a ladder ends if extrapolated errors need more than HOPE times the allowed steps
+NEAR = 2.0  # times the least estimated cost; estimates are right to a few per cent unless Newton's iterations grow with the step
 CLOSE = 1.25  # times the fastest of the first process: ratios differ between processes by a tenth and more
-LUCK = 0.05  # share of the resampled rounds of one process in which a setting that ties is as fast as the fastest
-FINALISTS = 8  # settings of an engine that race for a requirement, at most
+LUCK = 0.05  # a setting that ran in one process ties if it is as fast as the fastest in this share of the resamplings
+FINALISTS = 8  # most settings of an engine that race for a requirement
 
 K = TypeVar("K", bound=Hashable)
 
 
 @dataclass(frozen=True)
 class Scale:
-    """The sizes that may be tried, from coarse to fine, and the indices (`rungs`) of those that the ladder tries."""
+    """The sizes that may be tried, from coarse to fine, and the indices `rungs` of the sizes that the ladder tries."""
 
     sizes: tuple[float, ...]
     rungs: tuple[int, ...]
@@ -52,26 +54,32 @@ class Scale:
 def equal_steps(until: float, beats: int, most: int) -> Scale:
     """Return steps [s] that divide a run into COARSEST to `most` equal parts, PER_OCTAVE sizes for each factor of two.
 
-    The run has `beats` equally spaced reference times, a multiple of ten, and a run is judged where its steps end at some of them.
-    Coarse steps meet fewer of these times, because otherwise there would be none: five times with fewer than FIFTHS steps, ten with
-    fewer than 5 `beats` steps, all of them with more. The rungs of the ladder are every factor of two, and the finest size.
+    A run until `until` [s] is judged at those of `beats` equally spaced times, a multiple of ten, that its steps meet. The number
+    of steps is rounded so that they meet five of the times with fewer than FIFTHS steps, ten with fewer than 5 `beats` steps, and
+    all with more: there would be no coarse steps if all had to be met. The rungs are one size for each factor of two, and the
+    finest.
     """
-    wanted = [COARSEST * 2 ** (k / PER_OCTAVE) for k in range(math.floor(PER_OCTAVE * math.log2(most / COARSEST)) + 1)]
-    units = [5 if x < FIFTHS else 10 if x < 5 * beats else beats for x in wanted]
-    near = [unit * round(x / unit) for x, unit in zip(wanted, units, strict=True)]
+
+    def round_steps(x: float) -> int:
+        """Return the number of steps nearest to x that is a multiple of the number of times to meet."""
+        met = 5 if x < FIFTHS else 10 if x < 5 * beats else beats
+        return met * round(x / met)
+
+    octaves = math.log2(most / COARSEST)
+    near = [round_steps(COARSEST * 2 ** (k / PER_OCTAVE)) for k in range(math.floor(PER_OCTAVE * octaves) + 1)]
     counts = sorted({x for x in near if x <= most})
     rungs = {counts.index(x) for x in near[::PER_OCTAVE] if x <= most}
     return Scale(tuple(until / x for x in counts), tuple(sorted({*rungs, len(counts) - 1})))
 
 
 def no_coarser(scale: Scale, size: float) -> Scale:
-    """Return the sizes of a scale that are not larger than `size`; the finest alone where all are larger."""
+    """Return the sizes of a scale that are not larger than `size`, or the finest alone if all are larger."""
     first = next((k for k, x in enumerate(scale.sizes) if x <= size), len(scale.sizes) - 1)
     return Scale(scale.sizes[first:], tuple(sorted({0, *(k - first for k in scale.rungs if k > first)})))
 
 
 def tolerances(largest: int = 2, smallest: int = 13) -> Scale:
-    """Return tolerances from 10^-largest to 10^-smallest by factors of 10^(1/2); the ladder tries the whole powers."""
+    """Return tolerances from 10^-largest to 10^-smallest by factors of 10^(1/2); the rungs are the whole powers of ten."""
     exponents = range(2 * largest, 2 * smallest + 1)
     return Scale(tuple(10.0 ** (-k / 2) for k in exponents), tuple(range(0, len(exponents), 2)))
 
@@ -79,11 +87,15 @@ def tolerances(largest: int = 2, smallest: int = 13) -> Scale:
 def explore(
     evaluate: Callable[[float], Trial], scale: Scale, wanted: Sequence[Requirement], budget: int, most: int = 0
 ) -> tuple[list[Trial], str]:
-    """Return the trials of one variant, from coarse to fine, and the reason why the search ended.
+    """Return the trials of one variant, from coarse to fine, and the reason why the ladder ended.
 
-    `most` is the largest number of steps of a run, 0 where the integrator chooses its steps.
+    Args:
+        evaluate: returns the trial at a size.
+        wanted: the requirements.
+        budget: most trials.
+        most: largest number of steps of a run; 0 if the integrator chooses its steps.
     """
-    tried: dict[int, Trial] = {}
+    tried: dict[int, Trial] = {}  # index of a size -> its trial
     ended = "the finest size was tried"
     for k in scale.rungs:
         if len(tried) == budget:
@@ -93,20 +105,30 @@ def explore(
         if reason := why_ended([tried[x] for x in sorted(tried)], wanted, most):
             ended = reason
             break
-    while len(tried) < budget and (gap := next((g for w in wanted if (g := _gap(tried, w)) is not None), None)) is not None:
-        tried[gap] = evaluate(scale.sizes[gap])
+    while len(tried) < budget and (gaps := _halve_gaps(tried, wanted)):
+        tried[gaps[0]] = evaluate(scale.sizes[gaps[0]])
     return [tried[k] for k in sorted(tried)], ended
 
 
-def _gap(tried: Mapping[int, Trial], wanted: Requirement) -> int | None:
-    """Return the index halfway between the coarsest size that meets a requirement and the next coarser one tried, or None."""
-    passing = min((k for k, trial in tried.items() if trial.meets(wanted)), default=0)
-    coarser = max((k for k in tried if k < passing), default=passing)
-    return (passing + coarser) // 2 if passing - coarser > 1 else None
+def _halve_gaps(tried: Mapping[int, Trial], wanted: Sequence[Requirement]) -> list[int]:
+    """Return, for each requirement, the index halfway between the coarsest size that meets it and the next coarser one tried.
+
+    Requirements that no size meets, and those without a size in between, have none.
+    """
+    halves = []
+    for requirement in wanted:
+        passing = min((k for k, trial in tried.items() if trial.meets(requirement)), default=0)
+        coarser = max((k for k in tried if k < passing), default=passing)
+        if passing - coarser > 1:
+            halves.append((passing + coarser) // 2)
+    return halves
 
 
 def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int = 0) -> str:
-    """Return the reason why a ladder ends with its last trial, or an empty text if it goes on."""
+    """Return the reason why a ladder ends with its last trial, or an empty text if it goes on.
+
+    `trials` are from coarse to fine; `most` is the largest number of steps, 0 if the integrator chooses its steps.
+    """
     last = trials[-1]
     if last.status is not Status.OK and last.status not in MENDABLE:
         return last.message
@@ -145,14 +167,14 @@ def nearest(trials: Sequence[Trial], kind: str) -> Trial | None:
 
 
 def finalists(costs: Mapping[K, float]) -> list[K]:
-    """Return the settings that race: FINALISTS at most, within NEAR times the cheapest by estimated cost [s]; order is kept."""
+    """Return the settings that race, in the order given: at most FINALISTS, at estimated costs [s] within NEAR times the least."""
     chosen = sorted(costs, key=lambda k: costs[k])[:FINALISTS]
     least = min(costs.values(), default=math.inf)
     return [k for k in costs if k in chosen and costs[k] <= NEAR * least]
 
 
 def close(times: Mapping[K, float]) -> list[K]:
-    """Return the settings within CLOSE times the fastest, by their times [s] in the first process; order is kept."""
+    """Return the settings, in the order given, whose time [s] in the first process is within CLOSE times the least."""
     least = min(times.values(), default=math.inf)
     return [k for k, x in times.items() if x <= CLOSE * least]
 
@@ -160,7 +182,8 @@ def close(times: Mapping[K, float]) -> list[K]:
 def pick_winner(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
     """Return the winner of a race, and all settings that tie with the fastest.
 
-    `samples` are the seconds (processes, rounds), or (rounds,) of one process, of each setting; of those that tie, the first wins.
+    Args:
+        samples: setting -> seconds (processes, rounds), or (rounds,) of one process. The first of those that tie wins.
     """
     times = {k: time_of(x) for k, x in samples.items()}
     fastest = min(times, key=lambda k: times[k])
@@ -169,6 +192,9 @@ def pick_winner(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
 
 
 def ties_with(samples: Array, fastest: Array) -> bool:
-    """Tell whether a setting ties with the fastest: it took no longer in a quarter of the processes, or in LUCK of resamplings."""
+    """Tell whether a setting ties with the fastest: it took no longer in a quarter of the processes.
+
+    If only one process ran both, it took no longer in a share LUCK of the resamplings.
+    """
     several = len(common(samples, fastest)[0]) > 1
     return bool(np.quantile(quotients(samples, fastest), 0.25 if several else LUCK) <= 1.0)

@@ -1,4 +1,4 @@
-"""The size on disk of what an engine needs beside this suite: its environment, or its library with all that it requires."""
+"""The size on disk of an engine: its environment, or its library with all packages that the library requires."""
 
 import math
 import os
@@ -13,8 +13,8 @@ from gauss_bench.engines.installation import read_offered
 
 MEGABYTE = 1e6
 VENV = "pyvenv.cfg"  # file in every environment that venv makes
-CACHES = "__pycache__"  # folders that grow with use
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+CACHES = "__pycache__"  # folders of compiled Python, which grow with use
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")  # name of a package, with which a line of requirements begins
 PACKAGE = "gauss-bench"
 
 
@@ -23,8 +23,8 @@ class Size:
     """A size on disk.
 
     Attributes:
-        megabytes: NaN if it is not known.
-        of: what was measured, or why nothing was.
+        megabytes: NaN if the size is not known.
+        of: what was measured, or why nothing was measured.
     """
 
     megabytes: float
@@ -32,7 +32,7 @@ class Size:
 
 
 def size_of(engine: str) -> Size:
-    """Return the size of what an engine needs."""
+    """Return the size of the environment or the library of an engine."""
     if environment := environment_of(engine):
         folder = Path(environment.python).parent.parent
         if not (folder / VENV).is_file():
@@ -50,21 +50,22 @@ def size_of(engine: str) -> Size:
 
 def size_of_folder(folder: Path) -> int:
     """Return the bytes of the files below a folder, without caches of compiled Python; links are not followed."""
-    total = 0
-    for place, folders, files in os.walk(folder):
-        folders[:] = [x for x in folders if x != CACHES]
-        total += sum(os.lstat(os.path.join(place, x)).st_size for x in files if not os.path.islink(os.path.join(place, x)))
-    return total
+    paths = [Path(place, file) for place, _, files in os.walk(folder) for file in files]
+    return size_of_files(paths)
 
 
 def size_of_distribution(found: Distribution) -> int:
     """Return the bytes of the files of an installed package, without caches of compiled Python."""
-    paths = [Path(str(x.locate())) for x in found.files or () if CACHES not in x.parts]
-    return sum(path.stat().st_size for path in paths if path.is_file() and not path.is_symlink())
+    return size_of_files([Path(str(x.locate())) for x in found.files or ()])
+
+
+def size_of_files(paths: Iterable[Path]) -> int:
+    """Return the bytes of files; links and caches of compiled Python do not count."""
+    return sum(path.stat().st_size for path in paths if CACHES not in path.parts and path.is_file() and not path.is_symlink())
 
 
 def direct_requirements(engine: str) -> list[str]:
-    """Return the packages of the extra that has the name of an engine."""
+    """Return the names of the packages that this suite's extra for an engine requires."""
     try:
         lines = distribution(PACKAGE).requires or []
     except PackageNotFoundError:
@@ -74,7 +75,7 @@ def direct_requirements(engine: str) -> list[str]:
 
 
 def required_by(names: Iterable[str]) -> Iterator[Distribution]:
-    """Yield the installed packages of these names and all that they require, each once; packages of extras are left out."""
+    """Yield the installed packages of these names and all packages that they require, each once; those of extras are left out."""
     waiting, seen = [*names], set()
     while waiting:
         name = waiting.pop()
@@ -84,7 +85,7 @@ def required_by(names: Iterable[str]) -> Iterator[Distribution]:
         seen.add(plain)
         try:
             found = distribution(name)
-        except PackageNotFoundError:  # required on other systems
+        except PackageNotFoundError:  # it is required on other systems only
             continue
         yield found
         waiting += [x[0] for line in found.requires or () if "extra ==" not in line and (x := NAME.match(line))]

@@ -20,12 +20,12 @@ from gauss_bench.runs.worker import Worker
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
-LIMIT = 60.0  # [s] of one run, in which the slowest engine generates and compiles C
-LONGEST = 100.0  # [s] of processor time, after which no further run is started
-PATIENCE = 6.0  # times both limits, for libraries of environments of their own: one compiles every linkage for up to a minute
-STEP, DURATION = 1e-3, 0.1  # [s]
-EVERY_STEP = STEP * np.arange(round(DURATION / STEP) + 1)
-PLAIN = (("four_bar", "torque"), ("crank_slider", "paper"))
+LIMIT = 60.0  # [s] limit of one run, in which the slowest engine generates and compiles C
+LONGEST = 100.0  # [s] processor time after which no further run is started
+PATIENCE = 6.0  # factor of both limits for engines in environments of their own: one of them compiles each linkage for a minute
+STEP, DURATION = 1e-3, 0.1  # [s] of the runs
+EVERY_STEP = STEP * np.arange(round(DURATION / STEP) + 1)  # [s] sample times
+PLAIN = (("four_bar", "torque"), ("crank_slider", "paper"))  # linkages and scenarios that nearly all engines take
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Check:
 
     Attributes:
         name: the rule that is checked.
-        passed: whether the engine keeps it; None where the check could not be made.
+        passed: whether the engine keeps the rule; None if the check could not be made.
         message: the measured value, the fault, or why the check could not be made.
     """
 
@@ -43,11 +43,21 @@ class Check:
     message: str = ""
 
 
+def check_fault(name: str, fault: str) -> Check:
+    """Return a check that is passed if `fault` is an empty text."""
+    return Check(name, not fault, fault)
+
+
+def check_failed_run(name: str, run: Run) -> Check:
+    """Return a check whose run has no trajectory: failed, or not made if the engine refuses the linkage."""
+    return Check(name, None if run.status is Status.SKIP else False, run.message)
+
+
 def time_of(pid: int) -> float:
-    """Return the processor time [s] of a process and of its ended children; 0 where the system does not report it."""
+    """Return the processor time [s] of a process and of its ended children; 0 if the system does not report it."""
     try:
-        words = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-        return sum(map(int, words[11:15])) / os.sysconf("SC_CLK_TCK")
+        words = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()  # after the name
+        return sum(map(int, words[11:15])) / os.sysconf("SC_CLK_TCK")  # utime, stime, cutime, cstime in ticks
     except (OSError, ValueError):
         return 0.0
 
@@ -59,7 +69,14 @@ def own_time() -> float:
 
 @dataclass(eq=False)
 class Subject:
-    """An engine and the worker that it runs in; `tell` is called with a sentence before each run."""
+    """An engine under test.
+
+    Attributes:
+        offer: what the engine offers.
+        worker: the process in which it runs.
+        tell: called with a sentence of progress before each run.
+        before: processor time [s] of this process and its ended children before the first check.
+    """
 
     offer: Offer
     worker: Worker
@@ -68,7 +85,7 @@ class Subject:
 
     @property
     def processor_time(self) -> float:
-        """The processor time [s] of this process and of its workers so far, with their compilers and those that were stopped."""
+        """The processor time [s] of all checks so far, in this process, in workers and in compilers."""
         return own_time() - self.before + time_of(self.worker.process.pid if self.worker.process else 0)
 
     @cached_property
@@ -78,28 +95,38 @@ class Subject:
 
     @cached_property
     def whole(self) -> dict[str, Run]:
-        """The run of each linkage of PLAIN with a sample at every step, which most checks use."""
+        """Linkage of PLAIN -> its run with a sample at every step, which most checks use."""
         return {linkage: self.run(linkage, scenario, EVERY_STEP) for linkage, scenario in PLAIN}
 
     @cached_property
     def moving(self) -> list[tuple[str, str]]:
-        """The linkage with every kind of load, or those of PLAIN where the engine refuses it."""
-        one = np.array([0.0, STEP])
-        taken = [x for x in ((PROBE, "loaded"), *PLAIN) if self.run(*x, one).status is not Status.SKIP]
-        return taken[:1] if taken[:1] == [(PROBE, "loaded")] else taken or [*PLAIN]
+        """The linkages and scenarios that the engine takes: the one with every kind of load, else those of PLAIN."""
+
+        def takes(place: tuple[str, str]) -> bool:
+            return self.run(*place, np.array([0.0, STEP])).status is not Status.SKIP
+
+        if takes((PROBE, "loaded")):
+            return [(PROBE, "loaded")]
+        return [place for place in PLAIN if takes(place)] or [*PLAIN]
 
     def run(self, linkage: str, scenario: str, times: Array, ask: Asked = nothing, answers: int = 0) -> Run:
-        """Run a linkage, given by name, with the engine's defaults."""
+        """Run a linkage with the engine's defaults; the other arguments are those of `perform`."""
         return self.perform(mechanism_of(linkage, scenario), self.usual, times, ask, answers)
 
     def perform(
         self, mechanism: Mechanism, choice: Choice, times: Array, ask: Asked = nothing, answers: int = 0, again: bool = False
     ) -> Run:
-        """Run a linkage; with `again` the worker may keep the model for a further step or tolerance."""
+        """Run a mechanism; it is not run once the time for all checks is spent.
+
+        Args:
+            times: sample times [s].
+            ask: the question for the model before it runs, whose result has at most `answers` numbers.
+            again: whether the worker may keep the model for a further step or tolerance.
+        """
         wanted, patience = sampling_at(choice.step, times), PATIENCE if environment_of(self.offer.name) else 1.0
         if self.processor_time >= patience * LONGEST:
             return Run(Status.SKIP, f"not asked: {patience * LONGEST:g} s of the processor are spent", None, None, wanted)
-        request = Request(mechanism.sha256, mechanism.scenario, self.offer.name, choice, wanted, ask, 0.0, answers)
+        request = Request(mechanism.sha256, mechanism.scenario, self.offer.name, choice, wanted, ask, answers=answers)
         return run_apart(request, mechanism, patience * LIMIT, self.worker, again=again)
 
     def choices(self) -> Iterator[Choice]:

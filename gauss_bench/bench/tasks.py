@@ -1,7 +1,7 @@
 """Tasks: functions that run in worker processes and return rows of tables.
 
-A run that is resumed does not repeat a finished task. A task whose worker crashed or was stopped has one row with the reason. All
-tasks of a run share a `Context`: the folder of the references, and a digest of the code and data that the results depend on.
+A resumed run does not repeat a finished task. A task whose worker crashed or was stopped has one row with the reason. All tasks of
+a run share a `Context`: the folder of the references, and a digest of the code and data that the results depend on.
 """
 
 import hashlib
@@ -24,8 +24,8 @@ from gauss_bench.trajectory import Status
 
 CASE_LIMIT = 120.0  # [s] of one case; the slowest of the suites takes 10 s on a slow core
 LIMIT = 600.0  # [s] of one task; the slowest of the suites, a race of all engines on one linkage, takes a minute
-LOST = (Status.CRASHED, Status.TIMEOUT)
-RACES = 3  # of a task at most: after two crashes of the same race the cause is a bug of the suite
+LOST = (Status.CRASHED, Status.TIMEOUT)  # statuses of a task without an answer
+RACES = 3  # most attempts of a race, each without the engines that crashed before; more crashes would be a fault of the suite
 PAUSE = 15.0  # [s] between lines of progress
 Rows = list[dict[str, Any]]
 Tables = dict[str, Rows]
@@ -36,6 +36,14 @@ def place_of(mechanism: Mechanism) -> dict[str, Any]:
     return {"mechanism": mechanism.name, "scenario": mechanism.scenario}
 
 
+def group_by(rows: Rows, *columns: str) -> dict[tuple[Any, ...], Rows]:
+    """Return the values of some columns -> the rows that have these values, in their order."""
+    groups: dict[tuple[Any, ...], Rows] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[x] for x in columns), []).append(row)
+    return groups
+
+
 class Task(NamedTuple):
     """A task for a worker.
 
@@ -43,7 +51,8 @@ class Task(NamedTuple):
         key: identifies the task in the journal.
         function, arguments: function(*arguments) returns table -> rows.
         stamp: digest of the code and data that the rows depend on.
-        table: the table that gets a row if the task fails. start: the first columns of that row.
+        table: name of the table that gets a row if the task fails.
+        start: the first columns of that row.
         limit: [s] after which the worker is stopped.
     """
 
@@ -57,40 +66,42 @@ class Task(NamedTuple):
 
     def rows_of_failure(self, failure: WorkerFailure) -> Tables:
         """Return the row of a task whose worker crashed, was stopped, or raised."""
-        columns = failure.columns
         if "status" in TABLES[self.table].names:
-            return {self.table: [{**self.start, **columns}]}
+            return {self.table: [{**self.start, **failure.columns}]}
         place = {k: x for k, x in self.start.items() if k in ("mechanism", "scenario")}
-        return {"lost": [{"table": self.table, **place, **columns}]}
+        return {"lost": [{"table": self.table, **place, **failure.columns}]}
 
     @property
     def stamp_if_lost(self) -> str:
-        """The stamp of a task that crashed or was stopped: it includes the limit, as the task may end within a longer one."""
+        """The stamp of a task that crashed or was stopped: it includes the limit, because a longer limit may be enough."""
         return f"{self.stamp}.{self.limit:g}"
 
     def stamp_of(self, answer: Tables) -> str:
-        """Return the stamp of the rows of a task; a row may report that an engine crashed or was stopped."""
+        """Return the stamp of the answer (table -> rows), in which a row may report that an engine crashed or was stopped."""
         lost = any(row.get("status") in LOST for rows in answer.values() for row in rows)
         return self.stamp_if_lost if lost else self.stamp
 
 
 def patient(task: Task, processes: int = 1) -> Task:
-    """Return the task with a time limit for every race that may be run; each race runs in `processes` processes."""
+    """Return the task of a race with a limit that allows RACES attempts in each of `processes` processes."""
     return task._replace(limit=processes * RACES * LIMIT)
 
 
-def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = None) -> dict[str, Tables]:
-    """Run the tasks that the journal does not hold yet, `jobs` at a time; return the rows of all tasks by key, in their order."""
-    done = {
-        task.key: entry
-        for task in tasks
-        if journal and (entry := journal.find(task.key, task.stamp) or journal.find(task.key, task.stamp_if_lost))
-    }
+def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = None) -> Tables:
+    """Run the tasks that the journal does not hold yet, `jobs` at a time, and return table -> rows of all tasks, in their order.
+
+    `label` names the tasks in reports of progress.
+    """
+    done: dict[str, Tables] = {}  # key of a task -> its answer
+    for task in tasks:
+        known = journal.find(task.key, task.stamp, task.stamp_if_lost) if journal else None
+        if known is not None:
+            done[task.key] = known
     waiting = {task.key: task for task in tasks if task.key not in done}
     todo: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
     answers: queue.SimpleQueue[tuple[str, str, Tables] | BaseException] = queue.SimpleQueue()
     workers = min(jobs, len(waiting))
-    for item in [*waiting.values(), *[None] * workers]:
+    for item in [*waiting.values(), *[None] * workers]:  # a None ends one worker
         todo.put(item)
     for _ in range(workers):
         threading.Thread(target=_run_tasks, args=(todo, answers), daemon=True).start()
@@ -102,28 +113,28 @@ def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = N
         if journal:
             journal.add(key, stamp, tables)
         done[key] = tables
-    return {task.key: done[task.key] for task in tasks}
+    return gather(done[task.key] for task in tasks)
 
 
 def describe_tasks(count: int, label: str) -> Iterator[int]:
-    """Yield 0 to count - 1 and report progress on stderr: a bar on a terminal, else a line every PAUSE seconds."""
+    """Yield 0 to count - 1 and report progress on stderr: by a bar on a terminal, else by a line every PAUSE seconds."""
     if sys.stderr.isatty():
         from tqdm import tqdm  # imported only where a bar is shown
 
         yield from tqdm(range(count), desc=label, file=sys.stderr)
         return
-    said = time.monotonic()
+    last_line = time.monotonic()
     if count:
         print(f"{label}: {count} to do", file=sys.stderr, flush=True)
     for k in range(count):
         yield k
-        if time.monotonic() - said > PAUSE:
-            said = time.monotonic()
+        if time.monotonic() - last_line > PAUSE:
+            last_line = time.monotonic()
             print(f"{label}: {k + 1} of {count} done", file=sys.stderr, flush=True)
 
 
 def gather(answers: Iterable[Tables]) -> Tables:
-    """Merge rows by table, in the order of the tasks."""
+    """Merge the answers of tasks (table -> rows) into one, in the order of the tasks."""
     tables: Tables = {}
     for answer in answers:
         for name, rows in answer.items():
@@ -132,7 +143,10 @@ def gather(answers: Iterable[Tables]) -> Tables:
 
 
 def _run_tasks(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[Any]") -> None:
-    """Run tasks in one worker process until a None is taken; an unexpected error is passed on as the answer."""
+    """Run tasks from `todo` in one worker process until a None is taken, and put key, stamp and rows of each into `answers`.
+
+    An unexpected error is put there too, for `finish` to raise it.
+    """
     try:
         with Worker() as worker:
             while task := todo.get():
@@ -152,8 +166,8 @@ class Context:
     Attributes:
         store: folder of the references.
         stamp: digest of the code, the libraries and the certificates.
-        alter: a fault that is planted in what engines are given.
-        until, steps: [s] end and steps that a user asks for instead of the suite's.
+        alter: plants a fault in the mechanism that engines are given.
+        until, steps: end and steps [s] that a user asks for instead of the suite's.
         limit: [s] that one case may take.
     """
 
@@ -166,20 +180,20 @@ class Context:
     _loaded: dict[tuple[str, str], Mechanism] = field(default_factory=dict, repr=False, compare=False)
 
     def mechanism(self, linkage: str, scenario: str) -> Mechanism:
-        """Return a linkage; a file is read once, as hundreds of tasks name the same few."""
+        """Return a linkage in a scenario; each is read once, because hundreds of tasks name the same few."""
         if (linkage, scenario) not in self._loaded:
             self._loaded[linkage, scenario] = load(linkage, scenario or None)
         return self._loaded[linkage, scenario]
 
     def each(self, parts: Iterable[OnLinkages], table: str, function: Callable[..., Tables]) -> list[Task]:
-        """Return a task function(linkage, scenario, part) for each linkage of some parts of a suite."""
+        """Return one task, function(linkage, scenario, part), for each linkage of some parts of a suite."""
         tasks = []
         for part in parts:
-            asked = part.model_copy(update={"linkages": {}})
+            asked = part.model_copy(update={"linkages": {}})  # so that the key does not depend on the other linkages
             for place in part.linkages.items():
                 task = self.task(table, function, (*place, asked), *place)
-                races = getattr(part, "processes", 0)  # of those that race, one after the other
-                tasks.append(patient(task, races) if races else task)
+                processes = getattr(part, "processes", 0)  # those of a race run one after the other
+                tasks.append(patient(task, processes) if processes else task)
         return tasks
 
     def task(
@@ -195,14 +209,15 @@ class Context:
         """Return a task that fills a table.
 
         Args:
+            function, arguments: function(*arguments) returns table -> rows.
+            linkage, scenario: the linkage that the rows are about; "" if they are about none.
+            seen: text that the rows depend on besides the arguments.
             names: columns that, beside linkage and scenario, identify the row of a failure.
-            seen: text that the rows depend on beside the arguments.
         """
         # store, alteration and limit are arguments of many tasks and do not change their rows: the key leaves them out
         identifying = [repr(x) for x in arguments if not any(x is y for y in (self.store, self.alter, self.limit))]
         digest = hashlib.sha256("\n".join([*identifying, seen]).encode()).hexdigest()[:16]
-        start: dict[str, Any] = dict(names)
-        stamp = self.stamp
+        start, stamp = dict(names), self.stamp
         if linkage:
             mechanism = self.mechanism(linkage, scenario)
             start = place_of(mechanism) | start

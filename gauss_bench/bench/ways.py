@@ -1,6 +1,6 @@
-"""Ways: a way is a variant of an engine at a step or tolerance. This file runs, judges and times ways for searches.
+"""Run, judge and time ways, for the searches in `measurements/search.py` and `../advice`.
 
-The searches are `measurements/search.py` and `../advice`.
+A way is a variant of an engine at a step or tolerance.
 """
 
 import math
@@ -25,12 +25,13 @@ from gauss_bench.runs.one_run import Run as Ended
 from gauss_bench.runs.one_run import Sampling
 from gauss_bench.trajectory import Reference
 
-BEATS = (50, 40, 30, 20, 10)  # parts of a run; the first number is used for which the reference has samples at all ends of parts
-ROUGH_ROUNDS = 8  # rounds of the estimate of a step, which must be right within `search.NEAR`
+# numbers of equal parts (beats) of a run; the first one is used for which the reference has a sample at the end of every part
+BEATS = (50, 40, 30, 20, 10)
+ROUGH_ROUNDS = 8  # rounds of the estimate of a step's time, whose error must be small compared with the factor `search.NEAR`
 
 
 class Way(NamedTuple):
-    """A variant of an engine at a size."""
+    """A variant of an engine at a size: a step [s], or a tolerance if the integrator chooses its steps."""
 
     engine: str
     settings: str
@@ -60,7 +61,7 @@ def space(engine: Offer) -> list[Variant]:
 
 
 def options_of(way: Way) -> Mapping[str, Any]:
-    """Return the options that the settings of a way stand for: a variant, a label, or options one by one."""
+    """Return option -> value of a way's settings, which are the name of a variant, a label, or options one by one."""
     offered = offer(way.engine)
     if is_assignment(way.settings):
         return offered.resolve_settings(way.settings)
@@ -69,14 +70,14 @@ def options_of(way: Way) -> Mapping[str, Any]:
 
 
 def loop_of(way: Way) -> str:
-    """Return the name of the time loop of a setting (option `loop`), or an empty text where there is no such option."""
+    """Return the name of a way's time loop (its option `loop`), or an empty text if there is no such option."""
     return str(options_of(way).get("loop", ""))
 
 
 def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
-    """Return the choice that a way stands for; its size is a tolerance if the integrator is adaptive, else a step [s]."""
-    chosen = (way.settings, way.integrator, way.stabilization)
-    return Choice(*chosen, step=until, tolerance=way.size) if adaptive else Choice(*chosen, step=way.size)
+    """Return a way as the choice of a run until a time [s]; its size is a tolerance if the integrator is adaptive, else a step."""
+    names = way[1:4]
+    return Choice(*names, step=until, tolerance=way.size) if adaptive else Choice(*names, step=way.size)
 
 
 def has_samples(truth: Reference, until: float, beats: int) -> bool:
@@ -87,16 +88,15 @@ def has_samples(truth: Reference, until: float, beats: int) -> bool:
 
 
 def evaluate_run(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptive: bool, beats: int) -> Trial:
-    """Run a way, with samples at the beats that its steps meet, and return the largest errors of the run."""
+    """Run a way, with samples at the ends of `beats` equal parts that whole steps meet, and return its largest errors."""
     steps = beats if adaptive else round(run.until / way.size)
-    wanted = sample(run, steps, math.gcd(steps, beats))
-    return judge_trial(
-        run, judge, truth, way, run_of(request_of(run, way, adaptive, wanted), run.mechanism, CASE_LIMIT, again=True)
-    )
+    wanted = sample(run, steps, math.gcd(steps, beats))  # k samples meet steps and beats if k divides both numbers
+    ran = run_of(request_of(run, way, adaptive, wanted), run.mechanism, CASE_LIMIT, again=True)
+    return judge_trial(run, judge, truth, way, ran)
 
 
 def sample(run: Run, steps: int, samples: int) -> Sampling:
-    """Return the sampling of a run of equal steps, with the start and `samples` further samples."""
+    """Return the sampling of a run of equal steps: the start, and `samples` further samples at equal distances."""
     return Sampling(run.until / samples * np.arange(samples + 1), run.until / steps, steps, 0)
 
 
@@ -111,8 +111,8 @@ def judge_trial(run: Run, judge: Evaluator, truth: Reference, way: Way, ran: End
         return Trial(way.size, {}, ran.sampling.count, ran.status, ran.message)
     errors = state_errors(run.mechanism, ran.trajectory, truth)
     force = joint_force_errors(judge, ran.trajectory, truth)
-    largest = {"position": errors.length, "angle": errors.angle, "force": force}
-    found = {kind: float(x.max()) for kind, x in largest.items()} | {"end": float(errors.length[-1].max())}
+    over_time = {"position": errors.length, "angle": errors.angle, "force": force}
+    found = {kind: float(x.max()) for kind, x in over_time.items()} | {"end": float(errors.length[-1].max())}
     steps = ran.trajectory.steps
     if steps is None and not is_adaptive(way):  # equal steps: those that were asked for
         steps = ran.sampling.count
@@ -125,7 +125,11 @@ def is_adaptive(way: Way) -> bool:
 
 
 def block_of(run: Run, way: Way, models: Models, work: Work) -> Block:
-    """Return the block, without its entry, of some work of a way: here, or in the environment in which its engine lives.
+    """Return the block of some work with the model of a way, in this process or in the environment of its engine.
+
+    Args:
+        models: models of this process that were built before; a new one is added.
+        work: makes the block from the model.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
@@ -137,9 +141,10 @@ def block_of(run: Run, way: Way, models: Models, work: Work) -> Block:
 
 
 def one_step(run: Run, way: Way, steps: int | None, models: Models) -> Block:
-    """Return a block of steps; if the integrator chooses its steps, the block is a whole run of `steps` repetitions.
+    """Return a block whose repetition is one step of a way.
 
-    A run whose steps are not counted is one repetition.
+    If the integrator chooses its steps, the block is a whole run, which counts as `steps` repetitions, or as one if the engine does
+    not count its steps (None).
     """
     if not is_adaptive(way):
         return block_of(run, way, models, partial(stepping, None, step=way.size, native=True))
@@ -149,9 +154,12 @@ def one_step(run: Run, way: Way, steps: int | None, models: Models) -> Block:
 
 
 def whole_run(run: Run, way: Way, steps: int | None, seconds: float, lead: float, models: Models) -> Block:
-    """Return a block of a whole run, repeated for BLOCK seconds; of equal steps only a part that takes `lead` [s].
+    """Return a block whose repetition is a whole run of a way; of a long run at equal steps only the first part is run.
 
-    `steps` is None where the integrator chooses them and the engine does not count them.
+    Args:
+        steps: number of steps of the run; None if the integrator chooses its steps and the engine does not count them.
+        seconds: estimated time of the run [s].
+        lead: [s] that the first part takes.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
@@ -163,14 +171,18 @@ def whole_run(run: Run, way: Way, steps: int | None, seconds: float, lead: float
 
 
 def pace_run(run: Run, way: Way, steps: int | None, lead: float, samples: int, models: Models) -> Block:
-    """Return a block as `whole_run` does, for a way whose run time is not known: its first steps are timed before.
+    """Return a block as `whole_run` does, for a way whose run time is not known: the time of its first steps is measured first.
 
-    If the integrator chooses its steps, the run has `samples` samples, as the run that was judged.
+    Args:
+        steps, lead: as in `whole_run`.
+        samples: number of samples of the run, as many as when it was judged, if the integrator chooses its steps.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
     """
     choice = choice_of(way, is_adaptive(way), run.until)
     if is_adaptive(way) or steps is None:
-        return block_of(run, way, models, partial(running, None, choice, np.linspace(0.0, run.until, samples + 1), 1.0))
-    return block_of(run, way, models, partial(leading, None, choice, run.until, steps, lead))
+        work = partial(running, None, choice, np.linspace(0.0, run.until, samples + 1), 1.0)
+    else:
+        work = partial(leading, None, choice, run.until, steps, lead)
+    return block_of(run, way, models, work)

@@ -1,1 +1,1 @@
-"""One run of one engine on one mechanism: the recipe that every verb uses, in this process or in one of its own."""
+"""Run one engine once on one mechanism, in this process or in a worker process; every verb uses this. See README.md."""

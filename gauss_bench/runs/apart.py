@@ -1,8 +1,8 @@
 """Run an engine in a process of its own: the request to that process, and the checks of its answer.
 
-All engines but the suite's own formulations run in such a process. Its answer, samples and sentences, is checked in the parent,
-whose code the engine cannot change. The process imports this file first. Therefore this file imports no modules that read linkages
-or keep journals, which are slow to import, and a mechanism is sent as data.
+All engines but the suite's own formulations run in such a process. Its answer holds samples and sentences. The answer is checked in
+the parent process, whose code the engine cannot change. The engine's process imports this file first. Therefore this file imports
+no modules that read linkages or keep journals, which are slow to import, and a mechanism is sent as data.
 """
 
 import math
@@ -16,11 +16,11 @@ from gauss_bench.engines import SAFE, get
 from gauss_bench.engines.base import Choice, Model, ask
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import LIMIT, interpreter_of, is_isolated, offer
-from gauss_bench.runs.one_run import Asked, Build, Outcome, Run, Sampling, nothing, one_run, receive
+from gauss_bench.runs.one_run import Asked, Outcome, Run, Sampling, nothing, one_run, receive
 from gauss_bench.runs.worker import Worker, WorkerFailure, keep
 from gauss_bench.trajectory import Status, Trajectory, in_a_sentence
 
-TEXT = 1 << 20  # bytes that sentences and names may take beside the samples
+TEXT = 1 << 20  # bytes of an answer for sentences and names, besides the samples
 LEVELS = ("q", "v", "a")
 BUILDING = 1800.0  # [s] to build a library: on a busy machine it takes ten times as long as on an idle one
 Alteration = Callable[[Mechanism], Mechanism]
@@ -36,7 +36,7 @@ class Request:
     """A request for a run: the arguments of `one_run`, with the engine given by name.
 
     Attributes:
-        linkage, scenario: names of the mechanism; the engine's process may keep a model under them.
+        linkage, scenario: names of the mechanism; a process that keeps a model identifies it by them.
         engine, choice, wanted, ask, shortest: as in `one_run`; `ask` must be picklable.
         answers: the largest count of numbers in the result of `ask`.
         alter: plants a fault in the mechanism that the engine is given.
@@ -58,7 +58,7 @@ class Request:
 
 
 def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker | None = None, again: bool = False) -> Run:
-    """Carry out a requested run: own formulations in this process, everything else in a worker.
+    """Carry out a requested run: own formulations in this process, all other engines in a worker.
 
     Args:
         mechanism: the mechanism that the request names.
@@ -68,8 +68,7 @@ def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker 
     """
     if is_isolated(request.engine):
         return run_apart(request, mechanism, limit, worker or keep(request.engine), again)
-    altered = request.alter(mechanism)
-    return _run_again(request, altered) if again else _run(request, altered)
+    return _run(request, mechanism, again)
 
 
 def run_apart(
@@ -83,51 +82,44 @@ def run_apart(
         longest: [s] of elapsed time after which the run is stopped too.
     """
     try:
-        at_home = worker.under(interpreter_of(request.engine))
-        perform = perform_again if again else perform_there
-        answer = at_home.call(perform, (request, mechanism), limit, request.largest(mechanism.n), longest)
+        process = worker.under(interpreter_of(request.engine))
+        answer = process.call(perform_there, (request, mechanism, again), limit, request.largest(mechanism.n), longest)
     except WorkerFailure as failure:
         return Run(failure.status, str(failure), None, None, request.wanted)
     return receive(outcome_of(answer), request.wanted, mechanism.n)
 
 
-def perform_there(request: Request, mechanism: Mechanism) -> dict[str, Any]:
-    """Carry out a request in the engine's process, and return the run as plain data."""
-    return plain_run(_run(request, request.alter(mechanism)))
+def perform_there(request: Request, mechanism: Mechanism, again: bool) -> dict[str, Any]:
+    """Carry out a request in the engine's process, and return the run as plain data; `again` is as in `run_of`."""
+    return plain_run(_run(request, mechanism, again))
 
 
-def perform_again(request: Request, mechanism: Mechanism) -> dict[str, Any]:
-    """Carry out a request as `perform_there`, with the last model if only step, tolerance and samples differ."""
-    return plain_run(_run_again(request, request.alter(mechanism)))
+def _run(request: Request, mechanism: Mechanism, again: bool) -> Run:
+    """Carry out a request in this process.
 
-
-def _run_again(request: Request, mechanism: Mechanism) -> Run:
-    """Run with the kept model if it fits the request; else build one, and keep it if the run succeeds."""
-    engine, choice = get(request.engine), request.choice
-    if not ask(engine, "resizable"):
-        return _run(request, mechanism)
+    With `again`, the kept model runs if only step, tolerance or samples of the request are new. Another model is built and kept.
+    """
+    engine, choice, mechanism = get(request.engine), request.choice, request.alter(mechanism)
     place = request.linkage, request.scenario, mechanism.sha256, request.alter
     key = (*place, request.engine, choice.settings, choice.integrator, choice.stabilization)
 
     def build(mechanism: Mechanism, choice: Choice) -> Model:
+        """Return the kept model, with the choice of this run."""
         if _again.key != key:
             _again.model = engine.build(mechanism, choice)
             _again.key = key
         _again.model.choice = choice
         return cast(Model, _again.model)
 
-    run = _run(request, mechanism, build)
-    if run.status is not Status.OK:
+    keeps = again and ask(engine, "resizable")
+    run = one_run(engine, mechanism, choice, request.wanted, request.ask, request.shortest, build if keeps else None)
+    if keeps and run.status is not Status.OK:  # a model may be unusable after a failure
         _again.key = ()
     return run
 
 
-def _run(request: Request, mechanism: Mechanism, build: Build | None = None) -> Run:
-    return one_run(get(request.engine), mechanism, request.choice, request.wanted, request.ask, request.shortest, build)
-
-
 class _Again:
-    """The model that this process keeps."""
+    """The model that this process keeps, and the key of the request that it was built for."""
 
     key: tuple[Any, ...] = ()
     model: Any = None
@@ -137,7 +129,7 @@ _again = _Again()
 
 
 def plain_run(run: Run) -> dict[str, Any]:
-    """Return a run as plain data, as `outcome_of` takes it."""
+    """Return a run as plain data, which `outcome_of` reads."""
     trajectory = run.trajectory or run.reached
     fields = {"status": str(run.status), "message": run.message, "build_time": run.build_time, "seconds": run.seconds}
     answer = None if run.answer is None else np.asarray(run.answer, dtype=float)
@@ -145,23 +137,23 @@ def plain_run(run: Run) -> dict[str, Any]:
 
 
 def outcome_of(answer: object) -> Outcome:
-    """Return the outcome that a worker's answer holds; an answer of another form is an error."""
+    """Return the outcome in a worker's answer; an answer of another form has the status ERROR."""
     match answer:
         case {"status": str(status), "message": str(message), **rest} if status in tuple(Status):
             numbers = rest.get("answer")
             answered = numbers if isinstance(numbers, np.ndarray) else None
             built, seconds = (_seconds(rest.get(key)) for key in ("build_time", "seconds"))
             return Outcome(Status(status), in_a_sentence(message), _trajectory(rest.get("trajectory")), answered, built, seconds)
-    return Outcome(Status.ERROR, "what the engine's process answered is no run")
+    return Outcome(Status.ERROR, "the answer of the engine's process is no run")
 
 
 def _seconds(x: object) -> float:
-    """Return a time [s] of an answer, NaN if it is none."""
+    """Return a time [s] of an answer, or NaN if it is no time."""
     return float(x) if isinstance(x, (int, float)) and x >= 0 else float("nan")
 
 
 def _trajectory(x: object) -> Trajectory | None:
-    """Return the trajectory of an answer, or None if it holds none."""
+    """Return the trajectory of an answer, or None if it is no trajectory."""
     match x:
         case {"steps": int() | None as steps, "evaluations": int() | None as evaluations, "note": str(note), **arrays}:
             samples = [y for key in ("t", *LEVELS) if isinstance(y := arrays.get(key), np.ndarray)]
@@ -171,25 +163,25 @@ def _trajectory(x: object) -> Trajectory | None:
 
 
 def build_first(engine: str, settings: Iterable[str], told: Callable[[str], object]) -> None:
-    """Build the libraries that the settings of an engine need and that are not built yet; `told` is called with sentences.
+    """Build the libraries that settings of an engine need and that are not built yet; `told` is called with sentences.
 
-    They are built in a worker, which ends its compilers when its parent dies. A failure is only reported: the run reports it again.
+    They are built in a worker, which ends its compilers when its parent dies. A failure raises nothing, because the run reports it.
     """
     if "build_once" not in offer(engine).methods:
         return
     with Worker() as worker:
         try:
-            if what := find_unbuilt(engine, settings, worker):
-                told(f"building {what}")
+            if library := find_unbuilt(engine, settings, worker):
+                told(f"building {library}")
                 worker.under(interpreter_of(engine)).call(build_there, (engine,), BUILDING)
         except WorkerFailure as failure:
             told(f"it was not built: {failure}")
 
 
 def find_unbuilt(engine: str, settings: Iterable[str], worker: Worker) -> str:
-    """Name the code that settings of an engine need and that is not compiled yet; empty if there is none.
+    """Return the name of the code that settings of an engine need and that is not compiled yet, or an empty text.
 
-    Adapters of this package are asked here, plug-ins in the worker.
+    Adapters of this package are asked in this process, plug-ins in the worker.
 
     Raises:
         WorkerFailure: a plug-in gave no answer.
@@ -201,8 +193,9 @@ def find_unbuilt(engine: str, settings: Iterable[str], worker: Worker) -> str:
 
 
 def find_unbuilt_there(engine: str, settings: list[str]) -> str:
-    """Ask an engine in this process for the code that settings need and that is not compiled yet."""
-    return next(filter(None, map(ask(get(engine), "unbuilt"), settings)), "")
+    """Return the same as `find_unbuilt`, by asking the engine in this process."""
+    names = [ask(get(engine), "unbuilt")(x) for x in settings]
+    return next((x for x in names if x), "")
 
 
 def build_there(engine: str) -> None:

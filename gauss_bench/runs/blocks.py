@@ -1,7 +1,7 @@
 """Blocks of timed work: steps, whole runs or calls, which a race times in turn.
 
-A block is timed inside the process that does the work. An engine of another environment has its blocks in one process there, which
-the race asks for one block at a time; such a process may have numpy alone, so that nothing here imports more.
+A block is timed inside the process that does the work. The blocks of an engine of another environment are in one process there, and
+the race asks this process to time one block at a time. It may have no package but numpy, so that this file imports no other.
 """
 
 import gc
@@ -23,10 +23,10 @@ from gauss_bench.runs.worker import WorkerFailure, keep
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
 
-BLOCK = 2e-3  # [s] shortest block, long compared with the resolution of the clock and of the scheduler, 1 ms
-MOTION = 1.0  # [s] longest run in a block: drift would change the work of a longer one
-FIRST = 20  # steps from which the time of the others is extrapolated
-LONGEST = 600.0  # [s] of one block elsewhere
+BLOCK = 2e-3  # [s] shortest block; clock and scheduler resolve 1 ms
+MOTION = 1.0  # [s] longest motion in a block of steps: drift would change the work of a longer one
+FIRST = 20  # number of steps from whose time that of a run is extrapolated
+LONGEST = 600.0  # [s] limit of one block in another environment
 
 
 @dataclass
@@ -34,10 +34,11 @@ class Block:
     """The work of one entry of a race.
 
     Attributes:
-        ready: prepares the work; not timed.
-        go: does the work; timed.
-        count: how many repetitions, or which part of one, a call of `go` does.
-        again: how often `ready` and `go` are called in one block.
+        entry: key of the entry; a race sets it.
+        ready: prepares the work, and is not timed.
+        go: does the work, and is timed.
+        count: number of repetitions in a call of `go`, or the part of one.
+        again: number of calls of `ready` and `go` in one block.
         facts: returns further columns of the entry, after the race.
     """
 
@@ -49,7 +50,7 @@ class Block:
     facts: Callable[[], dict[str, Any]] = dict
 
     def seconds(self) -> float:
-        """Return the time of one repetition [s], averaged over the block."""
+        """Return the time of one repetition [s], the mean over the block."""
         whole = 0.0
         for _ in range(self.again):
             self.ready()
@@ -59,7 +60,7 @@ class Block:
 
 def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
     """Return a block that repeats a call without preparation for BLOCK seconds; each call counts as `work` repetitions."""
-    call()
+    call()  # code may be generated or cached in the first call
     count = max(1, math.ceil(BLOCK / max(min(measure_seconds(call) for _ in range(3)), 1e-8)))
 
     def calls() -> None:
@@ -70,14 +71,14 @@ def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Blo
 
 
 def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
-    """Return a block of steps of a model, called from Python or in its own loop.
+    """Return a block of steps of a model, in its own loop (`native`) or called from Python.
 
-    The block lasts BLOCK seconds. Its motion covers MOTION seconds at most; a shorter block repeats that motion.
+    The block lasts BLOCK seconds. Its motion covers MOTION seconds at most; if that takes less time, the block repeats the motion.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
     """
-    most, count = max(1, round(MOTION / step)), 1
+    most, count = max(1, round(MOTION / step)), 1  # the number of steps grows until they last long enough
     while True:
         block = Block(entry, partial(model.prepare, step * np.arange(2.0) * count, native=native), model.run, count)
         block.ready()
@@ -85,6 +86,7 @@ def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
         if elapsed >= BLOCK or count >= most:
             block.again = max(1, math.ceil(BLOCK / max(elapsed, 1e-6)))
             return block
+        # as many steps as would last 1.3 BLOCK, but at most ten times as many: the first steps may be slow
         count = min(most, int(count * min(10.0, 1.3 * BLOCK / max(elapsed, 1e-7))) + 1)
 
 
@@ -94,7 +96,7 @@ def accelerating(entry: Hashable, q: Array, v: Array, model: Model) -> Block:
 
 
 def running(entry: Hashable, choice: Choice, times: Array, share: float, model: Any) -> Block:
-    """Return a block of runs over sample times (k,) [s], which are the part `share` of a whole run; it lasts BLOCK seconds.
+    """Return a block of runs over sample times (k,) [s] that lasts BLOCK seconds; a run is the part `share` of a repetition.
 
     Raises:
         RunFailure: the run fails.
@@ -108,8 +110,11 @@ def running(entry: Hashable, choice: Choice, times: Array, share: float, model: 
 
 
 def leading(entry: Hashable, choice: Choice, until: float, steps: int, lead: float, model: Any) -> Block:
-    """Return a block as `running` does, of the part of a run of equal steps that takes `lead` [s] by its first steps."""
-    first = min(steps, FIRST) / steps
+    """Return a block as `running` does, of the first part of a run until `until` [s] that takes `lead` [s].
+
+    The length of this part is estimated from the time of the first of the run's equal `steps`.
+    """
+    first = min(steps, FIRST) / steps  # part of the run
     block = _run_once(entry, choice, np.array([0.0, first * until]), first, model)
     block.ready()
     share = share_of(max(measure_seconds(model.run), 1e-9) / first, lead, steps)
@@ -145,40 +150,33 @@ def prepare_call(asked: Callable[[Mechanism, Array, Array], LibraryCall], mechan
 
 
 def call_of(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) -> TimedCall:
-    """Return one of the `library_calls` of an engine as a block: here, or in the environment in which the engine lives.
+    """Return one of the `library_calls` of an engine as a block, in this process or in the engine's environment.
 
     Raises:
         RunFailure: the engine cannot model the mechanism, or its call failed.
     """
-    if environment_of(engine) is None:
-        return _prepare_own_call(engine, name, mechanism, q, v)
-    ask_there = _asking_there(engine)
-    number, count, again, acceleration, seconds = ask_there(make_call_there, engine, name, mechanism, q, v)
-    block = BlockElsewhere(None, dict, dict, count, again, timed=partial(ask_there, time_there, number))
-    return TimedCall(block, np.asarray(acceleration, dtype=float), seconds)
-
-
-def _prepare_own_call(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) -> TimedCall:
-    """Return one of the `library_calls` of an engine of this environment.
-
-    Raises:
-        RunFailure: as `call_of`.
-    """
+    if environment_of(engine) is not None:
+        ask_there = _asking_there(engine)
+        *made, acceleration, seconds = ask_there(make_call_there, engine, name, mechanism, q, v)
+        return TimedCall(_block_there(ask_there, *made), np.asarray(acceleration, dtype=float), seconds)
     try:
         return prepare_call(ask(get(engine), "library_calls")[name], mechanism, q, v)
     except (RunFailure, ImportError):
         raise
-    except Exception as error:  # an engine of others must not end the race of all
+    except Exception as error:  # a plug-in must not end the race of all engines
         raise RunFailure(Status.ERROR, f"{type(error).__name__}: {in_a_sentence(error)}") from error
 
 
 def share_of(seconds: float, lead: float, steps: int) -> float:
-    """The part of a run at equal steps, in whole steps, that takes `lead` [s]; 1 where all of it takes no longer."""
+    """Return the part of a run at equal steps, in whole steps, that takes `lead` [s], or 1 if the run takes no longer.
+
+    `seconds` is the time of the run, and `steps` the number of its steps.
+    """
     return max(1, round(lead / seconds * steps)) / steps if seconds > lead else 1.0
 
 
 def _run_once(entry: Hashable, choice: Choice, times: Array, share: float, model: Any) -> Block:
-    """Return a block of one run over the sample times, which are the part `share` of a whole run."""
+    """Return a block of one run over sample times (k,) [s]; the run is the part `share` of a repetition."""
 
     def ready() -> None:
         model.choice = choice
@@ -195,15 +193,15 @@ class BlockElsewhere(Block):
     """A block in a process of another environment.
 
     Attributes:
-        timed: asks for the time of one repetition [s].
-        failure: why it has no further times: the process ended, or its work failed.
+        timed: asks that process for the time of one repetition [s].
+        failure: why there are no further times: the process ended, or the work failed.
     """
 
     timed: Callable[[], float] = field(default=lambda: math.nan)
     failure: RunFailure | None = None
 
     def seconds(self) -> float:
-        """Return the time of one repetition [s], taken there; NaN once it has failed."""
+        """Return the time of one repetition [s], taken in that process; NaN after a failure."""
         if self.failure is None:
             try:
                 return self.timed()
@@ -213,20 +211,24 @@ class BlockElsewhere(Block):
 
 
 def block_elsewhere(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> BlockElsewhere:
-    """Return the block of some work of an engine, in the one process that its environment has for this one's races.
+    """Return the block of some work of an engine, in the process of the engine's environment that serves this process's races.
 
     Raises:
         RunFailure: the engine cannot run the mechanism, or the process gave no answer.
     """
     ask_there = _asking_there(engine)
-    number, count, again = ask_there(make_there, engine, mechanism, choice, work)
+    return _block_there(ask_there, *ask_there(make_there, engine, mechanism, choice, work))
+
+
+def _block_there(ask_there: Callable[..., Any], number: int, count: float, again: int) -> BlockElsewhere:
+    """Return the block with a number in the process that `ask_there` asks; `count` and `again` are those of that block."""
     return BlockElsewhere(None, dict, dict, count, again, timed=partial(ask_there, time_there, number))
 
 
 def _asking_there(engine: str) -> Callable[..., Any]:
-    """Return the function that calls a function in the one process that an engine's environment has for this one's races.
+    """Return a function that calls a function with arguments in the process of an engine's environment.
 
-    It raises RunFailure where that process gives no answer.
+    It raises RunFailure if that process gives no answer. The environment has one such process for all races of this process.
     """
     interpreter = interpreter_of(engine)
     worker = keep(f"races in {interpreter.python}").under(interpreter)
@@ -244,32 +246,35 @@ Models = dict[Hashable, Any]  # linkage, engine, settings, integrator and stabil
 
 
 def build_once(models: Models, engine: str, mechanism: Mechanism, choice: Choice) -> Any:
-    """Return the model of a choice; all its steps and tolerances share one of `models` if the engine is `resizable`."""
+    """Return the model of a choice, and keep it in `models`.
+
+    If the engine is `resizable`, choices that differ in step or tolerance alone share a model.
+    """
     adapter, key = get(engine), (mechanism.sha256, engine, choice.settings, choice.integrator, choice.stabilization)
     if key not in models or not ask(adapter, "resizable"):
         models[key] = adapter.build(mechanism, choice)
     return models[key]
 
 
-_blocks: list[Block] = []  # of this process, for `time_there`
+_blocks: list[Block] = []  # blocks that other processes have asked this process to make
 _models: Models = {}
 
 
 def make_there(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> tuple[int, float, int]:
-    """Make a block in this process; return its number, its count and how often it is repeated."""
+    """Make a block in this process; return its number, its `count` and its `again`."""
     _blocks.append(work(build_once(_models, engine, mechanism, choice)))
     return len(_blocks) - 1, _blocks[-1].count, _blocks[-1].again
 
 
-def make_call_there(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) -> tuple[int, float, int, Array, float]:
-    """Make the block of a library's call in this process; return its number, count and repetitions, and the rest of TimedCall."""
+def make_call_there(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) -> tuple[Any, ...]:
+    """Make the block of a library's call in this process; return the same as `make_there`, the acceleration and the seconds."""
     made = prepare_call(ask(get(engine), "library_calls")[name], mechanism, q, v)
     _blocks.append(made.block)
     return len(_blocks) - 1, made.block.count, made.block.again, made.acceleration, made.seconds
 
 
 def time_there(number: int) -> float:
-    """Return the time of one repetition of a block of this process [s]; the garbage collector is off meanwhile."""
+    """Return the time of one repetition of a block of this process [s]; the garbage collector is off during the block."""
     gc.disable()
     try:
         return _blocks[number].seconds()

@@ -1,8 +1,8 @@
 """Start a worker under the interpreter of another environment: `PYTHON -I elsewhere.py`.
 
-The interpreter sees this package, which it finds by the path of this file, and its own packages; it sees nothing that is installed
-beside this package. An interpreter that is not fit says why in one sentence and exits with EX_CONFIG. Old interpreters parse this
-file too: nothing in it is newer than Python 3.6.
+The interpreter finds this package by the path of this file. It sees the packages of its own environment, and none that is installed
+beside this package. An unfit interpreter prints the reason in one sentence and exits with EX_CONFIG. Old interpreters must be able
+to parse this file, so that it uses nothing newer than Python 3.6.
 """
 
 import importlib.util
@@ -28,14 +28,14 @@ def why_unfit() -> str:
 
 
 def start() -> None:
-    """Import this package by its path, and serve as a worker."""
+    """Import this package by its path, and run `worker.py` as the main program."""
     package = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     name = os.path.basename(package)
     spec = importlib.util.spec_from_file_location(name, os.path.join(package, "__init__.py"), submodule_search_locations=[package])
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # first, as the environment may have another copy of the package
+    sys.modules[name] = module  # before any import, because the environment may have another copy of the package
     spec.loader.exec_module(module)
     runpy.run_module(f"{name}.runs.worker", run_name="__main__", alter_sys=True)
 

@@ -1,7 +1,7 @@
 """Offers of engines, and checks of the durations, steps and budgets of runs.
 
-Adapters of this package describe themselves in this process, plug-ins in a worker. An engine that aborts, hangs, cannot be imported
-or lacks a member has an offer with the reason, and raises no exception.
+Adapters of this package describe themselves in this process, plug-ins in a worker. If an engine aborts, hangs, cannot be imported
+or lacks a member, its offer has the reason, and no exception is raised.
 """
 
 import math
@@ -26,13 +26,13 @@ from gauss_bench.untrusted import BadInput
 LIMIT = 30.0  # [s] to import an engine and describe it; the slowest known library takes 3 s
 NOT_INSTALLED = "not installed"
 ALIASES = {"euler": "semi_implicit_euler"}
-METHODS = ("in_python", "build_once", "program")  # optional ones, which are called only of engines that have them
-MOST_STEPS = 1e10  # an hour of the quickest compiled step
-MOST_SAMPLES = 5e6  # half a GiB of a four-bar's states, in each of their copies
+METHODS = ("in_python", "build_once", "program")  # optional methods, which only some engines have
+MOST_STEPS = 1e10  # of a run: they take an hour with the quickest compiled step
+MOST_SAMPLES = 5e6  # of a run: half a GiB of a four-bar's states, in each of their copies
 
 
 class ChoiceError(BadInput, ValueError):
-    """A setting, integrator, stabilisation or time that an engine or a run cannot have."""
+    """Raised for a setting, integrator, stabilisation or time that an engine or a run cannot have."""
 
 
 @dataclass(frozen=True)
@@ -41,23 +41,23 @@ class Offer:
 
     Attributes:
         name: of the engine.
-        version: the version of its library, or "not installed".
+        version: the version of the engine's library, or "not installed".
         settings: label -> options; the first is the default.
-        variants: name -> variant, in the order of searches; a name may be given in place of settings.
-        integrators: the first is the default; empty where it cannot be asked.
+        variants: name -> variant, in the order of searches; the name of a variant may be given in place of settings.
+        integrators: the first is the default; empty if the engine does not describe itself.
         stabilizations: "none" and others.
         adaptive: the integrators that choose their own steps.
         options: options that can be given one by one -> words that are allowed as values.
-        knobs: name -> its meaning and the address of its documentation, of an engine that declares knobs.
+        knobs: name of a knob -> its meaning and the address of its documentation.
         first: variants that are tried first if time is short.
         soft: settings and variants that keep J a = gamma only approximately -> cause.
         unfinished: variants whose solver stops before it has converged -> cause.
         native_loop, python_loop: as in engines.base.
-        methods: those of METHODS that it has.
+        methods: those of METHODS that the engine has.
         library_calls: names of the calls of its library that are timed alone.
-        packages: package -> version, of the packages that it names for the provenance of a run.
-        environment: the interpreter that runs it and its version, where it lives in an environment of its own; else empty.
-        status, reason: OK, or the reason why it cannot be used.
+        packages: package -> version, of the packages that the engine names for the provenance of a run.
+        environment: version and path of the engine's interpreter if it has an environment of its own, else empty.
+        status, reason: OK, or the reason why the engine cannot be used.
     """
 
     name: str
@@ -90,11 +90,10 @@ class Offer:
         """Return the choice for a run, with the engine's defaults for everything that is not given.
 
         Raises:
-            ChoiceError: the engine does not offer it; the message names what it offers.
+            ChoiceError: the engine does not offer the choice; the message names the choices that it offers.
         """
-        if not (np.isfinite(step) and step > 0):
-            raise ChoiceError(f"the step must be a positive number of seconds, not {step}")
-        if not self.integrators:
+        check_positive("the step", step)
+        if not self.integrators:  # an engine that cannot be used: the run will have the reason
             return Choice(settings or "default", integrator or "", stabilization or "none", step)
         variant = self.variants.get(settings or "")
         integrator = integrator.lower() if integrator else variant.integrator if variant else self.integrators[0]
@@ -102,45 +101,33 @@ class Offer:
             integrator = ALIASES.get(integrator, integrator)
         stabilization = stabilization or (variant.stabilization if variant else "none")
         chosen = Choice(settings or next(iter(self.settings)), integrator, stabilization, step)
-        self.require_settings(chosen.settings)
-        offers = (
-            ("integrator", chosen.integrator, self.integrators),
-            ("stabilization", chosen.stabilization, self.stabilizations),
-        )
-        for kind, value, offered in offers:
-            if value not in offered:
-                raise ChoiceError(f"{self.name} has no {kind} {value!r}; it offers {', '.join(offered)}")
+        self.resolve_settings(chosen.settings)
+        offered = {"integrator": self.integrators, "stabilization": self.stabilizations}
+        for kind, names in offered.items():
+            if getattr(chosen, kind) not in names:
+                raise ChoiceError(f"{self.name} has no {kind} {getattr(chosen, kind)!r}; it offers {', '.join(names)}")
         return chosen
 
     def choose_tolerance(self, choice: Choice, tolerance: float | None) -> Choice:
-        """Return a choice with the relative tolerance of its steps, if one is given.
+        """Return a choice with a relative tolerance, or the choice itself if the tolerance is None.
 
         Raises:
-            ChoiceError: it is not positive, or the integrator takes equal steps.
+            ChoiceError: the tolerance is not positive, or the integrator takes equal steps.
         """
         if tolerance is None:
             return choice
-        if not (math.isfinite(tolerance) and tolerance > 0):
-            raise ChoiceError(f"the tolerance must be a positive number, not {tolerance:g}")
+        check_positive("the tolerance", tolerance, "")
         if self.usable and choice.integrator not in self.adaptive:
             adaptive = [x for x in self.integrators if x in self.adaptive]
             others = f"those that do are {', '.join(adaptive)}" if adaptive else "none of its integrators does"
             raise ChoiceError(f"{self.name}: {choice.integrator} does not choose its steps by a tolerance; {others}")
         return replace(choice, tolerance=tolerance)
 
-    def require_settings(self, text: str) -> None:
-        """Check that the engine knows settings, a variant, or options one by one.
-
-        Raises:
-            ChoiceError: the engine does not know them; the message names those that it knows.
-        """
-        self.resolve_settings(text)
-
     def resolve_settings(self, text: str) -> dict[str, Any]:
-        """Return all options that settings, a variant, or options one by one stand for.
+        """Return option -> value of the settings or variant with a name, or of options that are given one by one.
 
         Raises:
-            ChoiceError: the engine does not know them; the message names those that it knows.
+            ChoiceError: the engine does not know them; the message names the settings and options that it knows.
         """
         labels = {**self.settings, **{k: x.options for k, x in self.variants.items()}}
         if text not in labels and not is_assignment(text):
@@ -151,17 +138,18 @@ class Offer:
             raise ChoiceError(f"{self.name}: {error.args[0]}") from error
 
     def _and_options(self) -> str:
+        """Return the engine's own options as the end of a sentence, or an empty text if it has none."""
         return f"; or its own options: {OptionTable(self.settings, self.options).describe()}" if self.options else ""
 
 
 def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
-    """Return in words which Python code besides the library runs within an engine's time; NOT_TOLD where it does not say.
+    """Return in words which Python code, besides the library, runs within an engine's time; NOT_TOLD if the engine does not say.
 
-    Adapters of this package are asked here, plug-ins in their process.
+    Adapters of this package are asked in this process, plug-ins in theirs.
     """
     environment = environment_of(name)
     if name in SAFE or (environment is not None and environment.class_name == ELSEWHERE.get(name)):
-        return str(ask(get(name), "in_python")(mechanism, choice))
+        return in_python_there(name, mechanism, choice)
     if not has_method(name, "in_python"):
         return NOT_TOLD
     try:
@@ -172,7 +160,7 @@ def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
 
 
 def has_method(name: str, method: str) -> bool:
-    """Tell whether an engine has one of METHODS; an engine that is not known here has none."""
+    """Tell whether an engine has one of METHODS; an unknown engine has none."""
     try:
         return method in offer(name).methods
     except KeyError:
@@ -180,7 +168,7 @@ def has_method(name: str, method: str) -> bool:
 
 
 def in_python_there(name: str, mechanism: Mechanism, choice: Choice) -> str:
-    """Ask an engine in its process which Python code runs within its time."""
+    """Return the same as `in_python`, by asking the engine in this process."""
     return str(ask(get(name), "in_python")(mechanism, choice))
 
 
@@ -190,19 +178,19 @@ def is_isolated(name: str) -> bool:
 
 
 def interpreter_of(name: str) -> Interpreter:
-    """Return the interpreter under which an engine runs: that of its own environment, or this process's."""
+    """Return the interpreter under which an engine runs: that of its own environment, or that of this process."""
     environment = environment_of(name)
     if environment is None:
         return Interpreter()
     return Interpreter(environment.python, environment.memory or MEMORY)
 
 
-_known: dict[str, Offer] = {}
+_known: dict[str, Offer] = {}  # offers of engines that this process has asked
 _asking = threading.Lock()
 
 
 def offer(name: str) -> Offer:
-    """Return the offer of the engine of that name; each process asks an engine once.
+    """Return the offer of the engine of that name; a process asks each engine once.
 
     Raises:
         KeyError: there is no such engine.
@@ -223,10 +211,11 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
             if name not in there and not is_class(name):
                 raise unknown(name)
     with _asking:
-        others = [name for name in wanted if name not in _known and name not in SAFE]
-        _known.update({name: describe(name) for name in wanted if name not in _known and name in SAFE})
-        if len(others) == 1:  # it will run next, in the same worker
-            _known.update({name: _ask(keep(name), name) for name in others})
+        unknown_yet = [name for name in wanted if name not in _known]
+        others = [name for name in unknown_yet if name not in SAFE]
+        _known.update({name: describe(name) for name in unknown_yet if name in SAFE})
+        if len(others) == 1:  # it will probably run next, in the same worker
+            _known[others[0]] = _ask(keep(others[0]), others[0])
         elif others:
             with Worker() as worker:
                 _known.update({name: _ask(worker, name) for name in others})
@@ -234,11 +223,12 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
 
 
 def offers_from_outside() -> list[Offer]:
-    """Return the offers of plug-ins and of engines of other environments; no library of this environment is imported for them."""
+    """Return the offers of plug-ins and of engines of other environments; this imports no library of this package's adapters."""
     return offers([name for name in all_names() if name not in SAFE])
 
 
 def _ask(worker: Worker, name: str) -> Offer:
+    """Ask an engine for its offer in a worker; a crash is an offer with the reason."""
     try:
         return _read_offer(name, worker.under(interpreter_of(name)).call(_describe, (name,), LIMIT))
     except WorkerFailure as failure:
@@ -248,32 +238,23 @@ def _ask(worker: Worker, name: str) -> Offer:
 
 
 def _describe(name: str) -> dict[str, Any]:
-    """Return the result of `describe` as plain data, which a worker can send."""
+    """Return the result of `describe` as plain data, with the interpreter if the engine has an environment of its own."""
     where = f"Python {platform.python_version()} at {sys.executable}" if environment_of(name) else ""
     return asdict(replace(describe(name), environment=where))
 
 
 def _read_offer(name: str, answer: object) -> Offer:
-    """Return the offer in the answer of a worker; an answer that is not an offer becomes one that cannot be used."""
+    """Return the offer in the answer of a worker; an answer that is no offer becomes the offer of an unusable engine."""
     from pydantic import TypeAdapter, ValidationError  # imported here, because the process of an engine does not need it
 
     try:
         offer = TypeAdapter(Offer).validate_python(answer)
     except ValidationError:
         return _reject(name, TypeError("it does not describe itself"))
-    words = (
-        offer.version,
-        offer.reason,
-        offer.environment,
-        *offer.settings,
-        *offer.integrators,
-        *offer.stabilizations,
-        *offer.adaptive,
-        *offer.library_calls,
-        *(x for pair in offer.packages.items() for x in pair),
-    )
+    names = (*offer.settings, *offer.integrators, *offer.stabilizations, *offer.adaptive, *offer.library_calls)
+    words = (offer.version, offer.reason, offer.environment, *names, *offer.packages, *offer.packages.values())
     if odd := next((word for word in words if not word.isprintable()), ""):
-        return _reject(name, TypeError(f"it tells {ascii(odd)[:80]}, which is no plain text"))
+        return _reject(name, TypeError(f"it reports {ascii(odd)[:80]}, which is no plain text"))
     if offer.usable and not (offer.settings and offer.integrators and offer.stabilizations):
         return _reject(name, TypeError("it does not describe itself"))
     return replace(offer, name=name)
@@ -325,15 +306,15 @@ def describe(name: str) -> Offer:
 
 
 def _reject(name: str, error: Exception) -> Offer:
-    """Return the offer of an engine that cannot be used because of an error."""
+    """Return the offer of an engine that an error makes unusable."""
     return Offer(name, "cannot be used", status=Status.ERROR, reason=f"{type(error).__name__}: {in_a_sentence(error)}")
 
 
 def _version(asked: Callable[[], object]) -> str:
-    """Ask an engine for the version of its library.
+    """Return the version of an engine's library, which `asked` returns, or "unknown" with the reason.
 
     Raises:
-        ImportError: the library is not there.
+        ImportError: the library is not installed.
     """
     try:
         version = asked()
@@ -345,12 +326,12 @@ def _version(asked: Callable[[], object]) -> str:
 
 
 def _variant(name: str, said: Any) -> Variant:
-    """Return a variant as plain data, whatever type the engine's own object has."""
+    """Return a variant as plain data; `said` is the engine's own object, of any type."""
     return Variant(name, str(said.integrator), str(said.stabilization), {str(k): _plain(x) for k, x in said.options.items()})
 
 
 def _options(engine: Any) -> dict[str, tuple[str, ...]]:
-    """Return the options that can be given one by one: the engine's declared knobs, or the options of its settings."""
+    """Return option -> allowed words, of the options that can be given one by one: the declared knobs, or `options`."""
     knobs = {str(k): tuple(map(str, getattr(x, "values", ()))) for k, x in dict(ask(engine, "knobs")).items()}
     return {k: x for k, x in knobs.items() if k not in CHOSEN} or dict.fromkeys(map(str, ask(engine, "options")), ())
 
@@ -361,7 +342,7 @@ def _explain_knob(knob: object) -> tuple[str, str]:
 
 
 def _causes(declared: Mapping[str, object]) -> dict[str, str]:
-    """Return what an engine declares to be inexact: name of settings or of a variant -> cause."""
+    """Return name of settings or of a variant -> cause, as an engine declares its inexact ones."""
     return {str(k): in_a_sentence(x) for k, x in dict(declared).items()}
 
 
@@ -369,7 +350,7 @@ def _find_versions(packages: Sequence[str]) -> dict[str, str]:
     """Return package -> version as installed in this process's environment, or "not installed".
 
     Raises:
-        TypeError: one text stands where names are wanted.
+        TypeError: `packages` is a single text.
     """
     if isinstance(packages, str):
         raise TypeError("packages is a text, not names")
@@ -387,14 +368,24 @@ def _find_versions(packages: Sequence[str]) -> dict[str, str]:
 
 
 def _plain(value: object) -> object:
-    """Return options as plain values; any other object is replaced by its text."""
+    """Return the value of an option as plain data; an object of another type is replaced by its text."""
     if isinstance(value, (list, tuple)):
         return [_plain(x) for x in value]
     return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)
 
 
+def check_positive(name: str, value: float, unit: str = " of seconds") -> None:
+    """Check that a number is positive and finite.
+
+    Raises:
+        ChoiceError: it is not; the message begins with the name of the number.
+    """
+    if not (math.isfinite(value) and value > 0):
+        raise ChoiceError(f"{name} must be a positive number{unit}, not {value:g}")
+
+
 def duration(own: float, suite: float | None = None, until: float | None = None) -> float:
-    """Return the duration of a run [s]: the one asked for, else that of a suite that lists the linkage, else the scenario's.
+    """Return the duration of a run [s]: `until` if given, else `suite` if a suite lists the linkage, else the scenario's `own`.
 
     Raises:
         ChoiceError: the duration is not a positive time, or too long.
@@ -402,29 +393,29 @@ def duration(own: float, suite: float | None = None, until: float | None = None)
     if until is not None and until > (most := MOST_SAMPLES * 1e-3):
         raise ChoiceError(f"the end of a run must be at most {most:g} s, not {until:g}: more samples are not kept")
     end = next(x for x in (until, suite, own) if x is not None)
-    if not (math.isfinite(end) and end > 0):
-        raise ChoiceError(f"the end of a run must be a positive number of seconds, not {end:g}")
+    check_positive("the end of a run", end)
     return end
 
 
 def check_size(step: float, t_end: float, spacing: float = 1e-3) -> None:
-    """Check that a run of these steps, sampled about every `spacing` [s], is not too large.
+    """Check the size of a run until `t_end` in equal steps, with samples about `spacing` apart [s].
 
     Raises:
-        ChoiceError: it is too large; the message holds the number of steps or samples.
+        ChoiceError: the run is too large; the message holds the number of steps or samples.
     """
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # tiny steps give infinitely many
         steps, samples = np.float64(t_end) / np.float64(step), np.float64(t_end) / np.float64(max(step, spacing))
     if not steps <= MOST_STEPS:
-        raise ChoiceError(f"{steps:.2g} steps of {step:g} s up to {t_end:g} s; {MOST_STEPS:.0e} are the most that are taken")
+        raise ChoiceError(f"{steps:.2g} steps of {step:g} s up to {t_end:g} s; at most {MOST_STEPS:.0e} are allowed")
     if not samples <= MOST_SAMPLES:
-        raise ChoiceError(f"{samples:.2g} samples up to {t_end:g} s; {MOST_SAMPLES:.0e} are the most that are kept")
+        raise ChoiceError(f"{samples:.2g} samples up to {t_end:g} s; at most {MOST_SAMPLES:.0e} are kept")
 
 
 def check_affordable(step: float, t_end: float, seconds_a_step: float, budget: float) -> None:
-    """Check that a run can end within its budget [s].
+    """Check that a run until `t_end` [s] can end within its budget [s].
 
     Args:
+        step: length of a step [s].
         seconds_a_step: the least time of a step [s], on the quickest linkage.
 
     Raises:
@@ -446,8 +437,7 @@ def usable_steps(steps: Sequence[float], t_end: float) -> tuple[float, ...]:
         ChoiceError: a step is not positive, or longer than the run.
     """
     for step in steps:
-        if not (math.isfinite(step) and step > 0):
-            raise ChoiceError(f"the step must be a positive number of seconds, not {step:g}")
+        check_positive("the step", step)
         check_size(step, t_end)
         if step > t_end * (1 + 1e-12):
             raise ChoiceError(f"the step {step:g} s is longer than the run of {t_end:g} s")
@@ -455,11 +445,12 @@ def usable_steps(steps: Sequence[float], t_end: float) -> tuple[float, ...]:
 
 
 def check_budget(seconds: float | None, usual: float) -> float:
-    """Return the seconds that one case may take.
+    """Return the seconds that one case may take: those of the user, or the usual ones.
 
     Raises:
-        ChoiceError: no positive time.
+        ChoiceError: the user's budget is no positive time.
     """
-    if seconds is not None and not (math.isfinite(seconds) and seconds > 0):
-        raise ChoiceError(f"the budget must be a positive number of seconds, not {seconds:g}")
-    return usual if seconds is None else seconds
+    if seconds is None:
+        return usual
+    check_positive("the budget", seconds)
+    return seconds

@@ -1,9 +1,9 @@
 """Run an engine once: sample times -> build -> prepare -> run -> read -> check. Every verb runs engines through this file.
 
-The engine's part (`perform`) is separate from the checks of its result (`receive`), because the two may run in different processes.
+The engine's part (`perform`) is separate from the checks of its result (`receive`), because they may run in different processes.
 
-Samples lie at multiples of the step. A time between them, such as the end of a run that is no multiple of the step, is reached by
-one shorter step, which the note of the run reports.
+Samples lie at multiples of the step. If a sample is wanted at another time, such as the end of the run, one shorter step ends
+there, and the note of the run reports it.
 """
 
 import hashlib
@@ -35,9 +35,9 @@ class Sampling:
 
     Attributes:
         times: (k,) [s], from 0, increasing.
-        step: the step asked for [s].
-        count: steps between the first sample and the last.
-        shortened: how many of the steps are shorter, to reach a time that is no multiple of the step.
+        step: the step that is asked for [s].
+        count: number of steps between the first sample and the last.
+        shortened: number of steps that are shorter, to reach a time that is no multiple of the step.
     """
 
     times: Array
@@ -56,27 +56,36 @@ class Sampling:
 def sampling(step: float, t_end: float, meet: Sequence[float] | Array = (), spacing: float = SAMPLING) -> Sampling:
     """Return samples from 0 to t_end about `spacing` [s] apart, and at those of the times `meet` that whole steps reach.
 
-    The end is always met, by a shorter last step where it is no multiple of the step.
+    The end is always met, by a shorter last step if it is no multiple of the step.
     """
-    whole = int(np.floor(t_end / step * (1 + 1e-12)))
-    each = max(1, round(spacing / step))
-    grid = np.arange(whole // each + 1) * (each * step)
     reached = [x for x in np.asarray(meet, dtype=float) if x <= t_end * (1 + 1e-12) and _is_multiple(x, step)]
-    return _sample(step, grid, [*reached, whole * step, t_end])
+    return _sample(step, _grid(step, t_end, spacing), [*reached, _whole_steps(step, t_end) * step, t_end])
 
 
 def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING) -> Sampling:
     """Return samples about `spacing` [s] apart and at every time of `at`; a shorter step meets a time that whole steps miss."""
     last = max(at)
-    rests = [k * step for x in at if not _is_multiple(x, step) for k in (np.floor(x / step), np.ceil(x / step)) if k * step <= last]
-    each = max(1, round(spacing / step))
-    grid = np.arange(int(np.floor(last / step * (1 + 1e-12))) // each + 1) * (each * step)
-    return _sample(step, grid, [*rests, *at])
+    rests = []  # multiples of the step on both sides of a time that whole steps miss
+    for x in at:
+        if not _is_multiple(x, step):
+            rests += [k * step for k in (np.floor(x / step), np.ceil(x / step)) if k * step <= last]
+    return _sample(step, _grid(step, last, spacing), [*rests, *at])
 
 
 def sampling_at(step: float, times: Sequence[float] | Array) -> Sampling:
     """Return samples at these times only, the first being the start; shorter steps meet times that whole steps miss."""
     return _sample(step, np.asarray(times, dtype=float), [])
+
+
+def _whole_steps(step: float, t_end: float) -> int:
+    """Return the number of whole steps until a time, up to rounding."""
+    return int(np.floor(t_end / step * (1 + 1e-12)))
+
+
+def _grid(step: float, t_end: float, spacing: float) -> Array:
+    """Return multiples of the step from 0 to at most `t_end`, about `spacing` apart [s]."""
+    each = max(1, round(spacing / step))
+    return np.arange(_whole_steps(step, t_end) // each + 1) * (each * step)
 
 
 def _is_multiple(t: float, step: float) -> bool:
@@ -85,12 +94,13 @@ def _is_multiple(t: float, step: float) -> bool:
 
 
 def _sample(step: float, grid: Array, more: Sequence[float]) -> Sampling:
-    """Return the sampling at the times of `grid` and at those of `more` that are not in it."""
+    """Return the sampling at the times of `grid`, and at the times of `more` that are no times of the grid up to rounding."""
     near = 1e-9 * min(step, 1.0)
     times = [*grid]
     for x in sorted(more):
         k = int(np.searchsorted(grid, x))
-        if all(abs(x - y) > near + 1e-14 * x for y in [*grid[max(0, k - 1) : k + 1], times[-1]]):
+        neighbours = [*grid[max(0, k - 1) : k + 1], times[-1]]
+        if all(abs(x - y) > near + 1e-14 * x for y in neighbours):
             times.append(x)
     distinct = np.unique(times)
     counts = step_counts(distinct, step)
@@ -98,12 +108,12 @@ def _sample(step: float, grid: Array, more: Sequence[float]) -> Sampling:
     return Sampling(distinct, step, sum(count for count, _ in counts), short)
 
 
-Asked = Callable[[Model], object]
+Asked = Callable[[Model], object]  # a question for a model before it runs
 Build = Callable[[Mechanism, Choice], Model]
 
 
 def nothing(model: Model) -> None:
-    """Return nothing: the default of `ask`."""
+    """Ask a model nothing: the default of `ask`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,9 +121,9 @@ class Outcome:
     """The outcome of a run in an engine, before any check.
 
     Attributes:
-        status, message: OK, or what went wrong and a sentence.
-        returned: the engine's samples, or those before its failure; unchecked, so that it may be any object.
-        answer: the model's answer to `ask`, before it ran.
+        status, message: OK, or the kind of failure and a sentence.
+        returned: the engine's samples, or those before its failure; it may be any object, because it is not checked yet.
+        answer: the result of `ask`, which was called before the run.
         build_time, seconds: processor time of building and of running [s]; NaN for a stage that was not reached.
     """
 
@@ -130,10 +140,10 @@ class Run:
     """A run that has ended.
 
     Attributes:
-        status, message: OK and a remark, or what went wrong and a sentence.
-        trajectory: complete and finite where the status is OK, else None.
-        reached: the samples before the failure where the status is not OK, or None where there are none.
-        sampling: what was asked for.
+        status, message: OK and a remark, or the kind of failure and a sentence.
+        trajectory: complete and finite if the status is OK, else None.
+        reached: the samples before a failure; None if there are none, or if the status is OK.
+        sampling: the samples and steps that were asked for.
         answer, build_time, seconds: as in Outcome.
     """
 
@@ -148,7 +158,7 @@ class Run:
 
     @property
     def step_time(self) -> float | None:
-        """Processor time per step [s], samples included; None where the engine does not count its steps."""
+        """Processor time per step [s], samples included; None if the engine does not count its steps."""
         reached = self.trajectory or self.reached
         return None if reached is not None and reached.steps is None else self.seconds / max(1, self.sampling.count)
 
@@ -166,8 +176,8 @@ def one_run(
 
     Args:
         ask: is called with the model before the run; its result is the run's `answer`.
-        shortest: [s] a shorter run is repeated and timed again, as the first run has cold caches.
-        build: builds the model; the engine does if it is not given.
+        shortest: a run that takes less time [s] is repeated and timed again, because the caches are cold in the first run.
+        build: builds the model, instead of the engine's own function.
     """
     return receive(perform(engine, mechanism, choice, wanted, ask, shortest, build), wanted, mechanism.n)
 
@@ -176,16 +186,15 @@ def one_run(
 def perform(
     engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked, shortest: float, build: Build | None
 ) -> Outcome:
-    """Do the part of `one_run` that needs the engine; `receive` checks its result.
+    """Do the part of `one_run` that needs the engine; `receive` checks the result.
 
-    Overflow warnings of numpy are silenced, because the judge reports a motion that diverges.
+    Warnings of numpy are silenced, because the judge reports a motion that diverges.
     """
     built = seconds = float("nan")
     answer: object = None
-    running: Model | None = None
+    running: Model | None = None  # the model while its run may be broken off
     try:
-        reason = engine.skip(mechanism, choice)
-        if reason:
+        if reason := engine.skip(mechanism, choice):
             return Outcome(Status.SKIP, in_a_sentence(reason))
         started = time.process_time()
         model = (build or engine.build)(mechanism, choice)
@@ -211,12 +220,12 @@ def perform(
 
 
 def _failing(status: object) -> Status:
-    """Return the status of a failure; an exception that carries the status OK is an error."""
+    """Return the status of a failure; a status that no failure can have becomes ERROR."""
     return next((x for x in Status if x == status and x not in (Status.OK, Status.INVALID)), Status.ERROR)
 
 
 def _read(model: Model | None) -> object:
-    """Read the samples that a model reached before its run was broken off, if the model can return them."""
+    """Return the samples that a model reached before its run was broken off, or None if it cannot return them."""
     try:
         return model and model.read()
     except RunFailure as failure:
@@ -226,7 +235,7 @@ def _read(model: Model | None) -> object:
 
 
 def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
-    """Check an outcome and return the run: all samples of n coordinates if it is complete, else those that it reached."""
+    """Check the samples of n coordinates in an outcome, and return the run: complete, or with the samples that it reached."""
     costs = (outcome.answer, outcome.build_time, outcome.seconds)
     reached = judge.leading(outcome.returned, wanted.times, n)
     if outcome.status is not Status.OK:
@@ -237,23 +246,26 @@ def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
         message = "; ".join(filter(None, (verdict.sentence, reached.note if reached else "")))
         return Run(status, message, None, reached, wanted, *costs)
     if reached is None:
-        return Run(Status.INCOMPLETE, "the engine's count of steps is no count", None, None, wanted, *costs)
-    notes = (reached.note, wanted.note if reached.steps == wanted.count else "")
+        return Run(Status.INCOMPLETE, "the engine's count of steps is no number", None, None, wanted, *costs)
+    notes = (reached.note, wanted.note if reached.steps == wanted.count else "")  # other steps were chosen by the integrator
     whole = replace(reached, note="; ".join(filter(None, notes)))
     return Run(Status.OK, whole.note, whole, None, wanted, *costs)
 
 
 def draw_samples(trajectory: Trajectory) -> NDArray[np.intp]:
-    """Return the indices of JUDGED samples, drawn with a seed made from the samples, so that no engine can foresee them."""
+    """Return the indices of at most JUDGED random samples.
+
+    The seed of the random numbers follows from the samples, so that no engine can foresee the indices.
+    """
     digest = hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in (trajectory.q, trajectory.v, trajectory.a)))
-    lot = np.random.default_rng(int.from_bytes(digest.digest()[:8], "big"))
-    return np.sort(lot.permutation(len(trajectory.t))[:JUDGED])
+    random = np.random.default_rng(int.from_bytes(digest.digest()[:8], "big"))
+    return np.sort(random.permutation(len(trajectory.t))[:JUDGED])
 
 
 def acceleration_error(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
-    """Return the median relative error of a trajectory's accelerations at some of its states, against Gauss's principle.
+    """Return the median relative error of a trajectory's accelerations, against those of Gauss's principle at some of its states.
 
-    None if the accelerations are not determined, such as with friction on redundant rows.
+    The result is None if the accelerations are not determined, as with friction on redundant rows.
     """
     chosen = draw_samples(trajectory)
     t, q, v, given = (x[chosen] for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
@@ -267,7 +279,7 @@ def acceleration_error(mechanism: Mechanism, trajectory: Trajectory) -> float | 
 
 
 def measure_seconds(go: Callable[[], object]) -> float:
-    """Return the processor time [s] of a call, in all threads of this process; every cost is measured so."""
+    """Return the processor time [s] of a call, in all threads of this process; all costs are measured by this function."""
     start = time.process_time_ns()
     go()
     return (time.process_time_ns() - start) * 1e-9

@@ -1,6 +1,6 @@
-"""Programs that engines write themselves (`program` in `engines/base.py`): asked for in the engine's process, checked in this one.
+"""Ask engines for the programs that they write (`program` in `engines/base.py`), in the engine's process, and check the programs.
 
-The process of an engine imports this file, and its environment may have numpy alone: nothing here imports more.
+The process of an engine imports this file, and its environment may have numpy alone. Therefore this file imports no other package.
 """
 
 import subprocess
@@ -20,12 +20,12 @@ LONGEST = 1 << 20  # characters of a program
 
 
 def writes_programs(engine: str) -> bool:
-    """Tell whether an engine writes programs itself; an engine that is not known here writes none."""
+    """Tell whether an engine writes programs itself; an unknown engine writes none."""
     return has_method(engine, "program")
 
 
 def program_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
-    """Ask an engine in its process for a program; return it as {"text": ...}, or {"refused": why there is none}."""
+    """Ask an engine in this process for a program; return {"text": program}, or {"refused": why there is none}."""
     try:
         adapter = get(engine)
         if reason := adapter.skip(mechanism, choice):
@@ -38,9 +38,10 @@ def program_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str
 
 
 def run_there(text: str, seconds: float) -> dict[str, Any]:
-    """Run a program alone under this interpreter; return {"printed": its output} or {"failed": why it did not end well}.
+    """Run a program under this interpreter; return {"printed": its output} or {"failed": why it failed}.
 
-    It sees the packages of the interpreter's environment and nothing else, as a user's process would.
+    The program sees the packages of the interpreter's environment alone, as in a user's process, and is stopped after `seconds`
+    [s].
     """
     with TemporaryDirectory() as folder:
         file = Path(folder, "linkage.py")
@@ -51,16 +52,17 @@ def run_there(text: str, seconds: float) -> dict[str, Any]:
         except subprocess.TimeoutExpired:
             return {"failed": f"the program took longer than {seconds:g} s"}
     if done.returncode:
-        last = [*done.stderr.strip().splitlines(), f"the program ended with code {done.returncode}"]
-        return {"failed": in_a_sentence(last[-2] if len(last) > 1 else last[-1])}
+        errors = done.stderr.strip().splitlines() or [f"the program ended with code {done.returncode}"]
+        return {"failed": in_a_sentence(errors[-1])}
     return {"printed": done.stdout}
 
 
 def ask_program(worker: Worker, engine: str, mechanism: Mechanism, choice: Choice, limit: float) -> str:
-    """Return the program that an engine writes itself, in a worker, within `limit` seconds.
+    """Return the program that an engine writes in a worker within `limit` seconds.
 
     Raises:
-        RunFailure: as `read_program`; WorkerFailure: the engine's process failed.
+        RunFailure: as `read_program`.
+        WorkerFailure: the engine's process failed.
     """
     asked = worker.under(interpreter_of(engine)).call(program_there, (engine, mechanism, choice), limit)
     return read_program(engine, asked)
@@ -79,6 +81,6 @@ def read_program(engine: str, answer: object) -> str:
             try:
                 compile(text, f"program of {engine}", "exec")
             except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-                raise RunFailure(Status.ERROR, f"what {engine} wrote is no program in Python: {in_a_sentence(error)}") from error
+                raise RunFailure(Status.ERROR, f"the text from {engine} is no program in Python: {in_a_sentence(error)}") from error
             return text
-    raise RunFailure(Status.ERROR, f"what {engine} wrote is no program of at most {LONGEST} characters")
+    raise RunFailure(Status.ERROR, f"the text from {engine} is no program of at most {LONGEST} characters")

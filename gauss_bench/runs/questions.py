@@ -1,11 +1,13 @@
-"""Questions that are asked of a model in its own process, before it runs (`Request.ask`).
+"""Questions for a model in the engine's process, before the model runs (`Request.ask`).
 
-They are sent by name to the process of an engine, whose environment may have numpy alone: nothing here imports more.
+They are sent by name to that process, whose environment may have numpy alone. Therefore this file imports no other package.
 """
 
 import platform
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from pkgutil import resolve_name
 
 import numpy as np
@@ -20,39 +22,39 @@ from gauss_bench.runs.one_run import Asked
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, RunFailure, Trajectory, spread_evenly
 
-SHIFT = 1e-14  # relative change of a start by which rounding is measured
+SHIFT = 1e-14  # relative change of a start, whose effect shows the effect of rounding
 FORCED = 20  # states at which an engine is asked for its own joint forces
-SUBSTEPS = 5  # steps between two times of `follow_accelerations`, where no loop is stiff
+SUBSTEPS = 5  # steps between two times of `follow_accelerations` if no loop is stiff
 
 
 def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:
-    """Ask a model for accelerations (k, n) at states t (k,), q, v (k, n)."""
+    """Return a model's accelerations (k, n) at states t (k,), q, v (k, n)."""
     return np.array([model.acceleration(*state) for state in zip(t, q, v, strict=True)])
 
 
 def joint_forces(names: tuple[str, ...], t: Array, q: Array, v: Array, model: Model) -> Array:
-    """Ask a model for its own joint forces (k, joints, 3) at states t (k,), q, v (k, n); NaN where it tells none.
+    """Return a model's own joint forces (k, joints, 3) at states t (k,), q, v (k, n); NaN if it reports none.
 
-    Of each joint they are fx, fy [N] on its second link, and the moment [N m] about its point.
+    The three numbers of a joint are the forces fx, fy [N] on its second link and the moment [N m] about its point. `names` are
+    those of all joints.
     """
-    found = np.full((len(t), len(names), 3), np.nan)
-    for forces, *state in zip(found, t, q, v, strict=True):
-        try:
-            told = ask(model, "joint_forces")(*state)
-        except RunFailure:
-            continue
-        for row, name in zip(forces, names, strict=True):
-            if name in told:
-                row[:] = told[name]
-    return found
+    forces = np.full((len(t), len(names), 3), np.nan)
+    for k, state in enumerate(zip(t, q, v, strict=True)):
+        with suppress(RunFailure):
+            reported = ask(model, "joint_forces")(*state)
+            for joint, name in enumerate(names):
+                if name in reported:
+                    forces[k, joint] = reported[name]
+    return forces
 
 
 @dataclass(frozen=True, eq=False)
 class ForceQuestion:
-    """The question for an engine's own joint forces at some states of a motion, and the comparison of its answer.
+    """The question for an engine's own joint forces at some states of a motion, and the check of the answer.
 
     Attributes:
-        mechanism: the linkage; states: of the motion, with the linkage's own accelerations.
+        mechanism: the linkage.
+        states: the states, with the accelerations of the suite's own equations.
     """
 
     mechanism: Mechanism
@@ -70,7 +72,7 @@ class ForceQuestion:
         return SIZE * len(self.mechanism.joints) * len(self.states.t)
 
     def compare(self, answer: object) -> tuple[float, float]:
-        """Return the largest error of the forces in an answer, and the largest force [N, N m]; NaN where the engine tells none."""
+        """Return the largest error of the forces in an answer, and the largest force [N, N m]; NaN if the engine reports none."""
         shape = (len(self.states.t), len(self.mechanism.joints), 3)
         if not isinstance(answer, np.ndarray) or answer.shape != shape:
             return np.nan, np.nan
@@ -78,36 +80,38 @@ class ForceQuestion:
 
 
 def ask_along(mechanism: Mechanism, reference: Reference) -> ForceQuestion:
-    """Return the question at FORCED states of a reference, evenly spread over those whose accelerations it knows."""
+    """Return the question at FORCED states of a reference, evenly spread over the states with known accelerations."""
     known = np.flatnonzero(np.isfinite(reference.a).all(axis=1))
     return ForceQuestion(mechanism, reference.samples[known[spread_evenly(len(known), FORCED)]])
 
 
 def run_before(times: Array, model: Model) -> None:
-    """Let a model run over the times (k,) before it is measured."""
+    """Let a model run over the times (k,) [s] before the run that counts."""
     model.prepare(times)
     model.run()
     model.read()
 
 
 def follow_accelerations(tableau: Tableau, times: Array, q0: Array, v0: Array, model: Model, finer: int = SUBSTEPS) -> Array:
-    """Return the motion (3, k, n), q, v and a, at the times (k,) [s] by a model's own accelerations from the state q0, v0 (n,).
+    """Return the motion that follows from a model's own accelerations: q, v and a (3, k, n) at the times (k,) [s].
 
     Args:
+        tableau: of the explicit method that integrates the motion.
+        q0, v0: the state (n,) at the first time.
         finer: number of steps between two consecutive times.
     """
-    q, v, samples = q0, v0, []
-    for t, end in zip(times.tolist(), [*times[1:].tolist(), None], strict=True):
-        samples.append((q, v, model.acceleration(t, q, v)))
-        if end is not None:
-            h = (end - t) / finer
-            for k in range(finer):
-                q, v = explicit_step(tableau, model.acceleration, t + k * h, q, v, h)
+    q, v = q0, v0
+    samples = [(q, v, model.acceleration(float(times[0]), q, v))]
+    for t, end in pairwise(times.tolist()):
+        h = (end - t) / finer
+        for k in range(finer):
+            q, v = explicit_step(tableau, model.acceleration, t + k * h, q, v, h)
+        samples.append((q, v, model.acceleration(end, q, v)))
     return np.array(samples).transpose(1, 0, 2)
 
 
 def ask_room(place: str, *arguments: object) -> object:
-    """Return what a function of an engine's folder answers; `place` is MODULE:FUNCTION, and the answer is plain data."""
+    """Return the result of a function of an engine's folder; `place` is MODULE:FUNCTION, and the result is plain data."""
     return resolve_name(place)(*arguments)
 
 
@@ -117,11 +121,11 @@ def describe_python() -> dict[str, str]:
 
 
 def shift(x: Array, rng: np.random.Generator) -> Array:
-    """Return numbers changed by up to SHIFT of the largest of them; zeros of a state at rest stay zero."""
+    """Return numbers, each changed at random by up to SHIFT times the largest of them; zeros, as of a state at rest, stay zero."""
     return np.asarray(x + SHIFT * np.abs(x).max(initial=0.0) * rng.uniform(-1.0, 1.0, x.shape) * (x != 0))
 
 
 def shift_start(seed: int, mechanism: Mechanism) -> Mechanism:
-    """Return a mechanism whose start is changed by SHIFT."""
+    """Return a mechanism whose start is changed at random by `shift`."""
     rng = np.random.default_rng(seed)
     return replace(mechanism, q0=shift(mechanism.q0, rng), v0=shift(mechanism.v0, rng))

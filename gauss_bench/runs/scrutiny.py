@@ -1,11 +1,12 @@
 """Checks of a run without a reference: a repetition, the fastest mode, and a second formulation.
 
-A repetition at half the step shows the error due to the step, in any engine; a tighter tolerance shows the error of an integrator
-that chooses its steps. The eigenvalues of the linearised motion show whether the step resolves the fastest mode. Two formulations
-of the same accelerations show how many digits are lost to the condition of the linkage.
+A repetition at half the step shows the error due to the step, in any engine. If the integrator chooses its steps, a repetition at a
+tighter tolerance shows the error. The eigenvalues of the linearised motion show whether the step resolves the fastest mode. Two
+formulations of the same accelerations show how many digits are lost to the condition of the linkage.
 """
 
 import re
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -24,25 +25,25 @@ from gauss_bench.runs.one_run import JUDGED, SAMPLING, Run, acceleration_error, 
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, RunFailure, Trajectory, spread_evenly
 
-LONGEST = 60.0  # [s] of processor time for a repetition; only the first part of a longer run is repeated
+LONGEST = 60.0  # [s] processor time of a repetition; only the first part of a longer run is repeated
 LARGEST = 40  # degrees of freedom beyond which modes are not computed
-LOOKED_AT = 5  # states whose modes are computed; the median counts, as one state may be near a singular position
-VAGUE = 0.1  # of the error that the judge allows: a reference with larger error bars cannot decide
+LOOKED_AT = 5  # states whose modes are computed; the median counts, because one state may be near a singular position
+VAGUE = 0.1  # a reference cannot decide if its error bar is above this share of the error that the judge allows
 RELATIVE = re.compile(r"rtol|reltol|relative_tolerance")  # names of options for the relative tolerance of an integrator
 USUAL_TOLERANCE = 1e-6  # relative tolerance of an engine that states none
-TIGHTER, SMALLEST_TOLERANCE = 100.0, 1e-14  # factor to, and least value of, a repetition's relative tolerance
-A_PERIOD = 8  # samples: the integral of a sine through them has an error of 1e-3
-LEAST = 100  # samples of a run: rates of a short one turn about as often as those of a long one
-MOST = 200_000  # samples of a run with a spacing below SAMPLING: half a GiB for a large linkage
-MOVED = 1e-6  # [rad, m] of difference quotients: large compared with rounding, small compared with curvature
+TIGHTER, SMALLEST_TOLERANCE = 100.0, 1e-14  # divisor of the relative tolerance for a repetition, and its least value
+A_PERIOD = 8  # samples in a period: the integral of a sine through them has an error of 1e-3
+LEAST = 100  # fewest samples of a run: rates change their sign about as often in a short run as in a long one
+MOST = 200_000  # most samples of a run with a spacing below SAMPLING: half a GiB for a large linkage
+MOVED = 1e-6  # [rad, m] for difference quotients: large compared with rounding, small compared with curvature
 FAILURES = (RunFailure, ArithmeticError, np.linalg.LinAlgError)
 
 
 def sample_spacing(mechanism: Mechanism, t_end: float) -> float:
     """Return the largest spacing of samples [s] with which work and rates of a run can be integrated.
 
-    There are LEAST samples in a run at least, and A_PERIOD samples in a period of the fastest force, of a table that rises and
-    falls, and of the fastest mode at the start, but no more than MOST samples in a run.
+    A run has at least LEAST samples, and A_PERIOD samples in each period of the fastest force, of a table that rises and falls, and
+    of the fastest mode at the start, but at most MOST samples.
     """
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
     rates = [float(np.abs(x).max(initial=0.0)) for x in modes_along(mechanism, start)]
@@ -54,15 +55,15 @@ def sample_spacing(mechanism: Mechanism, t_end: float) -> float:
 
 
 def turns(mechanism: Mechanism) -> list[Array]:
-    """Return the times [s] at which each factor of lines turns from growing to falling, or back."""
-    found = []
-    for factor in filter(None, map(factor_of, mechanism.varying)):
-        if factor.kinks:
-            slopes = np.array([0.0, *(slope for _, slope in factor.lines[1:])])
+    """Return the times (k,) [s] at which each force that varies along straight lines turns from rising to falling or back."""
+    times = []
+    for factor in (factor_of(x) for x in mechanism.varying):
+        if factor is not None and factor.kinks:
+            slopes = np.array([0.0, *(slope for _, slope in factor.lines[1:])])  # of the lines before and after each kink
             steep = np.flatnonzero(slopes)
-            turned = steep[1:][np.diff(np.sign(slopes[steep])) != 0]
-            found.append(np.array(factor.kinks)[turned - 1])
-    return found
+            turned = steep[1:][np.diff(np.sign(slopes[steep])) != 0]  # lines whose slope has the other sign than the last steep one
+            times.append(np.array(factor.kinks)[turned - 1])
+    return times
 
 
 def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, longest: float = LONGEST) -> Request:
@@ -78,19 +79,19 @@ def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, l
         choice = replace(choice, step=choice.step / 2)
     else:
         choice = replace(choice, tolerance=finer_tolerance(offer, choice))
-        # samples end steps: with the same samples, a tolerance might have no effect
+        # a step ends at each sample: with the same samples, a tighter tolerance might have no effect
         part = np.sort(np.concatenate([part, (part[1:] + part[:-1]) / 2]))
     return replace(request, choice=choice, wanted=sampling_at(choice.step, part), ask=nothing, answers=0)
 
 
 def at_samples(finer: Run, times: Array) -> Run:
-    """Return a repetition, cut to the sample times (k,) [s] of the run."""
+    """Return a repetition, restricted to the sample times (k,) [s] of the run."""
     x = finer.trajectory
     return finer if x is None else replace(finer, trajectory=x[metrics.common_times(x.t, times)[0]])
 
 
 def finer_tolerance(offer: Offer, choice: Choice) -> float:
-    """Return a hundredth of the relative tolerance of a run, or a hundred times it if that would be below the least."""
+    """Return the relative tolerance of a run divided by TIGHTER, or times TIGHTER if the quotient is below the least."""
     tolerance = choice.tolerance
     if tolerance is None:
         options = offer.resolve_settings(choice.settings)
@@ -101,33 +102,33 @@ def finer_tolerance(offer: Offer, choice: Choice) -> float:
 
 
 def has_sound_rates(mechanism: Mechanism, trajectory: Trajectory) -> bool:
-    """Tell whether the judge accepts the rates of a motion without a repetition."""
+    """Tell whether the judge accepts the velocities and accelerations of a motion as rates without a repetition."""
     evidence = examine(Evaluator(mechanism), trajectory)
     return all(x.subject is not Subject.RATES for x in judge(evidence).objections)
 
 
 def is_same_run(one: Trajectory, other: Trajectory) -> bool:
-    """Tell whether a repetition returned the same bits as a run, as an engine does that ignores the tolerance."""
+    """Tell whether a repetition has the same bits as a run that moves; this is so if an engine ignores the tolerance."""
     k = min(len(one.t), len(other.t))
     moves = bool(np.any(one.v[:k]) or np.any(one.a[:k]))
     return moves and np.array_equal(one.q[:k], other.q[:k]) and np.array_equal(one.v[:k], other.v[:k])
 
 
 def depends_on_steps(mechanism: Mechanism, trajectory: Trajectory) -> bool:
-    """Tell whether the last bits of a motion must depend on its steps: it has degrees of freedom and varying accelerations."""
+    """Tell whether the last bits of a motion must depend on its steps: it has degrees of freedom, and its accelerations vary."""
     J = Evaluator(mechanism).constraints(trajectory.t[:1], trajectory.q[:1], trajectory.v[:1]).J[0]
     return bool(np.ptp(trajectory.a, axis=0).any()) and null_space(J, mechanism.n).shape[1] > 0
 
 
 def first_part(times: Array, seconds: float, longest: float) -> Array:
-    """Return the first times (k,) [s], as many as a run at half the step reaches within `longest` seconds."""
+    """Return the first times (k,) [s] that a repetition at half the step reaches within `longest` [s]; the run took `seconds`."""
     if not seconds > longest / 2:  # also true for NaN, the time of a failed run
         return times
     return times[: max(2, int(len(times) * longest / 2 / seconds))]
 
 
 def warn_of_forcing(mechanism: Mechanism, choice: Choice, adaptive: bool) -> str:
-    """Return a warning where a fixed step does not resolve a force that oscillates with time, else an empty text."""
+    """Return a warning if a fixed step does not resolve a force that oscillates with time, else an empty text."""
     steps = steps_a_forcing(mechanism, choice, adaptive)
     if steps is None or steps >= FEWEST:
         return ""
@@ -136,7 +137,7 @@ def warn_of_forcing(mechanism: Mechanism, choice: Choice, adaptive: bool) -> str
 
 
 def steps_a_forcing(mechanism: Mechanism, choice: Choice, adaptive: bool) -> float | None:
-    """Return how many fixed steps the shortest period of a force has; None without such a force, or without fixed steps."""
+    """Return the number of fixed steps in the shortest period of a force; None without such a force, or without fixed steps."""
     period = mechanism.forcing_period
     return None if period is None or adaptive else period / choice.step
 
@@ -159,8 +160,9 @@ def evidence_of(
     """Return the evidence by which a run is judged, and a sentence if the repetition covers only a part of the run.
 
     Args:
+        truth: the reference, if there is one.
         finer: the repetition of the run, if no reference decides.
-        acceleration_off: median relative error of its accelerations at given states; if None, computed at its own states.
+        acceleration_off: median relative error of its accelerations at given states; if None, it is computed at states of the run.
         adaptive: whether the integrator chooses its own steps.
         untried: the reason why there is no repetition.
     """
@@ -177,17 +179,16 @@ def evidence_of(
     if not adaptive:
         rate = fastest_rate(mechanism, trajectory)
         evidence = replace(evidence, steps_a_period=2 * np.pi / (rate * choice.step) if rate else None)
-    why = ""
-    if finer.trajectory is None:
+    again = finer.trajectory
+    if again is None:
         why = f"{how} gave no motion to compare with: {finer.status}, {finer.message}"
-    elif is_same_run(trajectory, finer.trajectory) and (adaptive or depends_on_steps(mechanism, trajectory)):
-        why = f"{choice.integrator} is not repeatable: {'another tolerance' if adaptive else how} gives the same bits"
-    if why or finer.trajectory is None:
         return replace(evidence, unrepeated=why if truth is None else ""), ""
-    other = as_truth(finer.trajectory)
-    part = "" if len(other.t) == len(trajectory.t) else f"{how} was tried up to {other.t[-1]:.3g} s"
-    halving, again = metrics.state_errors(mechanism, trajectory, other), metrics.rate_gaps(finer.trajectory)
-    return replace(evidence, halving=halving, rates_again=again, finer=how), part
+    if is_same_run(trajectory, again) and (adaptive or depends_on_steps(mechanism, trajectory)):
+        why = f"{choice.integrator} is not repeatable: {'another tolerance' if adaptive else how} gives the same bits"
+        return replace(evidence, unrepeated=why if truth is None else ""), ""
+    part = "" if len(again.t) == len(trajectory.t) else f"{how} was tried up to {again.t[-1]:.3g} s"
+    halving = metrics.state_errors(mechanism, trajectory, as_truth(again))
+    return replace(evidence, halving=halving, rates_again=metrics.rate_gaps(again), finer=how), part
 
 
 def as_truth(trajectory: Trajectory) -> Reference:
@@ -196,9 +197,9 @@ def as_truth(trajectory: Trajectory) -> Reference:
 
 
 def measurable_gain(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) -> Array | None:
-    """Return the energy gained beyond the work (k,) [J] that the samples resolve, if the judge objects to the energy; else None.
+    """Return the energy (k,) [J] gained beyond the work, as far as the samples resolve it; None if the judge accepts the energy.
 
-    Samples further apart than the time constant of the fastest damping do not resolve the energy that it dissipates.
+    Samples further apart than the time constant of the fastest damping do not resolve the energy that the damping dissipates.
     """
     if not any(x.subject is Subject.ENERGY for x in judge(evidence).objections):
         return None
@@ -214,33 +215,33 @@ def fastest_rate(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
 
 
 def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np.complex128]]:
-    """Return the eigenvalues [1/s] of small motions about some states of a motion; others are left out if they fail.
+    """Return the eigenvalues (2 dof,) [1/s] of small motions about each of some states; states at which this fails are left out.
 
-    At a state q, v with null space N of the constraint rows, a small motion N x obeys  x'' = N^T a_q N x + N^T a_v N x'.
+    At a state q, v with null space N (n, dof) of the constraint rows, a small motion N x obeys x'' = N^T a_q N x + N^T a_v N x',
+    where a_q and a_v are the derivatives of the accelerations.
     """
     model, evaluator = get("gauss").build(mechanism, Choice("default", "rk4")), Evaluator(mechanism)
     modes = []
-    for k in spread_evenly(len(trajectory.t), LOOKED_AT):
-        t, q, v = float(trajectory.t[k]), trajectory.q[k], trajectory.v[k]
-        try:
+    for sample in spread_evenly(len(trajectory.t), LOOKED_AT):
+        t, q, v = float(trajectory.t[sample]), trajectory.q[sample], trajectory.v[sample]
+        with suppress(*FAILURES):
             N = null_space(evaluator.constraints(t, q, v).J, mechanism.n)
-            if N.shape[1] > LARGEST:
+            dof = N.shape[1]
+            if dof > LARGEST:
                 return []
+            # central differences along each free direction x, dof rows of n
             a_q = [model.acceleration(t, q + MOVED * x, v) - model.acceleration(t, q - MOVED * x, v) for x in N.T]
             a_v = [model.acceleration(t, q, v + MOVED * x) - model.acceleration(t, q, v - MOVED * x) for x in N.T]
-            k = N.shape[1]
-            by_place, by_speed = (N.T @ np.reshape(x, (k, mechanism.n)).T / (2 * MOVED) for x in (a_q, a_v))
-            system = np.block([[np.zeros((k, k)), np.eye(k)], [by_place, by_speed]])
+            by_place, by_speed = (N.T @ np.reshape(x, (dof, mechanism.n)).T / (2 * MOVED) for x in (a_q, a_v))
+            system = np.block([[np.zeros((dof, dof)), np.eye(dof)], [by_place, by_speed]])
             modes.append(np.linalg.eigvals(system).astype(complex))
-        except FAILURES:
-            continue
     return modes
 
 
 def disagreement(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
     """Return the median relative difference between the accelerations of two formulations at states of a run; None if one fails.
 
-    One formulation solves for the free directions, the other for the multipliers: their rounding errors have different causes.
+    One formulation solves for the free directions, the other for the multipliers, so that their rounding errors differ.
     """
     chosen = spread_evenly(len(trajectory.t), JUDGED)
     states = [(float(trajectory.t[k]), trajectory.q[k], trajectory.v[k]) for k in chosen]

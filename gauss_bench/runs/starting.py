@@ -1,4 +1,4 @@
-"""The first model and step of an engine in a new process, which may have numpy alone."""
+"""The first model and step of an engine in a new process, whose environment may have numpy alone."""
 
 import os
 from collections.abc import Callable
@@ -19,18 +19,17 @@ Start = Callable[[str, Mechanism, Choice], dict[str, Any]]
 
 
 def start_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
-    """Return the processor time [s] until an engine has taken its first step in this process, or why it takes none.
+    """Return the processor time until an engine has taken its first step in this process, as `time_with_compilers` does.
 
-    It includes the import of the engine's library. Generated code that is stored from an earlier start is used, as in every start
-    but the first.
+    The time includes the import of the engine's library. Generated code is used if an earlier start has stored it.
     """
     return time_with_compilers(lambda: first_step(get(engine), mechanism, choice))
 
 
 def cold_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
-    """Return the processor time [s] of an engine's first model and step in this process, with no generated code stored.
+    """Return the processor time of an engine's first model and step with no generated code stored, as `time_with_compilers` does.
 
-    The import of the engine's library is not counted.
+    The time does not include the import of the engine's library.
     """
     adapter = get(engine)
     adapter.version()
@@ -40,7 +39,7 @@ def cold_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, A
 
 
 def first_step(engine: Engine, mechanism: Mechanism, choice: Choice) -> None:
-    """Build a model and take one step, which includes code that is generated or compiled at first use.
+    """Build a model and take one step; code may be generated or compiled meanwhile.
 
     Raises:
         RunFailure: the engine refuses the mechanism.
@@ -51,7 +50,7 @@ def first_step(engine: Engine, mechanism: Mechanism, choice: Choice) -> None:
 
 
 def build_model(engine: Engine, mechanism: Mechanism, choice: Choice) -> Any:
-    """Build a model.
+    """Build a model of a mechanism in an engine.
 
     Raises:
         RunFailure: the engine refuses the mechanism.
@@ -62,7 +61,7 @@ def build_model(engine: Engine, mechanism: Mechanism, choice: Choice) -> Any:
 
 
 def time_with_compilers(call: Callable[[], object]) -> dict[str, Any]:
-    """Return the processor time [s] of a call and of the compilers that it starts, or why it failed."""
+    """Return {"seconds": processor time [s] of a call and of the compilers that it starts}, or the columns of its failure."""
     compilers = sum(os.times()[2:4])  # children of this process, which its own clock leaves out
     try:
         seconds = measure_seconds(call)

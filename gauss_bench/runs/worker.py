@@ -1,12 +1,13 @@
 """A worker process for code that may crash or hang: it calls functions and returns their results, or the reason of a failure.
 
-Tasks are pickled for the worker. Its answers are never unpickled, because a task may run code of others: an answer is JSON, in
-which an array is given by its type and shape, followed by the bytes of the arrays. The data that are read are never larger than
-the answer. The worker's standard output is redirected to its error stream, so that a library that prints cannot write into the
-answers; the error stream is a file, whose last line is quoted when the worker dies. The pipe of the answers has a high descriptor,
-which libraries do not find by counting. Each answer begins with the random token of its task; anything else is refused, as is an
-answer larger than the caller expects. A task that exceeds its limit is stopped by the parent or, if the parent is gone, by an
-alarm that no library can block. Waits for a processor do not count, so that engines do not fail because the machine is busy.
+Tasks are pickled for the worker. Answers are never unpickled, because a task may run code of others. An answer is JSON, in which
+type and shape stand for an array, followed by the bytes of the arrays. The data that are read are never larger than the answer.
+
+The worker's standard output is redirected to its error stream, so that a library that prints cannot write into the answers. The
+error stream is a file, whose last line is quoted when the worker dies. The pipe of the answers has a high descriptor, which
+libraries do not find by counting. Each answer begins with the random token of its task. An answer with another token is refused,
+and so is an answer larger than the caller expects. The parent stops a task that exceeds its limit; if the parent is gone, an alarm
+stops it that no library can block. Waits for a processor do not count, so that engines do not fail because the machine is busy.
 
 The processes that a task starts end with its worker. They are found by a mark in their environment and, on Linux, as descendants of
 the worker, which becomes the parent of orphans. A process without the mark survives if its worker crashed or was killed before.
@@ -41,26 +42,27 @@ import numpy as np
 
 from gauss_bench.trajectory import Failure, Status, in_a_sentence
 
-HEADER = struct.Struct("<16sQ")  # token of the task, length of what follows
-ANSWERS = 200  # least descriptor of the pipe of answers, far above those that libraries open
+HEADER = struct.Struct("<16sQ")  # before each task and answer: token of the task, and number of bytes that follow
+ANSWERS = 200  # least descriptor of the pipes, far above those that libraries open
 LARGEST = 1 << 26  # bytes of an answer unless the caller gives another limit
 POLL = 0.5  # [s] between checks that the process lives: a child of it may keep the pipe open
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-BACKSTOP = 20.0  # times the limit: a task is stopped then even if it only waits for a processor
-MEMORY = 6 << 30  # bytes of a process: engines need one or two
-ROUNDS = 100  # attempts to find and end the processes of a worker
+BACKSTOP = 20.0  # a task is stopped after BACKSTOP times its limit even if it only waits for a processor
+MEMORY = 6 << 30  # bytes of a process; engines need one or two GiB
+ROUNDS = 100  # most attempts to find and end the processes of a worker
 MARK = "GAUSS_BENCH_WORKER"  # environment variable of a worker, which the processes that it starts inherit
 MOST_MEMORY = "GAUSS_BENCH_MEMORY"  # environment variable of a worker: bytes that it may use
 SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER of Linux's prctl
 GRACE = 5.0  # [s] by which the worker's own alarm comes after the parent's limit
-LENGTH = struct.Struct("<Q")  # length of the JSON
-LONGEST = 1 << 26  # bytes of JSON; as objects it needs some 20 times as much memory
-ARRAY, MOST = "array of numbers", 3  # dimensions
-KINDS = {"f": np.dtype("<f8"), "i": np.dtype("<i8"), "b": np.dtype("|b1")}
+LENGTH = struct.Struct("<Q")  # at the beginning of an answer: number of bytes of its JSON
+LONGEST = 1 << 26  # most bytes of JSON, whose objects need some 20 times as much memory
+ARRAY = "array of numbers"  # key of a JSON object that stands for an array
+MOST = 3  # most dimensions of an array
+KINDS = {"f": np.dtype("<f8"), "i": np.dtype("<i8"), "b": np.dtype("|b1")}  # kind of numpy's types -> type in an answer
 
 
 class NoAnswer(ValueError):
-    """Raised for bytes that hold no answer, and for an object that cannot be sent as one."""
+    """Raised for bytes that are no answer, and for an object that cannot be sent in an answer."""
 
 
 class WorkerFailure(Failure):
@@ -81,7 +83,7 @@ class Interpreter:
 
     @property
     def command(self) -> list[str]:
-        """The command that starts a worker; under another interpreter it sees this package alone of what is installed here."""
+        """The command that starts a worker; under another interpreter the worker sees only this package of this environment."""
         if self.python == sys.executable:
             return [self.python, "-m", "gauss_bench.runs.worker"]
         return [self.python, "-I", str(Path(__file__).with_name("elsewhere.py"))]
@@ -105,17 +107,17 @@ class Worker:
         self.log.close()
 
     def under(self, interpreter: Interpreter) -> "Worker":
-        """Return this worker, whose next task runs under an interpreter; a process of another one is ended."""
+        """Return this worker, whose next task runs under an interpreter; a process under another interpreter is ended."""
         if interpreter != self.interpreter:
             self.stop()
             self.interpreter = interpreter
         return self
 
     def start(self) -> subprocess.Popen[bytes]:
-        """Start the process, or return the one that runs.
+        """Return the running process, or start one.
 
         Raises:
-            WorkerFailure: its interpreter cannot be started.
+            WorkerFailure: the interpreter cannot be started.
         """
         process = self.process  # which another thread may take away meanwhile
         if process is None or process.poll() is not None:
@@ -136,20 +138,20 @@ class Worker:
         return process
 
     def stop(self) -> None:
-        """End the process and all that it has started."""
+        """End the process and all processes that it has started."""
         process, self.process = self.process, None  # at once: an interrupt may call stop again
-        if process is not None:
-            if process.poll() is None:
-                _end_descendants(process.pid)  # before their worker, or they would get another parent
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.kill()
-            process.wait()
-            _end_all(self.mark)
-            for pipe in (process.stdin, process.stdout):
-                if pipe:
-                    with contextlib.suppress(BrokenPipeError):
-                        pipe.close()
+        if process is None:
+            return
+        if process.poll() is None:
+            _end_descendants(process.pid)  # before their worker, or they would get another parent
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.kill()
+        process.wait()
+        _end_all(self.mark)
+        for pipe in filter(None, (process.stdin, process.stdout)):
+            with contextlib.suppress(BrokenPipeError):
+                pipe.close()
 
     def call(
         self,
@@ -159,20 +161,23 @@ class Worker:
         largest: int = LARGEST,
         longest: float = math.inf,
     ) -> Any:
-        """Run function(*arguments) in the worker; return plain data of `largest` bytes at most, with tuples as lists.
+        """Return the result of function(*arguments) in the worker, as plain data with lists for tuples.
 
-        It is stopped after `longest` seconds of elapsed time too, waiting included.
+        Args:
+            limit: [s] after which the worker is stopped; waits for a processor do not count.
+            largest: most bytes of the result.
+            longest: [s] of elapsed time after which the worker is stopped too.
 
         Raises:
-            WorkerFailure: the worker crashed, was stopped by another thread, exceeded `limit` seconds (in which it ran or slept,
-                not those in which it waited for a processor), or the function raised; or its interpreter is unfit.
+            WorkerFailure: the worker crashed, exceeded a limit or was stopped by another thread, the function raised, or the
+                interpreter is unfit.
         """
         process = self.start()
         assert process.stdin is not None
         assert process.stdout is not None
         token = os.urandom(16)
         self.log.seek(0)
-        self.log.truncate()  # so that the line quoted below is of this task
+        self.log.truncate()  # so that the last line is of this task
         try:
             _send(process.stdin, token, (function, arguments, limit))
             answer = _receive_within(process, token, _Clock(process.pid, limit, longest), largest)
@@ -180,9 +185,9 @@ class Worker:
             printed = self._last_words()
             self.stop()
             raise WorkerFailure(Status.TIMEOUT, f"no answer within {limit:.3g} s{printed}") from error
-        except SpoiltAnswer as error:
+        except NoAnswer as error:
             self.stop()
-            raise WorkerFailure(Status.CRASHED, f"the process wrote into what is not its own: {error}") from error
+            raise WorkerFailure(Status.CRASHED, f"the process sent data that are no answer: {in_a_sentence(error)}") from error
         except (EOFError, OSError, ValueError) as error:
             if self.process is not process:  # another thread stopped it and closed its pipes
                 raise WorkerFailure(Status.CRASHED, "the process was stopped") from error
@@ -204,7 +209,7 @@ class Worker:
 
     @staticmethod
     def _exit_code(process: "subprocess.Popen[bytes]") -> int:
-        """Return the exit code of the process, which is ended first if it has only closed its pipe."""
+        """Return the exit code of a process, which is killed if it has closed its pipe but still runs."""
         try:
             return process.wait(GRACE)
         except subprocess.TimeoutExpired:
@@ -212,26 +217,22 @@ class Worker:
             return process.wait()
 
     def _last_words(self) -> str:
-        """Return the last line that the worker printed, after a colon, or an empty text."""
+        """Return a colon and the last line that the worker printed, or an empty text."""
         self.log.seek(0)
         lines = self.log.read()[-4000:].decode(errors="replace").strip().splitlines()
-        said = in_a_sentence(lines[-1]) if lines else ""
-        return f": {said}" if said else ""
+        line = in_a_sentence(lines[-1]) if lines else ""
+        return f": {line}" if line else ""
 
 
 _kept: dict[str, Worker] = {}
 
 
 def keep(engine: str) -> Worker:
-    """Return the worker of an engine, which lives as long as this process because libraries take up to 3 s to import."""
+    """Return the worker of an engine, which is kept as long as this process lives: libraries take up to 3 s to import."""
     if engine not in _kept:
         _kept[engine] = Worker()
         atexit.register(_kept[engine].stop)
     return _kept[engine]
-
-
-class SpoiltAnswer(RuntimeError):
-    """Raised for data in the pipe that are not the answer to the task."""
 
 
 def _send(pipe: BinaryIO | Any, token: bytes, item: object) -> None:
@@ -242,11 +243,12 @@ def _send(pipe: BinaryIO | Any, token: bytes, item: object) -> None:
 
 
 def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_Clock", largest: int) -> Any:
-    """Return the answer to a task.
+    """Return the answer to the task with a token, as `unpack_answer` does.
 
     Raises:
-        TimeoutError, EOFError: the limit is exceeded, or the process died.
-        SpoiltAnswer: the pipe holds something else.
+        TimeoutError: the limit is exceeded.
+        EOFError: the process died.
+        NoAnswer: the data in the pipe are no answer to the task, or more than `largest` bytes.
     """
     assert process.stdout is not None
     descriptor = process.stdout.fileno()
@@ -267,55 +269,54 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
         if not headed and len(buffer) >= HEADER.size:
             received, length = HEADER.unpack(buffer[: HEADER.size])
             if received != token:
-                raise SpoiltAnswer(f"{bytes(buffer[:40])!r}")
+                raise NoAnswer(f"{bytes(buffer[:40])!r}")
             if length > largest:
-                raise SpoiltAnswer(f"an answer of {length} bytes where {largest} are the most that is expected")
+                raise NoAnswer(f"an answer of {length} bytes where {largest} are the most that is expected")
             needed, headed = HEADER.size + length, True
     if len(buffer) > needed:
-        raise SpoiltAnswer(f"{len(buffer) - needed} bytes too many")
-    try:
-        return unpack_answer(bytes(memoryview(buffer)[HEADER.size :]))
-    except NoAnswer as error:
-        raise SpoiltAnswer(in_a_sentence(error)) from error
+        raise NoAnswer(f"{len(buffer) - needed} bytes too many")
+    return unpack_answer(bytes(memoryview(buffer)[HEADER.size :]))
+
+
+def read_waits(pid: int) -> dict[int, float]:
+    """Return thread of a process -> seconds for which the thread has waited for a processor; empty if the system does not say."""
+    waits = {}
+    with contextlib.suppress(OSError):
+        for thread in Path(f"/proc/{pid}/task").iterdir():
+            with contextlib.suppress(OSError, ValueError, IndexError):  # a thread may end meanwhile
+                waits[int(thread.name)] = int((thread / "schedstat").read_text(encoding="ascii").split()[1]) * 1e-9
+    return waits
 
 
 class _Clock:
-    """The rest of a task's time.
+    """The remaining time of a task, which begins when the object is made.
 
-    `limit` [s] counts without waits for a processor, where the system reports them; `longest` [s] counts with them.
+    Waits for a processor do not count for `limit` [s], if the system reports them. They count for `longest` [s].
     """
 
     def __init__(self, pid: int, limit: float, longest: float = math.inf):
         self.pid, self.limit, self.longest = pid, limit, min(longest, BACKSTOP * limit)
-        self.start, self.before = time.monotonic(), self._waits()
-
-    def _waits(self) -> dict[int, float]:
-        """Return thread of the process -> seconds for which it has waited for a processor."""
-        waits = {}
-        with contextlib.suppress(OSError):
-            for thread in Path(f"/proc/{self.pid}/task").iterdir():
-                with contextlib.suppress(OSError, ValueError, IndexError):  # it may end meanwhile
-                    waits[int(thread.name)] = int((thread / "schedstat").read_text(encoding="ascii").split()[1]) * 1e-9
-        return waits
+        self.start, self.before = time.monotonic(), read_waits(pid)
 
     def _waiting_time(self) -> float:
         """Return the seconds for which the process has waited for a processor since the start.
 
-        The first thread may sleep until another one is done, such as a compiler's, so the longest wait of the others counts too.
+        The first thread may sleep until another thread is done, such as a compiler's. Therefore the longest wait of the others is
+        added.
         """
-        waited = {thread: x - self.before.get(thread, 0.0) for thread, x in self._waits().items()}
+        waited = {thread: x - self.before.get(thread, 0.0) for thread, x in read_waits(self.pid).items()}
         return waited.pop(self.pid, 0.0) + max(waited.values(), default=0.0)
 
     def remaining(self) -> float:
         """Return the seconds that are left."""
         passed = time.monotonic() - self.start
-        # the system counts waits by another clock than ours: they may seem to be negative, or longer than the time that passed
+        # the system counts waits by another clock: they may seem to be negative, or longer than the elapsed time
         waited = min(max(0.0, self._waiting_time()), passed)
         return min(self.limit - (passed - waited), self.longest - passed)
 
 
 def _end_all(mark: str) -> None:
-    """End every process with the mark of a worker or of one within it; a process in its own session outlives the group."""
+    """End every process with the mark of a worker, or of a worker within it; a process in its own session outlives the group."""
     sign = f"{MARK}={mark}".encode()
     _end_each(lambda: [pid for pid in _processes() if pid != os.getpid() and _has(pid, sign)])
 
@@ -337,16 +338,16 @@ def _end_each(find: Callable[[], list[int]]) -> None:
 
 
 def _processes() -> list[int]:
-    """Return every process of this machine; none where the system does not list them."""
+    """Return the numbers of all processes of this machine, or none if the system does not list them."""
     with contextlib.suppress(OSError):
         return [int(name) for name in os.listdir("/proc") if name.isdigit()]
     return []
 
 
 def _descendants(root: int) -> list[int]:
-    """Return the descendants of a process, without those that have ended and await their parent (zombies)."""
+    """Return the descendants of a process, without zombies."""
     children: dict[int, list[int]] = {}
-    ended = set()
+    ended = set()  # zombies
     for pid in _processes():
         with contextlib.suppress(OSError), open(f"/proc/{pid}/stat", "rb") as file:
             state, parent = file.read().rpartition(b")")[2].split()[:2]  # the name before it may hold blanks and brackets
@@ -360,7 +361,7 @@ def _descendants(root: int) -> list[int]:
 
 
 def _has(pid: int, sign: bytes) -> bool:
-    """Tell whether the environment of a process holds a mark, or one that begins with it."""
+    """Tell whether the environment of a process holds the mark `sign`, or the mark of a worker within that worker."""
     try:
         with open(f"/proc/{pid}/environ", "rb") as file:
             return any(x == sign or x.startswith(sign + b"/") for x in file.read().split(b"\0"))
@@ -385,7 +386,7 @@ def _adopt() -> None:
 
 
 def _limit() -> None:
-    """Limit memory to that of the interpreter or the machine, so that an array too large fails here and ends no other process."""
+    """Limit the memory of this process, so that too large an array fails in this process and ends no other."""
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource
 
@@ -396,24 +397,25 @@ def _limit() -> None:
 
 
 def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes:
-    """Call a task and return its result as bytes, or its error as a sentence."""
+    """Return the answer of a task as bytes: the result of function(*arguments), or its error as a sentence."""
     try:
         return pack_answer(("ok", function(*arguments)))
     except BaseException as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
-        said = f"{type(error).__name__}: {in_a_sentence(error)} ({os.path.basename(where.filename)}:{where.lineno})"
-        return pack_answer(("raised", said))
+        sentence = f"{type(error).__name__}: {in_a_sentence(error)} ({os.path.basename(where.filename)}:{where.lineno})"
+        return pack_answer(("raised", sentence))
 
 
 def pack_answer(item: object) -> bytes:
-    """Return an answer as bytes.
+    """Return an answer as bytes: the length of its JSON, the JSON, and the bytes of its arrays.
 
     Raises:
-        NoAnswer: it holds something other than texts, numbers, arrays, and lists or mappings of them.
+        NoAnswer: the answer has objects other than texts, numbers, arrays, and lists or mappings of them.
     """
-    parts: list[bytes] = []
+    parts: list[bytes] = []  # the bytes of each array, in the order of the JSON
 
     def describe(x: object) -> object:
+        """Return JSON for an object that JSON does not know, and keep the bytes of an array."""
         if isinstance(x, np.generic):
             return x.item()
         if isinstance(x, np.ndarray) and x.dtype.kind in KINDS:
@@ -426,19 +428,20 @@ def pack_answer(item: object) -> bytes:
 
 
 def unpack_answer(content: bytes) -> Any:
-    """Read an answer from bytes.
+    """Return the answer that `pack_answer` wrote.
 
     Raises:
-        NoAnswer: the bytes do not hold one.
+        NoAnswer: the bytes are no answer.
     """
     if len(content) < LENGTH.size:
         raise NoAnswer("it is too short")
     (length,) = LENGTH.unpack_from(content)
     text, left = content[LENGTH.size : LENGTH.size + length], memoryview(content)[LENGTH.size + length :]
     if length > LONGEST or len(text) < length:
-        raise NoAnswer(f"it says that it holds {length} bytes of text")
+        raise NoAnswer(f"its text should have {length} bytes")
 
     def restore(table: dict[str, Any]) -> Any:
+        """Return the array that a JSON object stands for, from the bytes that are left, or the object itself."""
         nonlocal left
         if table.keys() != {ARRAY}:
             return table
@@ -457,22 +460,26 @@ def unpack_answer(content: bytes) -> Any:
 
 
 def _read_type(form: object) -> tuple[np.dtype[Any], list[int]]:
-    """Read type and shape of an array from an answer."""
+    """Return type and shape of an array, as an answer gives them: [kind, shape].
+
+    Raises:
+        NoAnswer: they have another form.
+    """
     match form:
         case [str(kind), [*shape]] if kind in KINDS and len(shape) <= MOST:
             lengths = [k for k in shape if type(k) is int and 0 <= k <= LONGEST]
             if lengths == shape:
                 return KINDS[kind], lengths
-    raise NoAnswer("an array of no form")
+    raise NoAnswer("an array without type and shape")
 
 
 def main() -> None:
     """Answer tasks until the parent closes the pipe."""
     answers = os.fdopen(fcntl.fcntl(1, fcntl.F_DUPFD_CLOEXEC, ANSWERS), "wb")
     tasks = os.fdopen(fcntl.fcntl(0, fcntl.F_DUPFD_CLOEXEC, ANSWERS), "rb")
-    os.dup2(2, 1)
+    os.dup2(2, 1)  # what a library prints goes to the error stream
     nothing = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nothing, 0)
+    os.dup2(nothing, 0)  # a library that reads finds nothing
     os.close(nothing)
     _limit()
     _adopt()
@@ -497,6 +504,7 @@ def main() -> None:
 
 
 def _refuse(sentence: str) -> None:
+    """Raise an error, in place of a task that cannot be read."""
     raise ValueError(sentence)
 
 

@@ -10,7 +10,7 @@ from gauss_bench.suites.schema import OnLinkages, Suite
 from gauss_bench.untrusted import BadInput, parse_toml, read_bytes
 
 FOLDER = Path(__file__).parent
-MAX_BYTES = 1_048_576  # of a suite: the longest has 4,000
+MAX_BYTES = 1_048_576  # of a suite; the longest built-in suite has 4,000
 SECTIONS = tuple(name for name in Suite.model_fields if name not in ("format", "title", "hours", "parts"))
 
 
@@ -33,6 +33,7 @@ def read_suite(name: str) -> Suite:
 
 
 def _read(name: str, above: tuple[str, ...]) -> Suite:
+    """Return the same as `read_suite`; `above` are the names of the suites that build on this one."""
     path = Path(name) if name.endswith(".toml") else FOLDER / f"{name}.toml"
     if name in above:
         raise SuiteError(f"{path}: builds on itself: {' with '.join([*above, name])}")
@@ -54,9 +55,10 @@ def _read(name: str, above: tuple[str, ...]) -> Suite:
 
 
 def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
-    """Return the suite with paths instead of the names of linkage files that lie in its folder."""
+    """Return the suite with absolute paths of the linkage files that lie in its folder."""
 
     def locate(part: Any) -> Any:
+        """Return a part with paths for the linkages that are files in the folder."""
         if not isinstance(part, OnLinkages):
             return part
         paths = {x: folder / x for x in part.linkages if x.endswith(".toml") and (folder / x).is_file()}
@@ -66,32 +68,37 @@ def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
 
 
 def join_entries(suites: Sequence[Suite]) -> Suite:
-    """Join suites: the parts of all, each once, with the title of the last."""
+    """Return one suite with the parts of all suites, each once, and the title of the last suite."""
     content: dict[str, Any] = {}
     for name in SECTIONS:
-        once: list[Any] = []
+        distinct: list[Any] = []
         for suite in suites:
-            once += [x for x in getattr(suite, name) if x not in once]
-        content[name] = tuple(once)
+            distinct += [x for x in getattr(suite, name) if x not in distinct]
+        content[name] = tuple(distinct)
     return suites[-1].model_copy(update=content | {"parts": ()})
 
 
+def parts_on_linkages(suite: Suite) -> list[OnLinkages]:
+    """Return all parts of a suite that list linkages."""
+    return [x for name in SECTIONS for x in getattr(suite, name) if isinstance(x, OnLinkages)]
+
+
 def scenario_of(suite: Suite, linkage: str) -> str | None:
-    """Return the scenario in which a suite runs a linkage, or None if it does not list the linkage."""
-    parts = [x for name in SECTIONS for x in getattr(suite, name) if isinstance(x, OnLinkages) and x.any_linkage]
+    """Return the scenario in which a suite runs a linkage, or None if no part for any linkage lists it."""
+    parts = (x for x in parts_on_linkages(suite) if x.any_linkage)
     return next((x.linkages[linkage] for x in parts if linkage in x.linkages), None)
 
 
 def linkages_of(suite: Suite) -> tuple[str, ...]:
     """Return names and paths of all linkages of a suite, each once."""
-    parts = (x for name in SECTIONS for x in getattr(suite, name) if isinstance(x, OnLinkages))
-    return tuple(dict.fromkeys(linkage for part in parts for linkage in part.linkages))
+    return tuple(dict.fromkeys(linkage for part in parts_on_linkages(suite) for linkage in part.linkages))
 
 
 def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
-    """Return the suite with only these engines in its accuracy, cost, search and field parts."""
+    """Return the suite with only these engines in its accuracy, cost, search and field parts; parts without any are left out."""
 
     def select(parts: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Return the parts with the chosen engines alone; a part that names no engines gets all of them."""
         chosen = [(x, tuple(e for e in engines if not x.engines or e in x.engines)) for x in parts]
         return tuple(x.model_copy(update={"engines": names}) for x, names in chosen if names)
 
@@ -99,16 +106,16 @@ def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
 
 
 def restrict(suite: Suite, linkages: Mapping[str, str]) -> Suite:
-    """Restrict a suite to the given linkages (name or path -> scenario).
+    """Return the suite restricted to the given linkages (name or path -> scenario).
 
-    A part for any linkage has all of them, another part those that it lists.
+    A part for any linkage gets all of them; another part keeps those that it lists, in its own scenarios. Parts without linkages
+    are left out, except those that depend on the races.
     """
     content: dict[str, tuple[Any, ...]] = {}
     for name in SECTIONS:
         kept = []
         for part in getattr(suite, name):
             if isinstance(part, OnLinkages):
-                # a part that lists linkages names its own scenarios
                 chosen = linkages if part.any_linkage else {x: s for x, s in part.linkages.items() if x in linkages}
                 if chosen:
                     kept.append(part.model_copy(update={"linkages": dict(chosen)}))

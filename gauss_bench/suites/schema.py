@@ -6,9 +6,10 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 FORMAT = "gauss-bench-suite/1"
+# engines that differ from others in algebra alone, so that one integrator is enough
 PLAIN = ("gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16", "lagrange-native")
 
-Linkages = Mapping[str, str]  # name -> scenario
+Linkages = Mapping[str, str]  # name or path -> scenario
 Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True, gt=0)]
 Flag = Annotated[bool, Field(strict=True)]
@@ -21,11 +22,11 @@ class Section(BaseModel):
 
 
 class OnLinkages(Section):
-    """A part about linkages.
+    """A part of a suite that lists linkages.
 
     Attributes:
         linkages: name of a linkage, or path of its file relative to the suite's folder -> scenario.
-        any_linkage: whether the part is run for any linkage that a user names; else only for those that it lists.
+        any_linkage: whether the part is run for any linkage that a user names; else it is run for the listed ones alone.
     """
 
     linkages: Linkages
@@ -33,14 +34,14 @@ class OnLinkages(Section):
 
 
 class Accuracy(OnLinkages):
-    """Runs judged by their trajectories: engines x their variants x steps.
+    """Runs whose trajectories are judged: engines with their settings, integrators and stabilisations, at several steps.
 
     Attributes:
         engines: names; empty for all engines.
-        integrators: the first so many of each engine, or those of these names; None for all.
-        plain: engines that are run with their defaults only, because they differ from others in algebra, not in integration.
+        integrators: a number n for the first n integrators of each engine, or names of integrators; None for all.
+        plain: engines that are run with their defaults only.
         steps: [s], from large to small.
-        until: [s] end of the runs.
+        until: end of the runs [s].
     """
 
     engines: tuple[str, ...] = ()
@@ -53,11 +54,11 @@ class Accuracy(OnLinkages):
 class LeftOut(Section):
     """Cases of the suite's accuracy parts that are not run, with the reason that the report gives.
 
-    A field that is empty matches everything.
+    A case matches if each field is empty or names its value.
 
     Attributes:
         linkages, engines, settings, integrators, stabilizations: names that match.
-        steps: [s] that match.
+        steps: steps [s] that match.
         why: the reason, in a sentence.
     """
 
@@ -75,11 +76,11 @@ class Cost(OnLinkages):
 
     Attributes:
         engines: names; empty for all engines.
-        integrators: the first so many of each engine; None for all.
+        integrators: a number n for the first n integrators of each engine; None for all.
         plain: engines that are timed with their defaults only.
-        step: [s] of the steps that are timed.
-        processes: that race, one after the other.
-        rounds: of the race in each of them.
+        step: length of the timed steps [s].
+        processes: number of processes that race, one after the other.
+        rounds: number of rounds in each process.
         batch: engines whose steps of many trajectories at once are timed too.
         bare: engines whose bare library call and empty call are timed too.
         processor: whether the processor's latency and rate are timed too.
@@ -97,11 +98,11 @@ class Cost(OnLinkages):
 
 
 class ColdBuilds(OnLinkages):
-    """Cold builds: the first model of an engine in a new process, with one step.
+    """Cold builds: the first model of an engine in a new process, and its first step.
 
     Attributes:
         engines: names.
-        step: [s].
+        step: length of the step [s].
     """
 
     engines: tuple[str, ...]
@@ -109,13 +110,14 @@ class ColdBuilds(OnLinkages):
 
 
 class Steps(Section):
-    """Steps in engines' own loops, taken from the races: compiled formulations against a rival.
+    """Ratios of steps in engines' own loops, from the races: compiled formulations against a rival.
 
     Attributes:
         own: formulation -> engine.
-        stabilizations: those of the compiled formulations.
-        rival, settings: the rival engine and its settings that are compared.
-        targets: stabilisation -> linkage -> least ratio, for the first of `own`.
+        stabilizations: names of the compiled formulations' stabilisations.
+        rival: the engine that they are compared with.
+        settings: names of the rival's settings.
+        targets: stabilisation -> linkage -> least ratio, for the first formulation of `own`.
     """
 
     own: Mapping[str, str]
@@ -130,7 +132,7 @@ class Claim(OnLinkages):
 
     Attributes:
         compiled: the engines with n - m and with n + m unknowns.
-        step: [s].
+        step: length of the timed steps [s].
         rounds: number of rounds in each process.
         processes: number of processes, each with a race on every linkage.
     """
@@ -142,11 +144,13 @@ class Claim(OnLinkages):
 
 
 class RightHandSide(Section):
-    """One right-hand side, taken from the races.
+    """Ratios of the times of one right-hand side, from the races.
 
     Attributes:
-        own, rival, settings: engines, and the settings of the rival that are shown.
-        target: least ratio in loops, on the linkages `target_of`; target_of: names of these linkages.
+        own, rival: the compiled engine and its rival.
+        settings: names of the rival's settings.
+        target: least ratio in loops.
+        target_of: names of the linkages with this target.
     """
 
     own: str
@@ -167,7 +171,7 @@ class Bounds(Section):
 
 
 class Agreement(OnLinkages):
-    """Accelerations of compiled formulations against numpy.
+    """Comparison of the accelerations of compiled formulations with those in numpy.
 
     Attributes:
         states: number of random states.
@@ -179,10 +183,10 @@ class Agreement(OnLinkages):
 
 
 class Method(Section):
-    """Everything that is chosen but the step.
+    """An engine with its settings, integrator and stabilisation.
 
     Attributes:
-        engine, settings, integrator, stabilization: names, as the command line has them.
+        engine, settings, integrator, stabilization: names, as on the command line.
     """
 
     engine: str
@@ -192,24 +196,24 @@ class Method(Section):
 
 
 class Search(OnLinkages):
-    """The cheapest way of every engine to be as exact as required over the whole run, searched for among its variants.
+    """The search, among all variants of each engine, for the cheapest setting that holds a requirement over the whole run.
 
     Attributes:
-        engines: names; empty for all but the formulations in numpy.
-        own: engines to whose cheapest way ratios are taken.
-        until: [s] end of the runs; a shorter scenario ends as it does.
-        position, angle, force: the largest errors that are required [m], [rad], [N], one by one.
-        end: largest errors of positions at the last sample that are required [m].
-        budget: evaluations of one variant on one linkage.
-        most_steps: of a run: smaller steps are not tried.
-        steps_of: engine -> the same, of engines whose methods are of a lower order than others.
-        processes: that race what passed, one after the other.
-        rounds: of the race in each of them.
-        lead: [s] of a run at fixed steps that is timed; longer ones are cut and scaled.
-        aims: engine -> how many times as long as our own cheapest way its searched best should take, at least ...
-        aimed: ... at these requirements of position [m].
-        authors: paths of files of settings by engines' authors, beside those in their rooms.
-        brief: whether only the variants are searched that an engine tries first, of all engines of the suite, those in numpy too.
+        engines: names; empty for all engines except the formulations in numpy.
+        own: engines whose cheapest setting is the denominator of ratios.
+        until: end of the runs [s]; a shorter scenario ends earlier.
+        position, angle, force: requirements, each a largest error [m], [rad], [N].
+        end: requirements on the error of positions at the last sample [m].
+        budget: most evaluations of one variant on one linkage.
+        most_steps: most steps of a run.
+        steps_of: engine -> most steps of a run, for engines whose methods have a low order.
+        processes: number of processes that race, one after the other.
+        rounds: number of rounds in each process.
+        lead: time of a run at equal steps that is timed [s]; the time of a longer run is extrapolated.
+        aims: engine -> least ratio of the time of its cheapest setting to that of the cheapest own setting.
+        aimed: requirements on positions [m] at which `aims` count.
+        authors: paths of files of settings by engines' authors, besides those in the engines' folders.
+        brief: whether only the variants that an engine tries first are searched, and the formulations in numpy too.
     """
 
     engines: tuple[str, ...] = ()
@@ -235,11 +239,11 @@ class SameQuestions(OnLinkages):
     """The same questions to every engine: whether a run repeats bit by bit, joint forces, start and size.
 
     Attributes:
-        engines: names; empty for all engines, with those that can be installed and are not.
+        engines: names; empty for all engines, including those that can be installed and are not.
         redundant: linkages with redundant rows, whose accuracy cases the table shows too.
-        step, until: [s] of the runs.
-        processes: starts of each engine, one after the other.
-        position: [m] the accuracies at which the table shows the cost of each engine's searched best.
+        step, until: step and end of the runs [s].
+        processes: number of starts of each engine.
+        position: requirements [m] at which the table shows the cost of each engine's cheapest setting.
     """
 
     engines: tuple[str, ...] = ()
@@ -251,15 +255,17 @@ class SameQuestions(OnLinkages):
 
 
 class Batch(OnLinkages):
-    """Many trajectories at once.
+    """Times of many trajectories that are computed at once.
 
     Attributes:
-        states: trajectories.
-        step, step_count: [s] and how many of each trajectory.
-        own, rival, settings: engines, and the rival's settings.
-        rival_step_count: of each trajectory: fewer, which changes nothing in the time of one.
-        processes: that race, one after the other.
-        rounds: of the race in each of them.
+        states: number of trajectories.
+        step: length of a step [s].
+        step_count: number of steps of each trajectory.
+        own, rival: the compiled engine and its rival.
+        settings: the rival's settings.
+        rival_step_count: number of steps of the rival's trajectories, which may be fewer because the time of one step counts.
+        processes: number of processes that race, one after the other.
+        rounds: number of rounds in each process.
         targets: linkage -> least ratio.
     """
 
@@ -276,13 +282,13 @@ class Batch(OnLinkages):
 
 
 class Growth(Section):
-    """Right-hand sides of chains.
+    """Times of right-hand sides against the number of loops.
 
     Attributes:
-        sizes: windows.
-        rounds: of a race.
-        processes: how many; each races once at every number of windows.
-        large: windows from which on growth is told.
+        sizes: numbers of windows of the N-four-bar.
+        rounds: number of rounds of a race.
+        processes: number of processes; each races once at every size.
+        large: least size to which exponents are fitted.
     """
 
     sizes: tuple[Count, ...]
@@ -295,9 +301,10 @@ class LongRuns(OnLinkages):
     """Drift and energy of long runs with projection.
 
     Attributes:
-        duration, step: [s]; a second run takes half the step.
-        drift: [m, rad], [m/s, rad/s] largest residual.
-        order, margin: of the energy's error.
+        duration: of the runs [s].
+        step: of the first run [s]; a second run takes half the step.
+        drift: largest residual of positions [m, rad] and velocities [m/s, rad/s].
+        order, margin: least order of the energy's error is order - margin.
     """
 
     duration: Positive
@@ -308,13 +315,13 @@ class LongRuns(OnLinkages):
 
 
 class Turns(OnLinkages):
-    """Compiled kinematics over a turn.
+    """Times of compiled kinematics over a turn.
 
     Attributes:
-        samples: positions of a turn.
-        rounds: of a race.
-        processes: that race, one after the other.
-        targets: linkage -> least positions per second.
+        samples: number of positions of a turn.
+        rounds: number of rounds of a race.
+        processes: number of processes that race, one after the other.
+        targets: linkage -> least number of positions per second.
         error: largest relative error.
     """
 
@@ -326,20 +333,20 @@ class Turns(OnLinkages):
 
 
 class Geometry(OnLinkages):
-    """Kinematics three independent ways, and for `searched` linkages the searches for their assembly.
+    """Comparison of three independent methods of kinematics, and searches for the assembly.
 
     Attributes:
-        searched: names of these linkages.
+        searched: names of the linkages whose assembly is searched for.
     """
 
     searched: tuple[str, ...] = ()
 
 
 class Driving(OnLinkages):
-    """Torques that drive a turn, by every way listed.
+    """Errors of the torque that drives a linkage through a turn.
 
     Attributes:
-        step: [s].
+        step: of the runs [s].
         ways: engines with their settings.
     """
 
@@ -368,13 +375,13 @@ class Certificates(Section):
 
 
 class Suite(Section):
-    """A whole suite; sections may be told several times, and those of the suites named in `with` come first.
+    """A whole suite. A section may occur several times; the sections of the suites named in `with` come first.
 
     Attributes:
         format: edition of the grammar of suites.
         title: for the report.
         parts: names of suites to build on, or paths of their files; the key in a file is `with`.
-        hours: within which it ends on two cores that nobody else uses; what is interrupted goes on where it was.
+        hours: within which the suite ends on two idle cores; an interrupted run can be resumed.
     """
 
     format: Literal["gauss-bench-suite/1"]

@@ -1,1 +1,1 @@
-"""Measurements, one idea a file: each turns lines of a suite into tasks, and a task into rows of tables."""
+"""The measurements: each file turns parts of a suite into tasks, and each task returns rows of tables."""

@@ -1,4 +1,4 @@
-"""Accuracy: run cases and judge them against references, whose rows are kept too."""
+"""Run the accuracy cases and judge them against references, which have rows of their own."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import asdict
@@ -9,7 +9,7 @@ import numpy as np
 from gauss_bench.bench.cases import Case, as_asked, cases
 from gauss_bench.bench.measure import at_checkpoints, measure, mechanism_of, reference_of
 from gauss_bench.bench.poses import keep, play, true_poses
-from gauss_bench.bench.tasks import Context, Rows, Tables, Task, place_of
+from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, place_of
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.metrics import observed_order
 from gauss_bench.runs.apart import Alteration
@@ -18,29 +18,31 @@ from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import KEY
 from gauss_bench.terms import Array
 
-JUDGING = 20.0  # [s] beside the run, which has its own limit: for the reference and the metrics
+JUDGING = 20.0  # [s] for the reference and the metrics of a case, besides the limit of the run
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return the tasks of the references, which the cases share, then those of the cases."""
+    """Return the tasks of the references, which cases share, then those of the cases."""
     chosen = as_asked(cases(suite), context.until, context.steps)
     return tasks(chosen, context, play(chosen))
 
 
 def tasks(chosen: Sequence[Case], context: Context, posed: Collection[Case] = ()) -> list[Task]:
     """Return the tasks of cases and of their references; poses are kept for the cases in `posed`."""
-    wanted = dict.fromkeys((c.linkage, c.scenario, c.t_end) for c in chosen)
-    planned = [context.task("references", reference, (*x, context.store), *x[:2], t_end=x[2]) for x in sorted(wanted)]
+    tasks = []
+    for linkage, scenario, t_end in sorted({(c.linkage, c.scenario, c.t_end) for c in chosen}):
+        arguments: tuple[Any, ...] = (linkage, scenario, t_end, context.store)
+        tasks.append(context.task("references", reference, arguments, linkage, scenario, t_end=t_end))
     for case in chosen:
         names = {k: x for k, x in asdict(case).items() if k not in ("linkage", "scenario")}
         arguments = (case, context.store, context.alter, context.limit, case in posed)
         task = context.task("results", accuracy, arguments, case.linkage, case.scenario, **names)
-        planned.append(task._replace(limit=task.limit + JUDGING) if is_isolated(case.engine) else task)
-    return planned
+        tasks.append(task._replace(limit=task.limit + JUDGING) if is_isolated(case.engine) else task)
+    return tasks
 
 
 def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
-    """Return the row of a reference and its poses; the reference itself is kept in the folder `store`."""
+    """Return the row of a reference until `t_end` [s] and the rows of its poses; the reference is kept in the folder `store`."""
     mechanism = mechanism_of(linkage, scenario)
     truth = reference_of(linkage, scenario, t_end, store)
     place = place_of(mechanism) | {"t_end": t_end}
@@ -57,12 +59,11 @@ def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
 
 
 def accuracy(case: Case, store: str, alter: Alteration, limit: float, posed: bool = False) -> Tables:
-    """Return the row of a case, and its curves and poses for the report."""
-    mechanism = mechanism_of(case.linkage, case.scenario)
-    key = {k: x for k, x in asdict(case).items() if k in KEY} | place_of(mechanism)
+    """Return the row of a case, and the rows of its curves and poses for the report; the arguments are those of `measure`."""
+    key = {k: x for k, x in asdict(case).items() if k in KEY} | place_of(mechanism_of(case.linkage, case.scenario))
     measured = measure(case, store, alter, limit, posed)
-    curves = {table: [key | point for point in measured[table]] for table in ("series", "poses")}
-    return {"results": [key | measured["row"]], **curves}
+    series, poses = ([key | row for row in rows] for rows in (measured.series, measured.poses))
+    return {"results": [key | measured.row], "series": series, "poses": poses}
 
 
 def complete(suite: Suite, tables: Tables) -> None:
@@ -72,16 +73,17 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 
 def in_order(row: dict[str, Any]) -> tuple[Any, ...]:
-    """Return the sort key of a row: its key columns, with larger steps first."""
+    """Return the values by which a row is sorted: its key columns, with larger steps first."""
     return (*(row[k] for k in KEY[:6]), -row["step"], row["t_end"])
 
 
 def with_orders(rows: Rows) -> Rows:
-    """Fill in `observed_order`, from the error of the measured coordinate at the last checkpoint that a run reached."""
-    groups: dict[tuple[Any, ...], Rows] = {}
-    for row in rows:
-        groups.setdefault(tuple(row[k] for k in KEY if k != "step"), []).append(row)
-    for group in groups.values():
+    """Fill in `observed_order` of rows sorted by `in_order`, and return the rows.
+
+    The order follows from the error of the measured coordinate at the last checkpoint that any run of the group reached. Rows of a
+    group differ in their step alone.
+    """
+    for group in group_by(rows, *(k for k in KEY if k != "step")).values():
         steps, floors = _numbers(group, "step"), np.nan_to_num(_numbers(group, "position_error_bar"))
         errors = [_numbers(group, f"measured_error_{at}") for at in ("t2", "t1", "t05")]
         known = [x for x in errors if not np.isnan(x).all()]
@@ -92,5 +94,5 @@ def with_orders(rows: Rows) -> Rows:
 
 
 def _numbers(rows: Rows, column: str) -> Array:
-    """Return a column (k,) as numbers, NaN where a row has none."""
+    """Return a column of k rows as numbers (k,); NaN for a row without a number."""
     return np.array([np.nan if row.get(column) is None else row[column] for row in rows], dtype=float)

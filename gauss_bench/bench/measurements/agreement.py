@@ -1,9 +1,9 @@
 """Compare the accelerations of compiled formulations with those of the same formulations in numpy.
 
-The states are random, or close to positions at which a choice of independent coordinates fails: dead centres, where a link or
-slide reverses, and the change points of a parallelogram, where all bars lie in one line and the constraint rows lose rank. At a
-distance d from a change point every formulation loses digits, as the condition number grows like 1/d; the difference between two
-formulations in numpy shows how many digits are left.
+The states are random, or close to positions at which a choice of independent coordinates fails: dead centres, where a link or slide
+reverses, and the change points of a parallelogram, where all bars lie in one line and the constraint rows lose rank. Near a change
+point every formulation loses digits, because the condition number grows like the inverse of the distance. The difference between
+two formulations in numpy shows how many digits are left.
 """
 
 from collections.abc import Iterator
@@ -31,8 +31,8 @@ from gauss_bench.trajectory import Status
 RANDOM = "random states"
 CENTRES = "dead centres"
 FOLDED = {"parallelogram": (0.0, np.pi)}  # [rad] crank angles at which all its bars lie in one line
-OFFSETS = {CENTRES: (0.0, 1e-9, 1e-6, 1e-3), "change points": (1e-6, 1e-4, 1e-2)}  # [rad] of the crank
-SPEED = 10.0  # [rad/s] of the crank there
+OFFSETS = {CENTRES: (0.0, 1e-9, 1e-6, 1e-3), "change points": (1e-6, 1e-4, 1e-2)}  # [rad] of the crank from these positions
+SPEED = 10.0  # [rad/s] of the crank at these positions
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
@@ -41,7 +41,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def agreement(linkage: str, scenario: str, part: Agreement) -> Tables:
-    """Return one row for each formulation and kind of state: the largest relative difference."""
+    """Return one row for each kind of state and formulation, with the largest relative difference."""
     mechanism = load(linkage, scenario or None)
     rows = []
     for place, q, v in places(mechanism, part.states):
@@ -52,59 +52,59 @@ def agreement(linkage: str, scenario: str, part: Agreement) -> Tables:
 
 
 def places(mechanism: Mechanism, count: int) -> Iterator[tuple[str, Array, Array]]:
-    """Yield the name of a kind of states, and consistent states q, v (k, n) of that kind."""
+    """Yield the name of each kind of states, and consistent states q, v (k, n) of that kind; `count` of them are random."""
     states = random_states(mechanism, count)
     yield RANDOM, states.q, states.v
     motion = MinimalCoordinate(mechanism)
-    for name, cranks in _singular(mechanism):
-        for offset in OFFSETS[name]:
-            angles = np.array([crank + side * offset for crank in cranks for side in ((-1, 1) if offset else (1,))])
-            q, v, _ = exact_motion(motion, np.sort(angles), SPEED)
-            yield f"{name}, {offset:g} rad off" if offset else name, q, v
+    name, cranks = _singular(mechanism)
+    for offset in OFFSETS[name] if cranks else ():
+        angles = np.unique([crank + side * offset for crank in cranks for side in (-1, 1)])
+        q, v, _ = exact_motion(motion, angles, SPEED)
+        yield f"{name}, {offset:g} rad off" if offset else name, q, v
 
 
-def _singular(mechanism: Mechanism) -> Iterator[tuple[str, list[float]]]:
-    """Yield crank angles [rad] of dead centres or of change points, with their name."""
+def _singular(mechanism: Mechanism) -> tuple[str, list[float]]:
+    """Return the name of a kind of singular positions and their crank angles [rad], of which there may be none."""
     if mechanism.name in FOLDED:
-        yield "change points", list(FOLDED[mechanism.name])
-        return
+        return "change points", list(FOLDED[mechanism.name])
     try:
         positions = singular_positions(mechanism)
     except ChangePoint:
-        return
-    cranks = sorted({round(s.crank, 12): s.crank for s in positions if s.kind == "dead centre"}.values())
-    if cranks:
-        yield CENTRES, cranks
+        return CENTRES, []
+    return CENTRES, sorted({round(s.crank, 12): s.crank for s in positions if s.kind == "dead centre"}.values())
 
 
 def differences(mechanism: Mechanism, formulation: str, q: Array, v: Array) -> Row:
-    """Return the errors of the kernel, and of the other formulation in numpy, against the same formulation in numpy.
+    """Return columns: the errors of the kernel and of another formulation in numpy, and the formulation in numpy they are against.
+
+    The states are q, v (k, n). The kernel is called for one state and for all at once, and the larger error counts.
 
     Raises:
-        Missing, RunFailure: one of them has no accelerations.
+        Missing, RunFailure: the kernel or a formulation has no accelerations.
     """
+    against, another = judges(mechanism, formulation)
     try:
         kernel = compile_kernel(mechanism, formulation)
-        true, other = (_accelerations(mechanism, name, q, v) for name in judges(mechanism, formulation))
     except KernelError as error:
         raise Missing(Status.ERROR, str(error)) from error
+    true = _accelerations(mechanism, against, q, v)
+
+    def worst(a: Array) -> float:
+        return float(metrics.relative_acceleration_error(a, true).max())
+
     single = np.array([kernel.acceleration(*x) for x in zip(q, v, strict=True)])
-    many = kernel.acceleration(q, v)
-    errors = {"error": max(_worst(single, true), _worst(many, true)), "numpy_error": _worst(other, true)}
-    return errors | {"against": judges(mechanism, formulation)[0]}
+    errors = {"error": max(worst(single), worst(kernel.acceleration(q, v)))}
+    return errors | {"numpy_error": worst(_accelerations(mechanism, another, q, v)), "against": against}
 
 
 def judges(mechanism: Mechanism, formulation: str) -> tuple[str, str]:
-    """Return the two formulations in numpy that a kernel is compared with; with redundant rows, those that admit them."""
+    """Return the two formulations in numpy that a kernel is compared with; if rows are redundant, those that take them."""
     if mechanism.redundant:
         return "gauss", "udwadia_kalaba"
     return ("gauss", "lagrange") if formulation == "gauss" else ("lagrange", "gauss")
 
 
 def _accelerations(mechanism: Mechanism, name: str, q: Array, v: Array) -> Array:
+    """Return the accelerations (k, n) of a formulation in numpy at states q, v (k, n)."""
     model = get(name).build(mechanism, Choice())
     return np.array([model.acceleration(0.0, *x) for x in zip(q, v, strict=True)])
-
-
-def _worst(accelerations: Array, true: Array) -> float:
-    return float(metrics.relative_acceleration_error(accelerations, true).max())

@@ -1,8 +1,8 @@
-"""Time thousands of trajectories on one core: the vector lanes of the kernel against MuJoCo's rollout on one thread.
+"""Time thousands of trajectories on one core: the vector lanes of the kernel against a rival's loop on one thread.
 
-The trajectories start at random states on the constraints, with crank speeds up to 30 rad/s in either direction. MuJoCo takes fewer
-steps from the same states, which does not change the time of a step. Some trajectories are run again by the kernel for a single
-trajectory, to check that lanes do not affect each other.
+The trajectories start at random states on the constraints, with crank speeds up to 30 rad/s in either direction. The rival takes
+fewer steps from the same states, which does not change the time of a step. Some trajectories are run again by the kernel for a
+single trajectory, to check that lanes do not affect each other.
 """
 
 from collections.abc import Callable, Iterator
@@ -36,16 +36,15 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 def race_batch(linkage: str, scenario: str, part: Batch, race: Callable[..., Any] = race_survivors) -> Tables:
     """Race the suite's batch of trajectories against a rival's in several processes, and return the row of the linkage.
 
-    A time is that of one step of one trajectory.
-
-    If an engine crashes or hangs in a process, the row has that reason instead of times.
+    A time is that of one step of one trajectory. If an engine crashes or hangs in a process, the row has that reason instead of
+    times. `race` is `race_survivors`, or `race_here` in tests.
     """
     mechanism = load(linkage, scenario or None)
     start: Row = place_of(mechanism) | {"states": part.states, "steps": part.step_count}
     start |= {"rival": part.rival, "settings": part.settings, "rival_steps": part.rival_step_count}
-    own, rival = keys = list_keys(part)
-    engines = [x.engine for x in keys]
-    measured = race_processes(race, entries, (linkage, scenario, part), part.rounds, engines, part.processes)
+    own, rival = list_keys(part)
+    arguments = (linkage, scenario, part)
+    measured = race_processes(race, entries, arguments, part.rounds, [own.engine, rival.engine], part.processes)
     found = row(start, lambda: measured.compare(own, rival) | measured.facts.get(own, {}))
     return {"kernel_batch": [at_least(found, "ratio", part.targets.get(mechanism.name))]}
 
@@ -56,7 +55,10 @@ def list_keys(part: Batch) -> tuple[Key, Key]:
 
 
 def entries(linkage: str, scenario: str, part: Batch) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Yield both entries, from the same states in a fixed random order: in order of the angle, adjacent lanes would be alike."""
+    """Yield the keys of both entries, and the functions that make their blocks from the same states.
+
+    The states have a fixed random order: in the order of the crank's angle, adjacent lanes would be alike.
+    """
     mechanism = load(linkage, scenario or None)
     states = random_states(mechanism, part.states)
     order = np.random.default_rng(1).permutation(len(states.q))
@@ -65,16 +67,19 @@ def entries(linkage: str, scenario: str, part: Batch) -> Iterator[tuple[Key, Cal
 
 
 def make(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, steps: int) -> Block:
-    """Return a block of `steps` steps of all trajectories from the states q, v (k, n)."""
+    """Return the block of the engine of `key`: a number of steps of all trajectories from the states q, v (k, n)."""
     model: Any = get(key.engine).build(mechanism, Choice(key.settings, "rk4", "none", part.step))
     block = lasting(key, ask(model, "batch")(q, v, steps), steps * len(q))
     return replace(block, facts=partial(check_lanes, model, q, v, steps)) if key.engine == part.own else block
 
 
 def check_lanes(model: Any, q: Array, v: Array, steps: int) -> Row:
-    """Return the largest difference between positions in lanes and alone [m, rad], and how many trajectories failed in lanes."""
+    """Return columns: the number of lanes, the largest difference of ends between lanes and single runs [m, rad], and the failures.
+
+    The model runs `steps` steps from the states q, v (k, n); `lost` is the number of trajectories that failed in lanes.
+    """
     ends = ask(model, "batch")(q, v, steps)()
-    lost = model.kernel.lost
+    lost = model.kernel.lost  # read before the single runs overwrite it
     some = np.linspace(0, len(q) - 1, min(CHECKED, len(q))).astype(int)
     alone = np.array([ask(model, "batch")(q[k], v[k], steps)() for k in some])
     return {"lanes": model.kernel.lanes, "lanes_error": float(np.abs(ends[some] - alone).max()), "lost": lost}

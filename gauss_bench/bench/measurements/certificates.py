@@ -1,4 +1,4 @@
-"""Certificates by the dozen: made for every built-in scenario, verified in workers, and as rows of a table."""
+"""Make and verify the certificates of all built-in scenarios in workers, and describe each in a row of a table."""
 
 import hashlib
 import sys
@@ -10,18 +10,12 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from gauss_bench.bench.tasks import PAUSE, Context, Rows, Tables, Task, finish, gather, place_of
+from gauss_bench.bench.tasks import PAUSE, Context, Rows, Tables, Task, finish, place_of
 from gauss_bench.engines import not_installed
 from gauss_bench.linkage.load import SINGLE, built_in, built_in_folder, document_of, load
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.certificate import (
-    Certificate,
-    CertificateError,
-    certificate_path,
-    check_holds,
-    read_certificate,
-)
+from gauss_bench.reference.certificate import Certificate, CertificateError, certificate_path, check_holds, read_certificate
 from gauss_bench.reference.certify import DIGITS, Uncertified, certify, write_certificate
 from gauss_bench.reference.verification import verify
 from gauss_bench.runs.offers import duration
@@ -29,8 +23,8 @@ from gauss_bench.suites.schema import Suite
 
 TABLE = "certificates"
 LIMIT = 3600.0  # [s] for one certificate on a slow core
-CLOSED_FORMS = (*SINGLE, "n_four_bar_2")  # generated linkages whose certificates show the pipelines against the exact motion
-LONGER = {("crank_slider", "paper"): 10.0}  # [s] the paper's own example is shown until it runs steadily
+CLOSED_FORMS = (*SINGLE, "n_four_bar_2")  # generated linkages whose certificates compare both computations with a closed form
+LONGER = {("crank_slider", "paper"): 10.0}  # [s] end of the paper's own example, which runs steadily by then
 
 
 def certify_one(
@@ -41,13 +35,19 @@ def certify_one(
     out: Path | None = None,
     told: Callable[[str], object] = lambda sentence: None,
 ) -> dict[str, Any]:
-    """Certify a linkage, write the file, and say what it vouches for; `status` is "ok" or "failed" with a message.
+    """Certify a linkage, write the file `out`, and return the row of the certificate, with status "ok" or "failed" and a message.
 
-    `told` is called when it begins and, if stderr is no terminal, every PAUSE seconds with the time reached.
+    Args:
+        linkage, scenario: name or path of the linkage, and one of its scenarios; the first one that has a start if not given.
+        digits: digits that the certificate should guarantee.
+        until: end of the motion [s]; that of the scenario if not given.
+        out: no file is written if not given.
+        told: called with a sentence at the start and, if stderr is no terminal, with the time reached every PAUSE seconds.
 
     Raises:
         LinkageError: the linkage file has faults.
-        CertificateError: digits or an end that make no sense; ChoiceError: an end that is too far away.
+        CertificateError: the digits or the end cannot be used.
+        ChoiceError: the end is too far away.
     """
     if not 1 <= digits <= 16:
         raise CertificateError(f"--digits must be from 1 to 16, the digits of a double, not {digits}")
@@ -56,14 +56,15 @@ def certify_one(
     mechanism = load(linkage, scenario)
     end = duration(mechanism.duration, until=until)
     told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: two independent computations")
-    started = said = time.perf_counter()
+    started = last_line = time.perf_counter()
     shape = "{desc} {bar} {n:.3g}/{total:.3g} s"
     with tqdm(total=end, disable=not sys.stderr.isatty(), file=sys.stderr, bar_format=shape) as bar:
 
         def report(stage: str, t: float) -> None:
-            nonlocal said
-            if bar.disable and time.perf_counter() - said > PAUSE:
-                said = time.perf_counter()
+            """Show that a stage of the computation has reached the time t [s] of the motion."""
+            nonlocal last_line
+            if bar.disable and time.perf_counter() - last_line > PAUSE:
+                last_line = time.perf_counter()
                 told(f"{stage}: {t:.3g} of {end:.3g} s")
             bar.set_description(stage, refresh=False)
             bar.n = t
@@ -80,14 +81,14 @@ def certify_one(
 
 
 def describe(certificate: Certificate, mechanism: Mechanism) -> dict[str, Any]:
-    """Return the row of a certificate: what it vouches for."""
+    """Return the row of a certificate: its guaranteed digits, its error bars at the end, and how it was computed."""
     c = certificate
     row: dict[str, Any] = {"status": "ok", "message": c.stopped, "mechanism": c.name, "scenario": c.scenario}
     row |= {"digits": c.digits, "until": c.until, "duration": c.duration, "complete": c.until >= c.duration * (1 - 1e-12)}
     for bar in ("error_q", "error_v", "error_a", "error_multipliers", "floor_q", "floor_v", "floor_a"):
         known = getattr(c, bar)[np.isfinite(getattr(c, bar))]
         row[bar] = float(known[-1]) if len(known) else None
-    if not c.multipliers.size:
+    if not c.multipliers.size:  # a linkage without constraints
         row["error_multipliers"] = None
     row |= {
         "measured": mechanism.measured.name,
@@ -104,7 +105,7 @@ def describe(certificate: Certificate, mechanism: Mechanism) -> dict[str, Any]:
 
 
 def scenarios_to_certify() -> list[tuple[str, str]]:
-    """Return linkage and scenario of everything the suite has a certificate for; dry friction cannot be certified."""
+    """Return linkage and scenario of every certificate of the suite; dry friction cannot be certified."""
     pairs = [(name, scenario) for name in (*built_in(), *CLOSED_FORMS) for scenario in document_of(name)[0]["scenarios"]]
     wanted = [(name, scenario) for name, scenario in pairs if name in built_in() or scenario != "driven"]
     return [place for place in wanted if not load(*place).has_friction]
@@ -116,27 +117,32 @@ def certify_built_in(jobs: int = 2) -> list[dict[str, Any]]:
 
 
 def _task(place: tuple[str, str], function: Callable[..., Tables], arguments: tuple[str, ...]) -> Task:
-    """Return a task that fills the table of certificates; its row says why if it fails."""
+    """Return the task function(*arguments), whose rows are those of a certificate; `place` is its linkage and scenario."""
     start = dict(zip(("mechanism", "scenario"), place, strict=True))
     return Task("|".join((*place, *arguments)), function, arguments, "", TABLE, start, LIMIT)
 
 
 def _certify_in_place(name: str, scenario: str) -> Tables:
+    """Make the certificate of a built-in linkage in the folder where the suite reads it; return its row."""
     path = certificate_path(load(name, scenario))
     return {TABLE: [certify_one(name, scenario, until=LONGER.get((name, scenario)), out=path)]}
 
 
 def verify_all(files: list[Path], linkage: str | None = None, jobs: int = 2) -> list[dict[str, Any]]:
-    """Verify certificate files, or those of the suite; return a row for each.
+    """Verify certificate files, or those of the suite if there are none; return a row for each.
+
+    Args:
+        linkage: name or path of the linkage of all files; if not given, each file belongs to the linkage that it names.
+        jobs: number of files that are verified at the same time.
 
     Raises:
         CertificateError: a file is missing, damaged or holds for another linkage.
     """
-    files = files or [path for place in scenarios_to_certify() if (path := certificate_path(load(*place))) is not None]
+    files = files or [path for path in (certificate_path(load(*place)) for place in scenarios_to_certify()) if path]
     tasks = []
     for path in files:
         certificate = read_certificate(path)
-        beside = path.resolve().parent.parent / f"{certificate.name}.toml"  # else it is built in, or generated
+        beside = path.resolve().parent.parent / f"{certificate.name}.toml"  # a user's linkage; others are built in or generated
         owner = linkage or (str(beside) if beside.is_file() else certificate.name)
         check_holds(certificate, load(owner, certificate.scenario), path)
         tasks.append(_task((certificate.name, certificate.scenario), _verify, (str(path), owner)))
@@ -144,6 +150,7 @@ def verify_all(files: list[Path], linkage: str | None = None, jobs: int = 2) -> 
 
 
 def _verify(path: str, linkage: str) -> Tables:
+    """Verify the certificate in a file as one of a linkage; return its row."""
     certificate = read_certificate(Path(path))
     verification = verify(certificate, load(linkage, certificate.scenario))
     names = {"mechanism": certificate.name, "scenario": certificate.scenario}
@@ -160,29 +167,27 @@ def certificates_digest() -> str:
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for the whole table, which only reads."""
+    """Return one task for the whole table, because reading certificates takes little time."""
     return [context.task(part.table, certificate_table, ()) for part in suite.certificates]
 
 
 def certificate_table() -> Tables:
-    """Return a row for every scenario of the suite: its certificate, or why it has none."""
+    """Return a row for every scenario of `scenarios_to_certify`: its certificate, or why it has none."""
     rows = []
     for name, scenario in scenarios_to_certify():
         mechanism = load(name, scenario)
         path = certificate_path(mechanism)
-        row: dict[str, Any] = {"status": "failed", "mechanism": name, "scenario": scenario}
         try:
             if path is None:
                 raise CertificateError("no place for a certificate")
             certificate = read_certificate(path)
             check_holds(certificate, mechanism, path)
-            row = describe(certificate, mechanism)
+            rows.append(describe(certificate, mechanism))
         except CertificateError as error:
-            row["message"] = str(error)
-        rows.append(row)
+            rows.append({"status": "failed", "mechanism": name, "scenario": scenario, "message": str(error)})
     return {TABLE: rows}
 
 
 def _rows(tasks: list[Task], jobs: int) -> Rows:
-    """Run tasks and return their rows, in order; a worker that was lost has a row with its reason."""
-    return gather(finish(tasks, jobs, "certificates").values()).get(TABLE, [])
+    """Run tasks and return their rows of TABLE, in order; a task whose worker crashed has a row with the reason."""
+    return finish(tasks, jobs, "certificates").get(TABLE, [])

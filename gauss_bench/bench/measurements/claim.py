@@ -3,14 +3,17 @@
 Both formulations use the same elimination, the same search for pivots and the same code generator, and they race in one process: a
 step of one trajectory, a step with projection, and a step in a batch. Every race is repeated in several processes, because the
 addresses of code and data change the ratio by a few per cent and stay the same in one process. The ratio is the median over the
-processes; its spread covers the ratio of a second race (`clock.foreseen`). The verdict is "open" where the spread covers 1.
+processes, and its spread covers the ratio of a second race (`clock.foreseen`). The verdict is "open" if the spread covers 1.
 
-Operations, divisions and the longest chain of dependent operations are those of one acceleration with its checks of pivots.
+The table also counts operations, divisions and the longest chain of dependent operations of one acceleration with its checks of
+pivots.
 """
 
 import math
 import statistics
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -19,7 +22,7 @@ from gauss_bench.bench.clock import Key, Row, foreseen, gather_rounds, row
 from gauss_bench.bench.measurements import cost
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE
 from gauss_bench.bench.survived import race_survivors
-from gauss_bench.bench.tasks import Context, Rows, Tables, Task, patient, place_of
+from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, patient, place_of
 from gauss_bench.compiler.elimination.program import known_program
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.linkage.load import load
@@ -29,12 +32,13 @@ from gauss_bench.trajectory import Status
 
 FORMULATIONS = ("gauss", "lagrange")
 STEP, PROJECTED, LANES = "step", "projected", "batch"
-COLUMNS = {STEP: "", PROJECTED: "projected_", LANES: "batch_"}  # what is raced -> how its columns begin
+# what is raced -> the beginning of the names of its columns; the timed quantity and the stabilisation
+COLUMNS = {STEP: "", PROJECTED: "projected_", LANES: "batch_"}
 QUANTITIES = {STEP: (NATIVE, "none"), PROJECTED: (NATIVE, "projection"), LANES: (BATCH, "none")}
 
 
 def pairs(part: Claim) -> dict[str, list[Key]]:
-    """Return what is timed -> the keys of the two entries: with n - m unknowns, and with n + m."""
+    """Return what is raced -> the keys of the two entries: with n - m unknowns, and with n + m."""
     return {
         what: [Key(quantity, engine, stabilization=stabilization) for engine in part.compiled]
         for what, (quantity, stabilization) in QUANTITIES.items()
@@ -48,40 +52,44 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def count(linkage: str, scenario: str) -> Tables:
-    """Count unknowns and operations of both formulations; one that cannot be compiled has no operations."""
+    """Return one row with the counts of unknowns and operations of both formulations.
+
+    A formulation that cannot be compiled has no count of operations.
+    """
     mechanism = load(linkage, scenario or None)
     rows = mechanism.n - mechanism.dof
     start: Row = place_of(mechanism) | {"n": mechanism.n, "rows": rows}
     start |= {"unknowns_gauss": mechanism.dof, "unknowns_lagrange": mechanism.n + rows}
     for formulation in FORMULATIONS:
-        try:
+        with suppress(KernelError):  # the row of the race has the reason
             counted = known_program(mechanism, formulation, (), None, None).acceleration.costs
-        except KernelError:
-            continue  # the row of the race has the reason
-        start |= {f"{x}_{formulation}": getattr(counted, x) for x in ("operations", "divisions", "critical")}
+            start |= {f"{x}_{formulation}": getattr(counted, x) for x in ("operations", "divisions", "critical")}
     return {"kernel_claim": [start]}
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return a race for each linkage and process; the processes of a linkage lie apart in time."""
-    tasks = [
-        context.task("claim_races", race_claim, (*place, part.model_copy(update={"linkages": {}}), number), *place, process=number)
-        for part in suite.claim
-        for number in range(part.processes)
-        for place in part.linkages.items()
-    ]
-    return list(map(patient, tasks))
+    """Return a race for each linkage and process; the processes of a linkage are separated in time."""
+    tasks = []
+    for part in suite.claim:
+        asked = part.model_copy(update={"linkages": {}})
+        for number, place in product(range(part.processes), part.linkages.items()):
+            task = context.task("claim_races", race_claim, (*place, asked, number), *place, process=number)
+            tasks.append(patient(task))
+    return tasks
 
 
 def race_claim(linkage: str, scenario: str, part: Claim, number: int, race: Callable[..., Any] = race_survivors) -> Tables:
-    """Return the rows of one race: the times of both formulations, and the ratio of n + m to n - m unknowns."""
+    """Return the rows of one race: the times of both formulations, and the ratio of n + m to n - m unknowns.
+
+    `number` is that of the process; `race` is `race_survivors`, or `race_here` in tests.
+    """
     start: Row = place_of(load(linkage, scenario or None)) | {"process": number}
     measured = gather_rounds(race(entries, (linkage, scenario, part), part.rounds, part.compiled))
     return {"claim_races": [row(start | {"what": what}, measured.compare, *pair) for what, pair in pairs(part).items()]}
 
 
 def entries(linkage: str, scenario: str, part: Claim) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Return the entries of the race of costs that `pairs` names."""
+    """Yield the entries of the race of costs whose keys `pairs` names, each with the function that makes its block."""
     wanted = [key for pair in pairs(part).values() for key in pair]
     asked = Cost(linkages={}, engines=part.compiled, integrators=1, step=part.step, rounds=part.rounds, batch=part.compiled)
     return ((key, make) for key, make in cost.entries(linkage, scenario, asked) if key in wanted)
@@ -89,15 +97,15 @@ def entries(linkage: str, scenario: str, part: Claim) -> Iterator[tuple[Key, Cal
 
 def complete(suite: Suite, tables: Tables) -> None:
     """Fill in the ratios and verdicts."""
-    races = tables.get("claim_races", [])
-    for number, start in enumerate(tables.get("kernel_claim", [])):
-        here = [r for r in races if (r["mechanism"], r["scenario"]) == (start["mechanism"], start["scenario"])]
-        tables["kernel_claim"][number] = claim_row(start, here)
+    races = group_by(tables.get("claim_races", []), "mechanism", "scenario")
+    rows = tables.get("kernel_claim", [])
+    rows[:] = [claim_row(start, races.get((start["mechanism"], start["scenario"]), [])) for start in rows]
 
 
 def claim_row(start: Row, races: Rows) -> Row:
-    """Return the row of a linkage: the median of each ratio over its races, the spread, and the verdict."""
+    """Return the row of a linkage: `start`, and the median of each ratio over its races with the spread and the verdict."""
     columns: Row = {"status": str(Status.SKIP), "message": "no step was timed"}
+    # a race that failed as a whole has a row that does not say what was raced
     if failed := next((r for r in races if r["status"] != Status.OK and r.get("what") in (STEP, None, "")), None):
         columns = {x: failed[x] for x in columns}
     columns = start | columns | {"processes": 0}
@@ -114,7 +122,7 @@ def claim_row(start: Row, races: Rows) -> Row:
 
 
 def verdict(low: float, high: float) -> str:
-    """Decide whether fewer unknowns are faster, from the spread of the time with many over that with few."""
+    """Decide whether fewer unknowns are faster, from the ends of the spread of the ratio: time with many over time with few."""
     if low > 1.0:
         return "holds"
     return "reversed" if high < 1.0 else "open"

@@ -1,12 +1,20 @@
 """Measure costs on a linkage in one interleaved race, and fill in the cost columns of the results.
 
-The entries of each engine at its variants are a model and its first step ("build"), an acceleration called from Python
-("acceleration"), a step called from Python ("step") and a step in the engine's own loop ("native_step"). Some engines also have the
-bare library call ("bare call"), the cost of calling alone ("empty call") and steps of many trajectories at once ("batch step"). The
-processor's latency and rate may take part. Every other table of times on these linkages is computed from the same samples, so that
-a quantity has one value.
+The timed quantities of each engine, in each combination of settings, integrator and stabilisation, are
 
-A "cold build" is the first model in a new process with no generated code stored; for a "build" all generated code is stored.
+    build           a model and its first step, with all generated code stored
+    acceleration    an acceleration, called from Python
+    step            a step, called from Python
+    native_step     a step in the engine's own loop
+    bare call       a call of the engine's library, for some engines
+    empty call      the cost of a call alone, for the same engines
+    batch step      a step of one of many trajectories that are computed at once, for some engines
+
+The processor's latency and rate may take part. Every other table of times on these linkages is computed from the same samples, so
+that a quantity has one value.
+
+Two further quantities are timed in a new process each. A "cold build" is the first model and its first step, with no generated code
+stored. A "start" is the same with the import of the engine's library and with stored code.
 """
 
 from collections.abc import Callable, Iterator
@@ -16,25 +24,25 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.cases import variants
-from gauss_bench.bench.clock import Key, Measured, gather_rounds, key_of, ratio, time_of
+from gauss_bench.bench.cases import combinations
+from gauss_bench.bench.clock import Key, Measured, gather_rounds, key_of, ratio_columns, time_of
 from gauss_bench.bench.measurements.processor import PROCESSOR, processor
 from gauss_bench.bench.survived import race_survivors
-from gauss_bench.bench.tasks import LIMIT, Context, Rows, Tables, Task, patient, place_of
+from gauss_bench.bench.tasks import LIMIT, LOST, Context, Rows, Tables, Task, patient, place_of
 from gauss_bench.engines import environment_of, get, names
 from gauss_bench.engines.base import Choice, Engine, ask
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.blocks import Block, accelerating, block_elsewhere, lasting, stepping
 from gauss_bench.runs.offers import offer
-from gauss_bench.runs.starting import build_model, cold_there, first_step, time_start
+from gauss_bench.runs.starting import build_model, cold_there, first_step, start_there, time_start
 from gauss_bench.suites.schema import Cost, Suite
-from gauss_bench.trajectory import Status
 
 BASELINE = "gauss"  # costs are ratios to this engine: Gauss's principle as its authors wrote it
 BUILD, ACCELERATION, STEP, NATIVE = "build", "acceleration", "step", "native_step"
-COLD = "cold build"
 BARE, EMPTY, BATCH = "bare call", "empty call", "batch step"
+COLD, START = "cold build", "start"
+IN_NEW_PROCESS = {COLD: cold_there, START: start_there}
 TRAJECTORIES = 128  # in a batch: enough that the call from Python is negligible
 BATCH_STEPS = 200  # of each trajectory
 
@@ -44,10 +52,10 @@ Make = Callable[[], Block]
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """Return a race for each linkage and process, and the cold builds.
 
-    Engines that crashed or hung on a linkage do not race there. The processes of a linkage lie apart in time, so that a disturbance
-    of a minute affects few of them.
+    Engines that crashed or hung on a linkage do not race there. The processes of a linkage are separated in time, so that a
+    disturbance of a minute affects few of them.
     """
-    lost = {(r["mechanism"], r["engine"]) for r in tables.get("results", []) if r["status"] in (Status.CRASHED, Status.TIMEOUT)}
+    lost = {(r["mechanism"], r["engine"]) for r in tables.get("results", []) if r["status"] in LOST}
     tasks = []
     for part in suite.cost:
         for number, (linkage, scenario) in product(range(part.processes), part.linkages.items()):
@@ -57,16 +65,27 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
             task = context.task("untimed", race_cost, (linkage, scenario, chosen, number), linkage, scenario)
             tasks.append(patient(task))
     for cold in suite.cold_builds:
-        for place, engine in product(cold.linkages.items(), filter(lambda x: offer(x).usable, cold.engines)):
-            arguments = (*place, engine, cold.step)
-            tasks.append(context.task("untimed", first_build, arguments, *place, engine=engine, quantity=COLD))
+        for place, engine in product(cold.linkages.items(), cold.engines):
+            if offer(engine).usable:
+                tasks.append(task_of_first_step(context, place, engine, cold.step, COLD))
     return tasks
+
+
+def task_of_first_step(context: Context, place: tuple[str, str], engine: str, step: float, quantity: str, number: int = 0) -> Task:
+    """Return the task that calls `time_first_step` for a linkage and scenario."""
+    arguments = (*place, engine, step, quantity, number)
+    return context.task("untimed", time_first_step, arguments, *place, engine=engine, quantity=quantity)
 
 
 def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0, race: Callable[..., Any] = race_survivors) -> Tables:
     """Return rows with the seconds of every entry in every round, and rows with the reasons of entries without times.
 
-    An engine that crashes or hangs has the reason at each of its entries.
+    If an engine crashes or hangs, each of its entries has the reason.
+
+    Args:
+        part: names the engines that race.
+        number: of the process.
+        race: `race_survivors`, or `race_here` in tests.
     """
     start = place_of(load(linkage, scenario or None))
     rows = race(entries, (linkage, scenario, part), part.rounds, (*part.engines, PROCESSOR))
@@ -75,28 +94,30 @@ def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0, race: Ca
 
 
 def entries(linkage: str, scenario: str, part: Cost) -> Iterator[tuple[Key, Make]]:
-    """Yield the entries of a race, each with the function that makes its block."""
+    """Yield the key of each entry of a race, and the function that makes its block."""
     mechanism = load(linkage, scenario or None)
     for name in part.engines:
         offered = offer(name)
-        for chosen in variants(offered, part.integrators, name in part.plain):
+        for chosen in combinations(offered, part.integrators, name in part.plain):
+            if chosen.integrator in offered.adaptive:
+                continue  # it has no equal steps
             choice = Choice(*chosen, part.step)
-            if choice.integrator not in offered.adaptive:
-                here = environment_of(name) is None
-                timed = (
-                    quantities(get(name), mechanism, choice, part) if here else quantities_elsewhere(name, mechanism, choice, part)
-                )
-                for quantity, make in timed:
-                    yield Key(quantity, name, *chosen), make
+            if environment_of(name) is None:
+                timed = quantities(get(name), mechanism, choice, part)
+            else:
+                timed = quantities_elsewhere(name, mechanism, choice)
+            for quantity, make in timed:
+                yield Key(quantity, name, *chosen), make
     if part.processor:
         yield from processor()
 
 
 def quantities(engine: Engine, mechanism: Mechanism, choice: Choice, part: Cost) -> Iterator[tuple[str, Make]]:
-    """Yield the quantities of an engine at one choice, each with the function that makes its block.
+    """Yield the name of each timed quantity of an engine under a choice, and the function that makes its block.
 
     Builds and accelerations do not depend on the integrator and are timed with the first one only.
     """
+    # the model is built when the first block needs it, and shared by all blocks
     offered, model = offer(engine.name), cache(partial(build_model, engine, mechanism, choice))
     start = mechanism.q0, mechanism.v0
 
@@ -119,30 +140,33 @@ def quantities(engine: Engine, mechanism: Mechanism, choice: Choice, part: Cost)
         yield NATIVE, lambda: stepping(None, model(), part.step, native=True)
 
 
-def quantities_elsewhere(name: str, mechanism: Mechanism, choice: Choice, part: Cost) -> Iterator[tuple[str, Make]]:
-    """Yield the quantities that are timed of an engine of another environment: accelerations and steps."""
+def quantities_elsewhere(name: str, mechanism: Mechanism, choice: Choice) -> Iterator[tuple[str, Make]]:
+    """Yield the same as `quantities` for an engine of another environment, whose accelerations and steps are timed."""
     offered, make = offer(name), partial(block_elsewhere, name, mechanism, choice)
     if (choice.integrator, choice.stabilization) == (offered.integrators[0], "none"):
         yield ACCELERATION, partial(make, partial(accelerating, None, mechanism.q0, mechanism.v0))
     if offered.python_loop:
-        yield STEP, partial(make, partial(stepping, None, step=part.step, native=False))
+        yield STEP, partial(make, partial(stepping, None, step=choice.step, native=False))
     if offered.native_loop:
-        yield NATIVE, partial(make, partial(stepping, None, step=part.step, native=True))
+        yield NATIVE, partial(make, partial(stepping, None, step=choice.step, native=True))
 
 
-def first_build(linkage: str, scenario: str, engine: str, step: float) -> Tables:
-    """Return the seconds until an engine's first model has taken its first step, in a new process, or the reason why not."""
+def time_first_step(linkage: str, scenario: str, engine: str, step: float, quantity: str, number: int = 0) -> Tables:
+    """Return the processor time of a quantity of IN_NEW_PROCESS, for an engine with its defaults, or the reason of its failure.
+
+    `number` is that of the process, for an engine that is timed in several.
+    """
     offered, mechanism = offer(engine), load(linkage, scenario or None)
-    key = Key(COLD, engine, next(iter(offered.settings)), offered.integrators[0])
+    key = Key(quantity, engine, next(iter(offered.settings)), offered.integrators[0])
     start = place_of(mechanism) | key._asdict()
-    sample = time_start(cold_there, engine, mechanism, Choice(*key[2:], step), LIMIT)
+    sample = time_start(IN_NEW_PROCESS[quantity], engine, mechanism, Choice(*key[2:], step), LIMIT)
     if "status" in sample:
         return {"untimed": [start | sample]}
-    return {"samples": [start | {"step": step, "process": 0, "round": 0} | sample]}
+    return {"samples": [start | {"step": step, "process": number, "round": 0} | sample]}
 
 
 def gather_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:
-    """Gather the races' results by mechanism and scenario."""
+    """Return (mechanism, scenario) -> the results of its races."""
     places: dict[tuple[str, str], Rows] = {}
     for r in [*tables.get("samples", []), *tables.get("untimed", [])]:
         here = places.setdefault((r["mechanism"], r["scenario"]), [])
@@ -152,33 +176,34 @@ def gather_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Fill in the cost columns of the results, and drop repeated rows of what could not be timed."""
+    """Fill in the cost columns of the results, and drop repeated rows of entries without times."""
     if "untimed" in tables:
         tables["untimed"] = [dict(x) for x in dict.fromkeys(tuple(r.items()) for r in tables["untimed"])]
     with_costs(tables.get("results", []), gather_by_linkage(tables))
 
 
 def with_costs(rows: Rows, races: dict[tuple[str, str], Measured]) -> None:
-    """Give each row the times of its variant, and their ratios to the baseline's; steps cost the same whatever their length."""
+    """Give each row of the results the times of its engine and setting, and their ratios to those of BASELINE.
+
+    The time of a step does not depend on its length. `races` are the results by mechanism and scenario.
+    """
     columns = cache(partial(_columns, races))
     for row in rows:
-        row |= columns(row["mechanism"], row["scenario"], key_of(row | {"quantity": ""})[1:])
+        row |= columns(row["mechanism"], row["scenario"], key_of(row | {"quantity": ""}))
 
 
-def _columns(
-    races: dict[tuple[str, str], Measured], mechanism: str, scenario: str, variant: tuple[str, str, str, str]
-) -> dict[str, float]:
-    """Return the cost columns of a variant (engine, settings, integrator, stabilization)."""
+def _columns(races: dict[tuple[str, str], Measured], mechanism: str, scenario: str, key: Key) -> dict[str, float]:
+    """Return the cost columns of an engine and setting on a mechanism; the quantity of `key` does not count."""
     samples = races[mechanism, scenario].samples if (mechanism, scenario) in races else {}
     columns: dict[str, float] = {}
     for quantity in (BUILD, COLD, ACCELERATION, STEP, NATIVE):
-        known = 4 if quantity in (STEP, NATIVE) else 2  # the other quantities depend on engine and settings alone
-        own = [x for k, x in samples.items() if isinstance(k, Key) and k[: 1 + known] == (quantity, *variant[:known])]
-        if not own:
+        wanted = key._replace(quantity=quantity)
+        same = len(wanted) if quantity in (STEP, NATIVE) else 3  # the others depend on quantity, engine and settings alone
+        own = next((x for k, x in samples.items() if isinstance(k, Key) and k[:same] == wanted[:same]), None)
+        if own is None:
             continue
-        columns[f"{quantity.replace(' ', '_')}_time"] = time_of(own[0])
+        columns[f"{quantity.replace(' ', '_')}_time"] = time_of(own)
         baseline = samples.get(Key(ACCELERATION if quantity == ACCELERATION else STEP, BASELINE))
         if baseline is not None and quantity not in (BUILD, COLD):
-            names = (f"{quantity}_{k}" for k in ("ratio", "ratio_low", "ratio_high"))
-            columns |= dict(zip(names, ratio(own[0], baseline), strict=True))
+            columns |= ratio_columns(own, baseline, f"{quantity}_ratio")
     return columns

@@ -1,6 +1,7 @@
 """Compare three independent methods of kinematics: link units, point coordinates, and the differentiated constraints of dynamics.
 
-They share the linkage file and no equation, so that their agreement confirms the velocities and accelerations at the start of runs.
+The methods share the linkage file and no equation, so that their agreement confirms the velocities and accelerations at the start
+of runs.
 """
 
 from itertools import combinations
@@ -19,13 +20,13 @@ from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.suites.schema import Geometry, Suite
 from gauss_bench.terms import Array
 
-POSITIONS = 361
-STARTS = 60  # shares to 6 %: enough to tell "always" from "half" and "seldom"
-FORMS = (
+POSITIONS = 361  # of a turn
+STARTS = 60  # random starts of a search: a share is known to 6 %, which distinguishes "always", "half" and "seldom"
+FORMS = (  # name of a form of the equations, distances of starts, the form, and the difference of two solutions
     ("loop variables", (0.5, 1.0, np.pi), loop_form, whole_turns_apart),
     ("point coordinates", (0.1, 0.2, 0.5), point_form, np.subtract),
 )
-Levels = tuple[Array, Array, Array]
+Levels = tuple[Array, Array, Array]  # positions, velocities and accelerations (k, n)
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
@@ -34,48 +35,50 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def geometry(linkage: str, scenario: str, part: Geometry) -> Tables:
-    """Return the agreement of the methods over one turn, the singular positions and, if asked for, searches for the assembly."""
+    """Return rows of the methods' agreement over one turn, of singular positions and, if wanted, of searches for the assembly."""
     mechanism = load(linkage, scenario)
     times = np.linspace(0.0, 1.0, POSITIONS)
     loop, basic = (solve(mechanism, times) for solve in (loop_motion, basic_motion))
     assert mechanism.driver is not None
-    laws = np.array([mechanism.driver.law(t) for t in times]).T
-    ways: dict[str, Levels] = {
+    laws = np.array([mechanism.driver.law(t) for t in times]).T  # (3, k): angle of the crank and its two rates
+    methods: dict[str, Levels] = {
         "link units": (loop.q, loop.v, loop.a),
         "point coordinates": (basic.q, basic.v, basic.a),
         "constraints": exact_motion(MinimalCoordinate(mechanism), *laws),
     }
     start = {"mechanism": mechanism.name}
-    agreement = [start | {"first": a, "second": b} | differences(ways[a], ways[b]) for a, b in combinations(ways, 2)]
-    basin = basin_rows(mechanism) if linkage in part.searched else []
-    return {"agreement": agreement, "singular": singular(linkage), "basins": basin}
+    agreement = [start | {"first": a, "second": b} | differences(methods[a], methods[b]) for a, b in combinations(methods, 2)]
+    searched = basin_rows(mechanism) if linkage in part.searched else []
+    return {"agreement": agreement, "singular": singular(linkage), "basins": searched}
 
 
 def exact_motion(motion: MinimalCoordinate, angles: Array, speeds: Any = 1.0, accelerations: Any = 0.0) -> Levels:
-    """Return q, v, a (k, n) at crank angles (k,) [rad]; each position is solved from the one before."""
-    asked = np.broadcast(angles, speeds, accelerations)
-    parts = [motion.state(*(np.array([float(x)]) for x in state)) for state in asked]
-    q, v, a = (np.concatenate(level) for level in zip(*parts, strict=True))
+    """Return q, v, a (k, n) at k crank angles [rad], speeds [rad/s] and accelerations [rad/s^2].
+
+    A number stands for the same value at all angles. Each position is solved from the one before.
+    """
+    states = [motion.state(*(np.array([float(x)]) for x in law)) for law in np.broadcast(angles, speeds, accelerations)]
+    q, v, a = (np.concatenate(level) for level in zip(*states, strict=True))
     return q, v, a
 
 
 def basin_rows(mechanism: Mechanism) -> list[dict[str, Any]]:
-    """Return the share of random starts from which each search finds the assembly, in loop variables and in point coordinates."""
+    """Return one row for each form of the equations, search and distance of starts: the share of starts that find the assembly."""
     rows = []
-    for form, spreads, make, difference in FORMS:
-        for basin in basins(mechanism, spreads, STARTS, form=make, difference=difference):
+    for form, distances, make, difference in FORMS:
+        for basin in basins(mechanism, distances, STARTS, form=make, difference=difference):
             rows.append({"mechanism": mechanism.name, "form": form, **vars(basin)})
     return rows
 
 
 def differences(one: Levels, other: Levels) -> dict[str, float]:
-    """Return the largest difference of positions, velocities and accelerations over the turn, relative to the largest of each."""
+    """Return the largest differences of positions, velocities and accelerations, relative to the largest of each in `other`."""
     named = zip(("position", "velocity", "acceleration"), one, other, strict=True)
     return {name: float(np.abs(x - y).max() / np.abs(y).max()) for name, x, y in named}
 
 
 def singular(linkage: str) -> list[dict[str, Any]]:
-    """Return limits and dead centres with their crank angles [deg]; none where the curve of positions has a branch point."""
+    """Return rows of limits and dead centres with crank angles [deg]; none if the curve of positions has a branch point."""
     mechanism = load(linkage)
     try:
         positions = singular_positions(mechanism)

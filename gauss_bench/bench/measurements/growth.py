@@ -1,12 +1,13 @@
 """The cost of one right-hand side against the number of loops: N-four-bars of N windows, own kernels against engines.
 
-Everything is asked for the accelerations of the same state, half a second after the start, where they are known in closed form
-(reference/exact.py). Of libraries, calls are timed that experts would make, without the translation of coordinates around them:
-those of the suite's adapters (CONTENDERS), and those that engines from outside offer (`library_calls` in `engines/base.py`).
+A right-hand side computes the accelerations of a state. All contenders compute them for the same state, half a second after the
+start, where they are known in closed form (reference/exact.py). For a library, this file times the calls that an expert would make,
+without the translation of coordinates around them: the calls of the suite's adapters (CONTENDERS), and the calls that engines from
+outside offer (`library_calls` in `engines/base.py`). An own kernel is timed in its own loop, as a quarter of a step of Runge and
+Kutta, and called from Python for one state.
 
-Own kernels are timed in their own loop, a quarter of a step of Runge and Kutta, and called from Python for one state. All of a size
-are timed in one interleaved run, which is repeated in several processes: a time is the median of theirs. An exponent is fitted to
-the times of all processes, and its spread is where that of a second race falls, from the exponents of the single processes.
+All contenders of a size race together, in several processes, and a time is the median over the processes. An exponent is fitted to
+these times. Its spread predicts the exponent of a second race, and follows from the exponents of the single processes.
 """
 
 import math
@@ -14,13 +15,14 @@ import statistics
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.bench.clock import Key, Row, foreseen, gather_rounds, row, spread
 from gauss_bench.bench.survived import race_survivors
-from gauss_bench.bench.tasks import Context, Rows, Tables, Task, patient
+from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, patient
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import compile_kernel
 from gauss_bench.engines.base import LibraryCall
@@ -36,29 +38,26 @@ from gauss_bench.suites.schema import Suite
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
-MOMENT = "0.5"  # [s] of the closed form
+MOMENT = "0.5"  # [s] time of the state in the closed form
 STEP = 1e-6  # [s] of own kernels, so short that they stay near the state
 LOOPED = 1000  # steps in one call, so that the cost of calling is negligible
 LOOP, CALLED, IMPLICIT = "in its own loop", "called from Python", "one implicit step"
-TOO_LONG = {  # engine -> the largest size that is built, and why no larger one
-    "pinocchio": (64, "building and checking the model takes more than a minute"),
-}
+# engine -> the largest size that is built, and why no larger one is
+TOO_LONG = {"pinocchio": (64, "building and checking the model takes more than a minute")}
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return a race for each process and size; the processes of a size lie apart in time."""
-    outside = [calls] if suite.growth and (calls := list_calls()) else []
-    tasks = [
-        context.task("scaling_races", race_growth, (size, part.rounds, number, *outside), size=size, process=number)
-        for part in suite.growth
-        for number in range(part.processes)
-        for size in part.sizes
-    ]
-    return list(map(patient, tasks))
+    """Return a race for each process and size; the processes of a size are separated in time."""
+    calls, tasks = list_calls() if suite.growth else [], []
+    for part in suite.growth:
+        for number, size in product(range(part.processes), part.sizes):
+            arguments = (size, part.rounds, number, calls)
+            tasks.append(patient(context.task("scaling_races", race_growth, arguments, size=size, process=number)))
+    return tasks
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Add the times over all processes, and the exponents that are fitted to the times of all sizes."""
+    """Add the table of times over all processes, and the table of exponents."""
     races = tables.get("scaling_races", [])
     for part in suite.growth:
         tables["scaling"] = over_races(races)
@@ -67,7 +66,7 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 @dataclass(frozen=True, eq=False)
 class ExactState:
-    """A mechanism at a state, with its exact accelerations."""
+    """A mechanism at a state q, v (n,) with its exact accelerations a (n,)."""
 
     mechanism: Mechanism
     q: Array
@@ -79,7 +78,9 @@ class ExactState:
         return float(np.abs(a - self.a).max() / np.abs(self.a).max())
 
 
-Contender = tuple[tuple[str, ...], Callable[[ExactState], list[Block]]]  # quantities, and the function that makes their blocks
+Contender = tuple[
+    tuple[str, ...], Callable[[ExactState], list[Block]]
+]  # timed quantities, and the function that makes their blocks
 
 
 def exact_state(size: int) -> ExactState:
@@ -91,19 +92,26 @@ def exact_state(size: int) -> ExactState:
 
 
 def list_calls() -> list[tuple[str, str]]:
-    """List engine and name of the library calls that engines offer themselves."""
+    """Return engine and name of each library call that an engine from outside offers."""
     return [(x.name, call) for x in offers_from_outside() if x.usable for call in x.library_calls]
 
 
 def contenders(outside: Sequence[Sequence[str]]) -> dict[str, Contender]:
-    """Return all entries of a race: CONTENDERS, and calls (engine, name) that engines offer themselves."""
+    """Return name -> contender of a race: CONTENDERS, and library calls (engine, name) of engines from outside."""
     return CONTENDERS | {f"{engine}, {call}": ((CALLED,), partial(make_offered, engine, call)) for engine, call in outside}
 
 
 def race_growth(
     size: int, rounds: int, number: int = 0, outside: Sequence[Sequence[str]] = (), race: Callable[..., Any] = race_survivors
 ) -> Tables:
-    """Return the rows of one race; an entry that cannot be built, crashes or hangs has a status and a reason."""
+    """Return the rows of one race; an entry that cannot be built, crashes or hangs has a status and a reason.
+
+    Args:
+        size: number of windows.
+        number: of the process.
+        outside: engine and name of library calls of engines from outside.
+        race: `race_survivors`, or `race_here` in tests.
+    """
     entered = contenders(outside)
     measured = gather_rounds(race(entries, (size, outside), rounds, [*entered]))
     start: Row = {"size": size, "process": number, "n": load(f"n_four_bar_{size}").n}
@@ -116,58 +124,62 @@ def race_growth(
 
 
 def entries(size: int, outside: Sequence[Sequence[str]] = ()) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Yield every timed quantity of every engine, with the function that makes its block."""
-    wanted = exact_state(size)
-    for engine, (quantities, make) in contenders(outside).items():
+    """Yield the key of every timed quantity of every contender, and the function that makes its block."""
+    state, entered = exact_state(size), contenders(outside)
+
+    @cache  # all quantities of a contender are made at once
+    def make_blocks(engine: str) -> list[Block]:
         most, reason = TOO_LONG.get(engine.partition(",")[0], (size, ""))
-        blocks = cache(partial(make, wanted) if size <= most else partial(refuse, reason))
+        if size > most:
+            raise RunFailure(Status.SKIP, reason)
+        return entered[engine][1](state)
+
+    def pick(engine: str, k: int) -> Block:
+        return make_blocks(engine)[k]
+
+    for engine, (quantities, _) in entered.items():
         for k, quantity in enumerate(quantities):
-            yield Key(quantity, engine), partial(pick, blocks, k)
+            yield Key(quantity, engine), partial(pick, engine, k)
 
 
-def refuse(reason: str) -> list[Block]:
-    """Raise the failure of a size that is not built."""
-    raise RunFailure(Status.SKIP, reason)
+def make_kernel(formulation: str, state: ExactState) -> list[Block]:
+    """Return the blocks of a kernel: in its own loop, and called from Python.
 
-
-def pick(blocks: Callable[[], list[Block]], k: int) -> Block:
-    """Return the k-th of the blocks that a function makes."""
-    return blocks()[k]
-
-
-def make_kernel(formulation: str, wanted: ExactState) -> list[Block]:
-    """Return the blocks of a kernel: in its own loop, and called from Python."""
+    Raises:
+        RunFailure: the mechanism has no kernel.
+    """
     try:
-        kernel = compile_kernel(wanted.mechanism, formulation, cache=False)
+        kernel = compile_kernel(state.mechanism, formulation, cache=False)
     except KernelError as error:
         raise RunFailure(Status.SKIP, str(error)) from error
     facts = {"generate_seconds": kernel.generate_seconds, "compile_seconds": kernel.compile_seconds}
-    facts |= {"error": wanted.error(kernel.acceleration(wanted.q, wanted.v))}
-    steps = lasting(None, lambda: kernel.rollout(wanted.q, wanted.v, STEP, LOOPED), 4 * LOOPED)
-    single = lasting(None, lambda: kernel.acceleration(wanted.q, wanted.v))
+    facts |= {"error": state.error(kernel.acceleration(state.q, state.v))}
+    # a step of Runge and Kutta has four right-hand sides
+    steps = lasting(None, lambda: kernel.rollout(state.q, state.v, STEP, LOOPED), 4 * LOOPED)
+    single = lasting(None, lambda: kernel.acceleration(state.q, state.v))
     return [replace(x, facts=lambda: facts) for x in (steps, single)]
 
 
-def make_library(asked: Callable[[Mechanism, Array, Array], LibraryCall], wanted: ExactState) -> list[Block]:
-    """Return the block of a call of an engine's library."""
-    return [with_facts(prepare_call(asked, wanted.mechanism, wanted.q, wanted.v), wanted)]
+def make_library(asked: Callable[[Mechanism, Array, Array], LibraryCall], state: ExactState) -> list[Block]:
+    """Return the block of a call of a library of this environment; asked(mechanism, q, v) prepares the call."""
+    return [with_facts(prepare_call(asked, state.mechanism, state.q, state.v), state)]
 
 
-def make_offered(engine: str, call: str, wanted: ExactState) -> list[Block]:
-    """Return the block of a library call that an engine offers itself.
+def make_offered(engine: str, call: str, state: ExactState) -> list[Block]:
+    """Return the block of a library call that an engine from outside offers.
 
     Raises:
         RunFailure: the engine cannot model the mechanism, or its accelerations have another shape.
     """
-    made = call_of(engine, call, wanted.mechanism, wanted.q, wanted.v)
-    if made.acceleration.shape != wanted.a.shape:
-        raise RunFailure(Status.ERROR, f"accelerations of shape {made.acceleration.shape} where {wanted.a.shape} is wanted")
-    return [with_facts(made, wanted)]
+    made = call_of(engine, call, state.mechanism, state.q, state.v)
+    if made.acceleration.shape != state.a.shape:
+        raise RunFailure(Status.ERROR, f"accelerations of shape {made.acceleration.shape} where {state.a.shape} is wanted")
+    return [with_facts(made, state)]
 
 
-def with_facts(made: TimedCall, wanted: ExactState) -> Block:
+def with_facts(made: TimedCall, state: ExactState) -> Block:
     """Return the block of a library call with the columns of its row: the time of its preparation, and its error."""
-    facts = {"generate_seconds": made.seconds, "compile_seconds": 0.0, "error": wanted.error(made.acceleration)}
+    facts = {"generate_seconds": made.seconds, "compile_seconds": 0.0, "error": state.error(made.acceleration)}
     return replace(made.block, facts=lambda: facts)
 
 
@@ -183,48 +195,42 @@ for library, calls, quantity in (
 
 
 def over_races(races: Rows) -> Rows:
-    """Return a row for each engine, quantity and size: the time over all processes, or the reason why there is none."""
+    """Return a row for each engine, quantity and size: the time over all processes, or the reason why there is no time."""
     ended = [r for r in races if r["status"] == Status.OK]
     summary = []
-    for rows in group(ended, "engine", "quantity", "size").values():
+    for rows in group_by(ended, "engine", "quantity", "size").values():
+        # the spread of a single process is that of its rounds, which its row has
         found = spread("seconds", np.array([[r["seconds"]] for r in rows])) if len(rows) > 1 else rows[0]
         first = {k: x for k, x in rows[0].items() if k != "process" and not k.startswith("seconds")}
         built = {k: statistics.median(r[k] for r in rows) for k in ("generate_seconds", "compile_seconds")}
         times = {"seconds": found["seconds"], "low": found["seconds_low"], "high": found["seconds_high"]}
         summary.append(first | built | times | {"error": max(r["error"] for r in rows), "processes": len(rows)})
-    timed_engines = {(r["engine"], r["size"]) for r in ended}
-    for where, rows in group([r for r in races if r["status"] != Status.OK], "engine", "size").items():
-        if where not in timed_engines:
+    timed = group_by(ended, "engine", "size")
+    for place, rows in group_by([r for r in races if r["status"] != Status.OK], "engine", "size").items():
+        if place not in timed:
             summary.append({k: x for k, x in rows[0].items() if k != "process"} | {"quantity": "", "processes": 0})
     return summary
 
 
 def exponents(races: Rows, large: int) -> Rows:
-    """Return the exponents of time ~ size^p over the sizes from `large` on, where two of them or more were timed.
+    """Return a row for each engine and quantity with the exponent p of time ~ size^p, over sizes of at least `large`.
 
-    An exponent is fitted to the medians over the processes; its spread follows from the exponents of the single processes.
+    At least two of these sizes must have been timed. An exponent is fitted to the medians over the processes; its spread follows
+    from the exponents of the single processes.
     """
     ended = [r for r in races if r["status"] == Status.OK and r["size"] >= large]
     summary = []
-    for (engine, quantity), rows in group(ended, "engine", "quantity").items():
-        by_size = {size: statistics.median(r["seconds"] for r in some) for (size,), some in group(rows, "size").items()}
+    for (engine, quantity), rows in group_by(ended, "engine", "quantity").items():
+        by_size = {size: statistics.median(r["seconds"] for r in same) for (size,), same in group_by(rows, "size").items()}
         if len(by_size) == 1:
             continue
-        whole = [x for x in group(rows, "process").values() if len(x) == len(by_size)]
+        whole = [x for x in group_by(rows, "process").values() if len(x) == len(by_size)]  # processes that timed all sizes
         single = [exponent([r["size"] for r in x], [r["seconds"] for r in x]) for x in whole]
         low, high = (np.log(foreseen(np.exp(single))).tolist()) if len(single) > 1 else (math.nan, math.nan)
         names = {"engine": engine, "quantity": quantity, "sizes": len(by_size), "from": large, "processes": len(single)}
         found = exponent([*by_size], [*by_size.values()])
         summary.append(names | {"exponent": found, "exponent_low": low, "exponent_high": high})
     return summary
-
-
-def group(rows: Rows, *columns: str) -> dict[tuple[Any, ...], Rows]:
-    """Group rows by their values in some columns."""
-    groups: dict[tuple[Any, ...], Rows] = {}
-    for r in rows:
-        groups.setdefault(tuple(r[x] for x in columns), []).append(r)
-    return groups
 
 
 def exponent(sizes: Sequence[float], seconds: Sequence[float]) -> float:

@@ -1,13 +1,16 @@
-"""Lower bounds for the time of a step on this processor, for one trajectory and for many, and the share of them that is reached.
+"""Lower bounds for the time of a step on this processor, for one trajectory and for many, and the ratio of each bound to the time.
 
     one trajectory: cycles of the longest chain through a step * length of a cycle
     many:           operations of a step / peak rate
 
-The chain is the longest one from one turn of the compiled loop to the next, at the latencies that the code generator assumes.
-Cycle and rate are measured in the same race. No code reaches the peak rate: most operations cannot be fused, and a division, which
-counts as one operation here, takes the time of eight or more. Source: Hennessy and Patterson, Computer
-Architecture, sections 1.8 and 3.10 (bounds, limits of parallelism).
+The chain is the longest sequence of dependent operations from one turn of the compiled loop to the next, at the latencies that the
+code generator assumes. The length of a cycle and the peak rate are measured in the same race. No code reaches the peak rate: most
+operations cannot be fused, and a division, which counts as one operation here, takes the time of eight or more.
+
+Source: Hennessy and Patterson, Computer Architecture, sections 1.8 and 3.10 (bounds, limits of parallelism).
 """
+
+from collections.abc import Hashable
 
 from gauss_bench.bench.clock import Key, Measured, Row, pad, row, spread
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE, gather_by_linkage
@@ -23,14 +26,16 @@ from gauss_bench.compiler.stepping.rollout import Body, bodies
 from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.linkage.load import load
 from gauss_bench.suites.schema import Suite
+from gauss_bench.terms import Array
 
-FLOPS = {"add": 1, "sub": 1, "mul": 1, "div": 1, "sqrt": 1, "fma": 2}
+FLOPS = {"add": 1, "sub": 1, "mul": 1, "div": 1, "sqrt": 1, "fma": 2}  # instruction -> floating-point operations
 ONE, MANY = "one trajectory", "a batch"
+# kind of bound -> the timed quantity, the key of the processor's limit, and the column of the count
 QUANTITIES = {ONE: (NATIVE, LATENCY_KEY, "cycles"), MANY: (BATCH, RATE_KEY, "flops")}
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return the tasks that find chain and operations of a compiled step, one for each linkage of the races."""
+    """Return the tasks that find the chain and count the operations of a compiled step, one for each linkage of the races."""
     if not suite.bounds:
         return []
     places = dict.fromkeys(x for part in suite.cost if part.processor for x in part.linkages.items())
@@ -38,7 +43,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def count_operations(linkage: str, scenario: str) -> Tables:
-    """Return one row for each kind of bound, still without times; none where the linkage cannot be compiled."""
+    """Return one row for each kind of bound, still without times; none if the linkage cannot be compiled."""
     mechanism = load(linkage, scenario or None)
     start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
     try:
@@ -50,32 +55,42 @@ def count_operations(linkage: str, scenario: str) -> Tables:
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Fill in times, bounds and shares, and add the processor's latency and rate over all races."""
+    """Fill in times, bounds and shares, and add the processor's latency and rate over the processes of all races."""
     races = gather_by_linkage(tables)
     for part in suite.bounds:
         rows = tables.get("kernel_bounds", [])
         for number, start in enumerate(rows):
             measured = races.get((start["mechanism"], start["scenario"]), Measured({}, {}))
             rows[number] = row(start, limit, start, part.own, measured)
-        samples = {k: [row for m in races.values() if k in m.samples for row in m.samples[k]] for k in (LATENCY_KEY, RATE_KEY)}
-        tables["kernel_machine"] = processor_rows(Measured({k: pad(x) for k, x in samples.items() if x}, {})) + name_machine()
+        samples: dict[Hashable, Array] = {}
+        for key in (LATENCY_KEY, RATE_KEY):
+            processes = [rounds for race in races.values() for rounds in race.samples.get(key, ())]
+            if processes:
+                samples[key] = pad(processes)
+        tables["kernel_machine"] = processor_rows(Measured(samples, {})) + name_machine()
 
 
 def limit(start: Row, own: str, measured: Measured) -> Row:
-    """Return the time of a step, its lower bound, and the bound over the time.
+    """Return the time of a step of an engine, its lower bound, and the ratio bound / time.
+
+    Args:
+        start: the row of the bound, with its kind and its count.
+        own: name of the engine.
 
     Raises:
-        Failure: something was not measured.
+        Failure: the step or the processor was not measured.
     """
     quantity, machine, count = QUANTITIES[start["quantity"]]
     times = spread("seconds", measured.of(Key(quantity, own)))
+    # `unit` is the time of a multiply-add: a latency of CYCLES cycles, or two operations in each lane of a vector
     unit = measured.time(machine)
     bound = start[count] * unit / (CYCLES if count == "cycles" else 2 * native_code.best_lanes())
     return times | {"bound": bound, "share": bound / times["seconds"]}
 
 
 def flops(body: Body) -> int:
-    """Count additions, multiplications and divisions in one turn of the loop; a fused multiply-add counts twice."""
+    """Return the number of floating-point operations in one turn of the loop; a fused multiply-add counts twice."""
     g = body.step.graph
+    # values that do not depend on the state or the time are computed once, before the loop
     varying = find_dependents(g, [g.leaf(name) for name in (*body.step.carried, "%t")])
     return sum(FLOPS.get(g.operation[x], 0) for x in body.values if x in varying)

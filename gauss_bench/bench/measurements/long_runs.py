@@ -1,7 +1,8 @@
 """Long runs with projection: loops must stay closed to rounding, and the error of the energy must fall with the integrator's order.
 
-The scenarios are conservative, so that the energy is constant. Its error grows with time with Runge-Kutta's method; at half the
-step it must be smaller by a factor of about 2^4 or more. Drift and energy are computed by the suite's metrics, not by the kernel.
+The scenarios are conservative, so that the energy is constant. With Runge and Kutta's method its error grows with time; at half the
+step the error must be smaller by a factor of about 2^4 or more. The suite's metrics compute drift and energy from the samples.
+
 Source: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), section IX.8 (drift of the energy).
 """
 
@@ -21,8 +22,8 @@ from gauss_bench.runs.one_run import one_run, sampling_at
 from gauss_bench.suites.schema import LongRuns, Suite
 from gauss_bench.trajectory import Status
 
-SAMPLING = 1e-2  # [s]
-WINDOWS = 10  # equal parts of a run; each has its largest error of the energy
+SAMPLING = 1e-2  # [s] spacing of samples
+WINDOWS = 10  # equal parts of a run, each with its largest error of the energy
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
@@ -31,24 +32,23 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def long_run(linkage: str, scenario: str, part: LongRuns) -> Tables:
-    """Return the rows of both formulations at two steps, and the largest error of the energy in each window."""
+    """Return the rows of both formulations at two steps, and rows of the largest error of the energy in each window."""
     mechanism = load(linkage, scenario)
-    rows: list[Row] = []
-    windows: list[Row] = []
+    rows, windows = [], []
     for formulation in FORMULATIONS:
-        coarse: Row = {}
+        before: Row = {}  # the row at twice the step
         for step in (part.step, part.step / 2):
             start: Row = place_of(mechanism) | {"formulation": formulation, "step": step}
-            fine = row(start | {"t_end": part.duration}, measure, mechanism, formulation, step, part.duration)
-            energies = fine.pop("energies", [])
-            rows.append(judge_row(fine, coarse, part))
+            found = row(start | {"t_end": part.duration}, measure, mechanism, formulation, step, part.duration)
+            energies = found.pop("energies", [])
+            rows.append(judge_row(found, before, part))
             windows += [start | {"t": (k + 1) * part.duration / WINDOWS, "energy_error": x} for k, x in enumerate(energies)]
-            coarse = fine
+            before = found
     return {"kernel_long": rows, "kernel_energy": windows}
 
 
 def measure(mechanism: Mechanism, formulation: str, step: float, duration: float) -> Row:
-    """Return drift and energy of one run; `energies` holds the largest error of the energy [J] in each window.
+    """Return columns of drift and energy of one run, and under `energies` the largest error of the energy [J] in each window.
 
     Raises:
         Missing: the mechanism has no kernel, or the run did not end.
@@ -61,7 +61,7 @@ def measure(mechanism: Mechanism, formulation: str, step: float, duration: float
     evaluator = Evaluator(mechanism)
     drift, energy = metrics.drift(evaluator, run.trajectory), np.abs(metrics.energy_error(evaluator, run.trajectory)[0])
     energies = [float(x.max()) for x in np.array_split(energy[1:], WINDOWS)]
-    kinetic = 0.5 * (evaluator.mass * run.trajectory.v**2).sum(axis=-1)
+    kinetic = 0.5 * (evaluator.mass * run.trajectory.v**2).sum(axis=-1)  # (k,) [J]
     return {
         "position_drift": float(drift.position.max()),
         "velocity_drift": float(drift.velocity.max()),
@@ -74,7 +74,12 @@ def measure(mechanism: Mechanism, formulation: str, step: float, duration: float
 
 
 def judge_row(fine: Row, coarse: Row, part: LongRuns) -> Row:
-    """Add the order of the energy's error, given the row at twice the step, and whether drift and order meet their targets."""
+    """Return the row of a run with its targets, and with the order of the energy's error if the run at twice the step ended.
+
+    Args:
+        fine: the row of the run.
+        coarse: the row at twice the step, or an empty one.
+    """
     found = fine | {"target": part.drift, "met": False}
     if fine["status"] == Status.OK:
         found["met"] = max(fine["position_drift"], fine["velocity_drift"]) <= part.drift

@@ -1,4 +1,4 @@
-"""Tasks of the audit: statements of the papers, and published values."""
+"""Compare statements of the papers and published values with computed ones."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -14,25 +14,21 @@ from gauss_bench.suites.schema import Suite
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for each table."""
-    makers: dict[str, Callable[..., Tables]] = {
-        "audit": audit,
-        "reproduction": reproduction,
-        "published": list_published,
-        "paper_motion": example_motion,
-    }
-    given = {"paper_motion": (context.store,)}
-    return [context.task(name, makers[name], given.get(name, ())) for part in suite.papers for name in part.tables]
+    """Return one task for each table that the suite names."""
+    makers: dict[str, Callable[..., Tables]] = {"audit": audit, "reproduction": reproduction, "published": list_published}
+    tasks = {name: context.task(name, make, ()) for name, make in makers.items()}
+    tasks["paper_motion"] = context.task("paper_motion", example_motion, (context.store,))
+    return [tasks[name] for part in suite.papers for name in part.tables]
 
 
 def example_motion(store: str) -> Tables:
-    """Return the rows of the first paper's example motion."""
+    """Return the rows of the first paper's example motion; its reference is kept in the folder `store`."""
     mechanism = load("crank_slider", "paper")
     return paper_motion(mechanism, load_stored(mechanism, SPAN, Path(store)))
 
 
 def list_published() -> Tables:
-    """Compare published values with certified ones; without the certificate there are no rows."""
+    """Return one row for each published value, compared with the certified one; no rows without the certificate."""
     name, scenario, t = SQUEEZER
     mechanism = load(name, scenario)
     reference = find_certified(mechanism, t)

@@ -1,8 +1,8 @@
 """Measure the speed of the processor by two small compiled loops, which take part in the race of costs.
 
-One loop is a chain of fused multiply-adds, each of which needs the result of the one before: the time of one is their latency.
-This is CYCLES cycles on every x86 processor since 2015, which gives the length of a cycle. The other loop has CHAINS independent
-chains of vectors: its rate, with two operations per fused multiply-add, is the peak rate.
+One loop is a chain of fused multiply-adds, each of which needs the result of the one before. The time of one of them is the
+latency, which is CYCLES cycles on every x86 processor since 2015, so that the length of a cycle is known. The other loop has CHAINS
+independent chains of vectors. Its rate, at two operations for each fused multiply-add, is the peak rate.
 """
 
 from collections.abc import Callable, Iterator
@@ -23,16 +23,19 @@ from gauss_bench.trajectory import RunFailure, Status
 
 CYCLES = LATENCY["fma"]
 CHAINS = 16  # enough to fill two pipes of four cycles each, twice
-LINKS = 16  # of the chain in one turn of the loop
-TURNS = 2_000
+LINKS = 16  # multiply-adds of a chain in one turn of the loop
+TURNS = 2_000  # of the loop in one call
 TEMPLATE = Path(__file__).parent / "chain.ll.jinja"
 PROCESSOR = "processor"
 LATENCY_KEY, RATE_KEY = Key("latency", PROCESSOR, "", "", ""), Key("rate", PROCESSOR, "", "", "")
-FACTS = ("date", "commit", "dirty", "cpu", "cores", "python", "platform")
+FACTS = ("date", "commit", "dirty", "cpu", "cores", "python", "platform")  # of the machine, that the table shows
 
 
 def chain_text(chains: int, links: int, lanes: int) -> str:
-    """Return an LLVM module: `accelerate` repeats x = a x + b `groups` times `links` times for each of `chains` chains."""
+    """Return the text of an LLVM module whose function `accelerate` repeats x = x / 2 + 1 for vectors x of `lanes` numbers.
+
+    There are `chains` independent vectors, and each turn of the loop has `links` repetitions.
+    """
     half, one = (f"<{', '.join([f'double {x}'] * lanes)}>" for x in (0.5, 1.0))
     numbers = {"chains": chains, "links": links, "lanes": lanes, "real": f"<{lanes} x double>", "half": half, "one": one}
     text: str = Template(TEMPLATE.read_text(encoding="utf-8"), trim_blocks=True).render(numbers)
@@ -40,20 +43,27 @@ def chain_text(chains: int, links: int, lanes: int) -> str:
 
 
 def processor() -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Yield both loops as entries of a race; a repetition is one vector operation."""
+    """Yield the keys of both loops and the functions that make their blocks; a repetition is one vector operation."""
     yield LATENCY_KEY, partial(_loop, 1, 2)
     yield RATE_KEY, partial(_loop, CHAINS, None)
 
 
 def _loop(chains: int, lanes: int | None) -> Block:
-    """Return the block of a loop of so many chains, in vectors of `lanes` numbers, or of the widest kind."""
+    """Return the block of a loop of a number of chains, in vectors of `lanes` numbers; None for the widest vectors.
+
+    Raises:
+        RunFailure: there is no compiler.
+    """
     if not native_code.available():
         raise RunFailure(Status.SKIP, "the loops that measure the processor need the package llvmlite")
     width = native_code.best_lanes() if lanes is None else lanes
     code = native_code.compile_listing(Listing(chain_text(chains, LINKS, width), "accelerate", "ppppi", chains * LINKS))
     out = np.empty(width)
-    address = out.ctypes.data
-    return lasting(None, lambda: (out, code.call(None, None, None, address, TURNS)), chains * LINKS * TURNS)
+
+    def call() -> None:
+        code.call(None, None, None, out.ctypes.data, TURNS)  # `out` lives as long as this function
+
+    return lasting(None, call, chains * LINKS * TURNS)
 
 
 def name_machine() -> Rows:
@@ -64,13 +74,15 @@ def name_machine() -> Rows:
 
 
 def processor_rows(measured: Measured) -> Rows:
-    """Return a row each for latency, length of a cycle and peak rate."""
+    """Return one row each for latency, length of a cycle and peak rate, given the results of both loops."""
     lanes = native_code.best_lanes() if native_code.available() else 0
 
     def value(factor: float) -> Row:
+        """Return the columns of the latency [s] times a factor."""
         return spread("value", np.asarray(measured.of(LATENCY_KEY) * factor))
 
     def rate() -> Row:
+        """Return the columns of the operations per second: the longest time gives the lowest rate."""
         slow = spread("value", measured.of(RATE_KEY))
         pairs = (("value", "value"), ("value_low", "value_high"), ("value_high", "value_low"))
         return {name: 2 * lanes / slow[of] for name, of in pairs}

@@ -1,13 +1,13 @@
 """Ratios of the times of steps and right-hand sides of compiled formulations and a rival engine, from the races of `cost.py`.
 
-Steps are those in each engine's own loop, of the same length. Their times include forces, springs, the checks of pivots, and the
+The steps have the same length and run in each engine's own loop. Their times include forces, springs, the checks of pivots, and the
 call from Python, which is a few per cent of the kernel's time.
 
 A right-hand side computes the accelerations of a state. For the rival it is the bare call of its library at a prepared state, with
-and without the cost of a call from Python. That cost is measured with a function of the same library that subtracts two vectors; it
-is about 0.1 us too small, as the bare call has more arguments. For the kernel a right-hand side is a quarter of a step of
-Runge-Kutta in its own loop, and its call from Python. Inside the loop, equal terms of different stages are computed once, which is
-part of the gain from compiling a loop.
+and without the cost of a call from Python. That cost is measured with a function of the same library that subtracts two vectors. It
+is about 0.1 us too small, because the bare call has more arguments. For the kernel a right-hand side is either a quarter of a step
+of Runge and Kutta in its own loop, or a call from Python. Inside the loop, equal terms of different stages are computed once, which
+is part of the gain from compiling a loop.
 """
 
 from itertools import product
@@ -30,14 +30,22 @@ def complete(suite: Suite, tables: Tables) -> None:
     lengths = {(r["mechanism"], r["scenario"]): r["step"] for r in tables.get("samples", [])}
     for place, measured in gather_by_linkage(tables).items():
         raced = {k.engine for k in (*measured.samples, *measured.failed) if isinstance(k, Key)}
-        for steps in (x for x in suite.steps if x.rival in raced):
-            tables.setdefault("kernel_steps", []).extend(step_rows(place, steps, lengths.get(place), measured))
-        for sides in (x for x in suite.right_hand_side if x.rival in raced):
-            tables.setdefault("kernel_rhs", []).extend(rhs_rows(place, sides, measured))
+        for steps in suite.steps:
+            if steps.rival in raced:
+                tables.setdefault("kernel_steps", []).extend(step_rows(place, steps, lengths.get(place), measured))
+        for sides in suite.right_hand_side:
+            if sides.rival in raced:
+                tables.setdefault("kernel_rhs", []).extend(rhs_rows(place, sides, measured))
 
 
 def step_rows(place: tuple[str, str], part: Steps, step: float | None, measured: Measured) -> Rows:
-    """Return one row for each formulation, stabilisation and setting of the rival; only the first formulation has targets."""
+    """Return one row for each formulation, stabilisation and setting of the rival; only the first formulation has targets.
+
+    Args:
+        place: mechanism and scenario.
+        step: length of the timed steps [s].
+        measured: the results of the races there.
+    """
     rows = []
     for (formulation, engine), stabilization, settings in product(part.own.items(), part.stabilizations, part.settings):
         start: Row = {"mechanism": place[0], "scenario": place[1], "formulation": formulation}
@@ -50,7 +58,10 @@ def step_rows(place: tuple[str, str], part: Steps, step: float | None, measured:
 
 
 def rhs_rows(place: tuple[str, str], part: RightHandSide, measured: Measured) -> Rows:
-    """Return a row for each pair of call modes; only the kernel's loop against the rival without the call has a target."""
+    """Return a row for each setting of the rival and each pair of ways to call the kernel and the rival.
+
+    Only the kernel in its own loop against the rival without the cost of the call has a target. `place` is mechanism and scenario.
+    """
     rows = []
     for settings, own, rival in product(part.settings, (LOOP, CALLED), (AS_CALLED, NET)):
         start: Row = {"mechanism": place[0], "scenario": place[1], "own": own, "rival": rival}
@@ -64,11 +75,13 @@ def rhs_rows(place: tuple[str, str], part: RightHandSide, measured: Measured) ->
 def compare_sides(measured: Measured, part: RightHandSide, settings: str, own: str, rival: str) -> Row:
     """Return the times of both right-hand sides and their ratio.
 
+    `own` is LOOP or CALLED, and `rival` is AS_CALLED or NET.
+
     Raises:
-        Failure: one was not measured.
+        Failure: one of them was not measured.
     """
     ours = measured.of(Key(NATIVE if own == LOOP else ACCELERATION, part.own))
-    if own == LOOP:
+    if own == LOOP:  # a step of Runge and Kutta evaluates four right-hand sides
         ours = np.asarray(ours / EVALUATIONS["rk4"])
     bare = measured.of(Key(BARE, part.rival, settings))
     if rival == NET:

@@ -1,6 +1,6 @@
 """Time compiled kinematics: positions, velocities and accelerations of all links over whole turns of the crank.
 
-Errors are differences from the closure solved by Newton's method at every sample, relative to the largest position, velocity and
+Errors are differences from the motion that Newton's method finds at every sample, relative to the largest position, velocity and
 acceleration. Link units in numpy are timed for comparison.
 """
 
@@ -23,7 +23,7 @@ from gauss_bench.runs.blocks import Block, lasting
 from gauss_bench.suites.schema import Suite, Turns
 
 METHODS = NATIVE, LINK_UNITS = "closure, compiled", "link units, numpy"
-PLAIN_SAMPLES = 36  # of the numpy method, whose whole turn would take as long as all the rest
+PLAIN_SAMPLES = 36  # samples of the numpy method: a whole turn would take longer than the rest of the race
 LEVELS = ("position_error", "velocity_error", "acceleration_error")
 
 
@@ -33,9 +33,9 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def race_turns(linkage: str, scenario: str, part: Turns, race: Callable[..., Any] = race_survivors) -> Tables:
-    """Return a row for each of METHODS: the time of a position of a whole turn of the crank, over several processes.
+    """Return a row for each of METHODS: the time of one position in a turn of the crank, over several processes.
 
-    A method that crashes or hangs in a process has the reason in its row.
+    If a method crashes or hangs in a process, its row has the reason. `race` is `race_survivors`, or `race_here` in tests.
     """
     measured = race_processes(race, entries, (linkage, scenario, part), part.rounds, METHODS, part.processes)
     place = place_of(load(linkage, scenario))
@@ -43,7 +43,7 @@ def race_turns(linkage: str, scenario: str, part: Turns, race: Callable[..., Any
 
 
 def turn_row(place: Row, part: Turns, method: str, measured: Measured) -> Row:
-    """Return the row of a method; the compiled one has a target, which it meets only if its errors are small too."""
+    """Return the row of a method; the compiled method has a target, which it meets only if its errors are small too."""
     key = Key("turn", method)
     start = place | {"method": method, "samples": PLAIN_SAMPLES if method == LINK_UNITS else part.samples}
     found = row(start, lambda: rate(spread("seconds", measured.of(key))) | measured.facts.get(key, {}))
@@ -59,7 +59,7 @@ def rate(times: Row) -> Row:
 
 
 def entries(linkage: str, scenario: str, part: Turns) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Yield both methods, each with the function that makes its block."""
+    """Yield the key of each method, and the function that makes its block."""
     mechanism, samples = load(linkage, scenario), part.samples
 
     def native() -> Block:
@@ -76,7 +76,7 @@ def entries(linkage: str, scenario: str, part: Turns) -> Iterator[tuple[Key, Cal
 
 
 def errors(mechanism: Mechanism, turn: Sweep) -> Row:
-    """Return the largest errors of position, velocity and acceleration, relative to the largest value of each."""
+    """Return the columns of the largest errors of a turn, of positions, velocities and accelerations."""
     motion = MinimalCoordinate(mechanism)
     off = differences((turn.q, turn.v, turn.a), exact_motion(motion, turn.q[:, motion.crank]))
     return {f"{level}_error": x for level, x in off.items()}
