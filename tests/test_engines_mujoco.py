@@ -19,7 +19,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.build import random_states
 from gauss_bench.trajectory import RunFailure, Status
 from tests.conftest import exhaustive, needs
-from tests.engine_runs import DRIVEN, LINKAGES, QUICK, acceleration_errors, linkage, ran
+from tests.engine_runs import DRIVEN, LINKAGES, QUICK, acceleration_errors, by_gauss, linkage, ran
 
 mujoco = needs("mujoco")
 
@@ -164,3 +164,34 @@ def test_a_feature_that_a_model_uses_stays_on(monkeypatch):
 def test_names_of_loads_are_found_under_their_former_module_with_a_warning(name: str, home: ModuleType) -> None:
     with pytest.warns(DeprecationWarning, match=rf"{home.__name__}\.{name}"):
         assert getattr(forces, name) is getattr(home, name)
+
+
+def test_default_softness_does_not_converge_with_the_step():
+    mechanism, times = linkage("crank_slider"), [0.0, 0.5]
+    exact = by_gauss(mechanism, times).q[-1]
+    errors = {
+        label: [np.abs(trajectory(mechanism, times, label, step=h).q[-1] - exact).max() for h in (2e-3, 1e-3)]
+        for label in VARIANTS.settings
+    }
+    assert errors["default"][1] == pytest.approx(errors["default"][0], rel=0.05)
+    assert errors["default"][1] > 1e-3
+    assert errors["tuned"][1] < 0.5 * errors["tuned"][0]
+    assert errors["rigid"][1] < errors["tuned"][1] < 1e-4 * errors["default"][1]
+
+
+@pytest.mark.parametrize("integrator", ["euler", "implicitfast", "discrete"])
+def test_single_step_integrators_are_of_first_order(integrator):
+    mechanism, times = linkage("four_bar"), [0.0, 0.2]
+    exact = by_gauss(mechanism, times).q[-1]
+    coarse, fine = (np.abs(trajectory(mechanism, times, integrator=integrator, step=h).q[-1] - exact).max() for h in (2e-3, 1e-3))
+    assert 1.7 < coarse / fine < 2.3
+
+
+def test_free_flight_is_a_parabola():
+    times = np.array([0.0, 0.3, 1.0, 2.0])
+    found = trajectory(linkage("puck"), times, step=0.1)  # RK4 is exact for constant acceleration
+    t = times[:, None]
+    a = np.array([3.0 / 2, 1.0 / 2 - 2.0, 0.4 / 0.05])
+    expected = [2.0, 1.0, 0.5] + [1.0, -1.0, 3.0] * t + a * t**2 / 2
+    np.testing.assert_allclose(found.q, expected, rtol=0, atol=1e-12)  # rounding of 20 steps at 25 rad
+    np.testing.assert_allclose(found.a, np.tile(a, (4, 1)), rtol=0, atol=1e-12)

@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -206,3 +207,29 @@ def test_a_fault_is_named_by_table_and_field(name: str) -> None:
     with pytest.raises(LinkageError) as caught:
         load_document(tomllib.loads(text.replace(old, new, 1)), "torque")
     assert any(expected in str(fault) for fault in caught.value.faults), caught.value.faults
+
+
+def test_the_multipliers_explain_the_motion_with_the_friction_they_cause() -> None:
+    mechanism = crank_slider()
+    evaluator, states = Evaluator(mechanism), random_states(mechanism, 40)
+    found = metrics.reactions(evaluator, as_trajectory(states))
+    J = evaluator.constraints(states.t, states.q, states.v).J
+    acting = evaluator.applied.generalised(states.q, states.v) + evaluator.friction.generalised(states.q, states.v, found)
+    rest = states.a * evaluator.mass + (np.swapaxes(J, -1, -2) @ found[..., None])[..., 0] - acting
+    assert np.abs(rest).max() < 1e-11 * np.abs(found).max()
+    assert np.abs(evaluator.friction.generalised(states.q, states.v, found)).max() > 1e-2 * np.abs(acting).max()  # not a trifle
+
+
+def test_a_driven_crank_supplies_what_friction_dissipates_over_a_turn() -> None:
+    mechanism = crank_slider("driven")
+    evaluator = Evaluator(mechanism)
+    turn = as_trajectory(build_reference(mechanism, 1.0))
+    assert turn.t[-1] == 1.0
+    torque = metrics.driving_forces(evaluator, turn)[:-1, 0]
+    dissipated = -metrics.friction_power(evaluator, turn)[:-1].mean() * 1.0  # W over one turn of 1 s
+    # mean values over the equal parts of a period: the change of energy drops out up to rounding
+    assert torque.mean() * 2 * np.pi == pytest.approx(dissipated, rel=1e-11)
+    assert dissipated > 0.1  # J
+    free = replace(mechanism, frictions=())
+    without = metrics.driving_forces(Evaluator(free), turn)[:-1, 0]
+    assert np.abs(without.mean()) < 1e-12

@@ -11,7 +11,7 @@ from gauss_bench.kinematics.advantage import advantages
 from gauss_bench.kinematics.branches import branches
 from gauss_bench.kinematics.centres import centres
 from gauss_bench.kinematics.loop_closure import loop_motion
-from gauss_bench.linkage.load import load
+from gauss_bench.linkage.load import document_of, load, load_document
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import GROUND, Mechanism
@@ -29,6 +29,11 @@ def cross(a: Array, b: Array) -> float:
 def meeting(a: Array, b: Array, c: Array, d: Array) -> Array:
     """Return the point at which the line through a and b meets the line through c and d."""
     return a + (b - a) * cross(c - a, d - c) / cross(b - a, d - c)
+
+
+def by_names(mechanism: Mechanism, q: Array) -> dict[frozenset[str], Array | None]:
+    """Return the names of two links -> their instant centre (2,), None if they only translate against each other."""
+    return {frozenset(mechanism.link_name(i) for i in x.links): x.at for x in centres(mechanism, q)}
 
 
 def driven(name: str | Path, samples: int, scenario: str = "driven") -> tuple[Mechanism, Trajectory]:
@@ -122,3 +127,50 @@ def test_branches_of_what_is_not_held_are_refused() -> None:
     mechanism = load("five_bar")
     with pytest.raises(ValueError, match="1 of its motions stay free"):
         branches(load("five_bar", "spring"), mechanism.q0)
+
+
+def test_centres_of_a_four_bar_by_kennedys_construction() -> None:
+    mechanism, motion = driven("four_bar", 13)
+    for q in motion.q[1:-1]:
+        found = by_names(mechanism, q)
+        A, B, C, D = (position(q, mechanism.find_point(x)) for x in ("ground.A", "crank.B", "coupler.C", "rocker.D"))
+        assert len(found) == 6
+        for links, at in (
+            (("ground", "crank"), A),
+            (("crank", "coupler"), B),
+            (("coupler", "rocker"), C),
+            (("ground", "rocker"), D),
+        ):
+            assert np.abs(found[frozenset(links)] - at).max() < 1e-13
+        for links, at in ((("ground", "coupler"), meeting(A, B, D, C)), (("crank", "rocker"), meeting(A, D, B, C))):
+            if np.abs(at).max() < 10:
+                assert found[frozenset(links)] == pytest.approx(at, abs=1e-9)
+
+
+def test_velocity_ratio_of_a_four_bar_by_its_centres_and_advantage_its_inverse() -> None:
+    """omega_rocker / omega_crank = AP / DP with P the centre of crank and rocker, on the frame line."""
+    mechanism, motion = driven("four_bar", 25)
+    (told,) = advantages(mechanism, motion.q)
+    assert (told.input, told.output, told.units) == ("crank", "rocker", ("rad", "rad"))
+    for q, ratio in zip(motion.q, told.velocity, strict=True):
+        at = by_names(mechanism, q)[frozenset(("crank", "rocker"))]
+        assert at is not None
+        assert ratio == pytest.approx(at[0] / (at[0] - 0.4), rel=1e-9)
+    assert told.mechanical * told.velocity == pytest.approx(1.0)
+    assert told.velocity == pytest.approx(motion.v[:, 8] / motion.v[:, 2], rel=1e-9)
+
+
+@pytest.mark.parametrize(("rod", "output"), [(0.26, 0.22), (0.5, 0.5)])
+def test_assemblies_of_a_six_bar_are_counted_as_its_circles_meet(rod: float, output: float) -> None:
+    """Each assembly of the first four-bar allows two of the second where E is within reach of both its bars, else none."""
+    document, _, _ = document_of(TEMPLATES / "watt_six_bar.toml")
+    document["links"]["rod"]["points"]["F"], document["links"]["output"]["points"]["F"] = [rod, 0.0], [output, 0.0]
+    mechanism = load_document(document, "driven")
+    q = mechanism.q0
+    B, C, D, E, G = (position(q, mechanism.find_point(x)) for x in ("crank.B", "coupler.C", "ground.D", "ternary.E", "ground.G"))
+    line = (D - B) / np.hypot(*(D - B))
+    mirrored = B + 2 * line * ((C - B) @ line) - (C - B)
+    other = complex(*D) + complex(*(mirrored - D)) / complex(*(C - D)) * complex(*(E - D))
+    expected = sum(2 for x in (complex(*E), other) if abs(rod - output) < abs(x - complex(*G)) < rod + output)
+    assert expected == (2 if rod < 0.5 else 4)
+    assert len(branches(mechanism, q)) == expected

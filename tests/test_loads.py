@@ -184,3 +184,16 @@ def test_times_of_a_report_shorten_no_file_and_a_report_alone_runs_no_further(
     later = duration + 0.5
     assert end_of(capsys, "--at", f"0.1,{later}", "--out", str(out), "--replace") == ([0.1, later], later)
     assert columns(out)["t [s]"][-1] == later
+
+
+@pytest.mark.long
+def test_a_simulated_drive_has_the_loads_of_the_prescribed_motion() -> None:
+    simulated = gauss_bench.simulate("crank_slider", scenario="driven", at=[0.25], forces=True)
+    prescribed = gauss_bench.kinematics("crank_slider", intervals=1000, forces=True)
+    assert simulated.loads is not None
+    assert prescribed.loads is not None
+    assert simulated.t.tolist() == [0.25]
+    assert simulated.loads.until == 1.0
+    for name, peak in prescribed.loads.peaks.items():
+        same = simulated.loads.peaks[name]
+        assert (same.largest, same.mean, same.rms) == pytest.approx((peak.largest, peak.mean, peak.rms), rel=1e-5, abs=1e-7), name
