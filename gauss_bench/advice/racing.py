@@ -26,7 +26,9 @@ def race_there(
     engines: Sequence[str],
     path: str,
 ) -> Tables:
-    """Race settings in this process; return rows {"way", "seconds"} of the race and {"engine", "message"} of failures.
+    """Time settings against each other in this process.
+
+    Return the tables "race", with the fields of each setting (`way`) and its seconds, and "failed", with engine and message.
 
     Args:
         until: end of the runs [s].

@@ -157,7 +157,9 @@ def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], work
 def follow(
     run: Run, engine: str, worker: Worker, left: Callable[[], float], steps: int = PLAIN, most: float = math.inf
 ) -> Iterator[Truth]:
-    """Yield references with smaller and smaller steps of one engine, until the time ends or rounding stops the improvement.
+    """Yield references with smaller and smaller steps of one engine.
+
+    It ends when the time is up or when rounding stops the improvement; if the time is up at once, it yields none.
 
     Args:
         left: returns the seconds that are left.
@@ -165,7 +167,7 @@ def follow(
         most: largest number of steps of a coarser run.
 
     Raises:
-        NoTruth: the run with the smallest steps failed, or no run has the linkage's accelerations.
+        NoTruth: the run with the smallest steps failed, or accelerations of a run do not satisfy the linkage's equations.
     """
     judge, failed = Evaluator(run.mechanism), ""
     best: Truth | None = None

@@ -173,9 +173,9 @@ def export(
             into the file.
         step: integration step in the file [s]; by default 0.001.
         replace: whether an existing file may be replaced.
-        budget: longest time of the search, and again of measuring a program [s]; by default 60, and at least 60 for measuring. Time
-            in which other programs had the processor does not count.
-        told: called with each sentence of progress.
+        budget: longest time of the search, and again of measuring a program [s]; by default 60, and at least 60 for measuring. Only
+            processor time of the search and of the program counts.
+        told: called with each message of progress.
         position, angle, force: largest allowed errors [m], [rad], [N]. The file gets the engine's cheapest setting that holds them
             over the scenario's duration. If there is none, nothing is written.
         anyway: write a program that the judge refuses too, with a warning at its top.

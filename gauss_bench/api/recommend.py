@@ -94,7 +94,8 @@ def recommend(
         scenario: name of a scenario; by default the first with a start.
         settings: settings of a single engine, as in `simulate`; the search then varies integrator, stabilization and step.
         budget: longest time of the whole call [s]; by default 60. Time in which other programs had the processor does not count,
-            but the search ends after 1.45 times the budget of elapsed time. The program of the advised setting is always written.
+            but the search ends at the latest when 1.45 times as many seconds have passed. The program of the advised setting is
+            always written.
         told: called with each sentence of progress.
         better: called with the first answer of an engine and with every cheaper one, before the race.
         authors: files of settings by engines' authors, which get an answer of their own beside the suite's.

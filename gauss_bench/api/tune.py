@@ -344,7 +344,7 @@ def describe_errors(tried: Tried) -> str:
 
 
 def describe_changes(changes: Mapping[str, Any]) -> str:
-    """Return changes of attributes as MJCF writes them."""
+    """Return changed attributes in the notation of an MJCF file."""
     return " ".join(f'{key}="{attribute_text(x)}"' for key, x in changes.items()) or "as it stands"
 
 

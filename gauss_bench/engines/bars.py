@@ -19,7 +19,7 @@ class Bar:
     """A bar that hangs on a parent by its first pin.
 
     Attributes:
-        name: name of the bar; "twin" for the second half of a rod.
+        name: name of the bar; "twin" for the second of the two equal bars that make up a rod.
         parent: index of the parent in the list of bars; -1 for the ground.
         at: place of the first pin [m] along the parent, or along the ground's x axis.
         length: distance [m] from the first pin to the end.
@@ -58,7 +58,7 @@ RATIO, CURVE = -0.5, 0.2  # if the first bar of CHAIN is at the angle x, the sec
 
 
 def accelerate_states(solve: Callable[[Array, Array], Array], q: Array, v: Array, bars: Sequence[Bar]) -> Array:
-    """Return the absolute accelerations (k, n) of bars at k absolute states q, v (k, n), which do not hold the twin.
+    """Return the absolute accelerations (k, n) of bars at k absolute states q, v (k, n), which have no columns of the twin.
 
     Args:
         solve: function of the bars' angles and angular speeds (bars,), each relative to the parent's; it returns the angular

@@ -259,7 +259,7 @@ class ModelDefaults:
 
 
 def _list_members(defaults: type) -> dict[str, type]:
-    """Return name of a public member -> the class `defaults` that holds its default."""
+    """Return name of each public member of a class of defaults -> this class."""
     return {name: defaults for name in vars(defaults) if not name.startswith("_")}
 
 

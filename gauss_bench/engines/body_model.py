@@ -12,7 +12,7 @@ from gauss_bench.trajectory import Trajectory, with_accelerations
 
 
 class BodyModel(ABC):
-    """A mechanism in a library of free bodies, under one choice: a base class for models (`Model` in `base.py`).
+    """A mechanism in a library of free bodies, run by one `Choice`: a base class for models (`Model` in `base.py`).
 
     A subclass supplies `acceleration`, and `run`, which steps through `plan` and stores states in `q` and `v`.
 

@@ -1,6 +1,6 @@
 """Forces for which a library has no element: the adapter computes them in Python and gives them to the library at every step.
 
-They are those of the state at which the step begins. Laws on tree coordinates y are forces on these coordinates,
+They are those of the state at which the step begins. A spring and damper on tree coordinates y gives forces on these coordinates,
 
     constant - stiffness y - damping y'
 

@@ -28,7 +28,7 @@ class OptionTable:
 
     Attributes:
         labels: name of settings or of a variant -> option -> value; the first entry holds the engine's defaults.
-        options: option that a user may give as KEY=VALUE -> words that it may have besides those in `labels`.
+        options: option that a user may give as KEY=VALUE -> values that it may have besides those that occur in `labels`.
     """
 
     labels: Mapping[str, Mapping[str, Any]]

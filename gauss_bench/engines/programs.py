@@ -169,7 +169,7 @@ def force_numbers(forces: GivenForces, mechanism: Mechanism, tree: Tree) -> dict
 
 
 def write_tree_program(mechanism: Mechanism, tree: Tree, choice: Choice, parts: Parts) -> str:
-    """Return the program of a linkage in a library of joint trees."""
+    """Return the text of a program that runs a linkage in a library of joint trees."""
     y0, dy0 = tree.relative(mechanism.q0, mechanism.v0)
     turns, links = turning(tree), range(len(mechanism.links))
     numbers = {

@@ -158,7 +158,7 @@ class Tree:
 
 
 def exponential(x: Array) -> Callable[[Any], Any]:
-    """Return the complex exponential for a state x: that of cmath for a single state (n,), that of numpy for a batch."""
+    """Return the function for complex exponentials of a state x: cmath.exp for a single one (n,), numpy.exp for a batch."""
     return cmath.exp if x.ndim == 1 else np.exp
 
 
@@ -188,7 +188,7 @@ class Turning:
         return bool((self.rows[a] <= self.rows[b]).all())
 
     def apart(self, a: int, b: int) -> bool:
-        """Tell whether no hinge turns both links."""
+        """Tell whether the paths of two links to the ground have no hinge in common."""
         return not (self.rows[a] * self.rows[b]).any()
 
 

@@ -1,4 +1,4 @@
-"""The loads of a linkage for engines in coordinates of a joint tree, sorted into three kinds.
+"""The loads of a linkage, sorted into three kinds, for engines whose coordinates are those of a joint tree.
 
 Steady      constant generalised force on tree coordinates: a torque, or a force along a slide with its reaction on the guide
 OnJoints    spring and damper on an angle or a slide, which is a sum of tree coordinates L = row . y + constant
@@ -63,7 +63,7 @@ class OnJoints:
 
 @dataclass(frozen=True, eq=False)
 class OtherLoad:
-    """A load of the linkage's force `name` that is no law on tree coordinates."""
+    """A load of the linkage's force `name` that cannot be written as a spring and damper on tree coordinates."""
 
     name: str
     load: PointForce | Law

@@ -24,7 +24,7 @@ from gauss_bench.trajectory import Trajectory, with_accelerations
 
 
 class TreeModel(ABC):
-    """A mechanism in a library of joint trees, under one choice: a base class for models (`Model` in `base.py`).
+    """A mechanism in a library of joint trees, run by one `Choice`: a base class for models (`Model` in `base.py`).
 
     A subclass calls this `__init__` and then builds the library's model. It supplies `tree_acceleration`, and `run`, which steps
     through `plan` and stores tree states in `y` and `dy`. It may extend `prepare` and `read`.
@@ -165,7 +165,7 @@ def acceleration_by_steps(rates: TwoSteps, t: float, y: Array, dy: Array, steps:
     In a library whose constraints act on velocities, the velocities v1 after a step have J v1 = 0, with J at the step's beginning.
     From a state with J v = 0, one step would therefore give J a = 0 in place of J a = gamma. So D is taken from the second of two
     steps, of which the first begins one step before, at y - h dy. The library must not close the gaps there, which have the size
-    h^2: the impulse that closes them does not vanish with h.
+    h^2: closing one adds an acceleration of a size that does not depend on h.
     """
     changes = []
     for h in steps:

@@ -180,7 +180,10 @@ def _read_range(place: str, line: Line) -> tuple[float, float]:
 
 
 def _read_settings(lines: Mapping[str, Line], own: Sequence[str]) -> tuple[dict[str, Line], dict[str, str]]:
-    """Return label -> knob -> value for all knobs in `own`, and label -> cause for the settings that are declared soft."""
+    """Return two tables of the settings: label -> knob -> value for all knobs in `own`, and label -> declared reason of softness.
+
+    A setting is soft if it lets constraints give way.
+    """
     settings: dict[str, Line] = {}
     soft: dict[str, str] = {}
     defaults: Line = {}
@@ -238,5 +241,5 @@ def _combinations(name: str, line: Line, usual: Mapping[str, Any]) -> Iterator[V
 
 
 def _is_choice(value: Any, usual: Any) -> bool:
-    """Tell whether a value lists several values of a knob; if the knob's default is a list, it must be a list of lists."""
+    """Tell whether a line lists several values of a knob. Where the knob's default is a list, only a list of lists does."""
     return isinstance(value, list) and (not isinstance(usual, list) or all(isinstance(x, list) for x in value))

@@ -63,11 +63,11 @@ class Move:
     speed: complex = 0j
 
     def place(self, x: complex) -> complex:
-        """Return the place after the displacement of a point that was at x."""
+        """Return where the displacement takes a point at x."""
         return rect(1.0, self.angle) * x + self.shift
 
     def velocity(self, x: complex) -> complex:
-        """Return the velocity after the displacement of a point that was at x."""
+        """Return the velocity that the displacement gives a point at x."""
         return self.speed + 1j * self.omega * self.place(x)
 
     def follow(self, joint: Joint, axis: complex, anchor: complex, sign: float) -> "Move":

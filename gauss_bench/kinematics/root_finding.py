@@ -25,7 +25,7 @@ TOLERANCE = 1e-13  # of max |F| at a root, in the unit of F
 LIMIT = 100  # largest number of iterations
 RANK_TOLERANCE = 1e-9  # share of the largest singular value, as in `linkage/closure.py`
 SUFFICIENT = 1e-4  # smallest decrease by a step, as a share of the predicted decrease: the usual constant of Armijo's condition
-HALVINGS = 30  # largest number of halvings: the step is then shorter by 1e-9
+LENGTHS = 30  # number of lengths of a step that are tried, each half of the one before: the last is shorter by 2e-9
 DAMPING = 1e-3  # first mu as a share of the largest diagonal entry of J^T J, for a fair first guess
 FLAT = 1e-8  # |J^T F| / (|J| |F|) at a minimum of |F| that is no root; at a double root F is 1e-16 before the ratio is this small
 
@@ -85,16 +85,19 @@ def newton_raphson(residual: Residual, x: Array, tolerance: float = TOLERANCE) -
 
     This is the fastest method near a root. Far from a root its steps may lead anywhere.
     """
-    return search_along(residual, x, tolerance, halvings=0)
+    return search_along(residual, x, tolerance, lengths=0)
 
 
 def gauss_newton(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
     """Search as `newton_raphson` does, but halve each step until |F|^2 falls by a share of the predicted decrease."""
-    return search_along(residual, x, tolerance, HALVINGS)
+    return search_along(residual, x, tolerance, LENGTHS)
 
 
-def search_along(residual: Residual, x: Array, tolerance: float, halvings: int) -> Root:
-    """Search by steps h of J h = -F, each halved up to `halvings` times until |F| falls enough; with 0 all steps are full."""
+def search_along(residual: Residual, x: Array, tolerance: float, lengths: int) -> Root:
+    """Search by steps h of J h = -F.
+
+    Of each step up to `lengths` lengths 1, 1/2, 1/4, ... are tried, until |F| falls enough; with 0 every step is taken in full.
+    """
     F, J = residual(x)
     for iteration in range(LIMIT):
         end = end_search(x, F, tolerance, iteration)
@@ -104,9 +107,9 @@ def search_along(residual: Residual, x: Array, tolerance: float, halvings: int) 
         if h is None:
             return Root(x, ExitFlag.SINGULAR, iteration, largest(F))
         size, promised = float(F @ F), 2.0 * SUFFICIENT * float((J @ h) @ (J @ h))
-        for part in 0.5 ** np.arange(max(1, halvings)):
+        for part in 0.5 ** np.arange(max(1, lengths)):
             G, K = residual(x + part * h)
-            if not halvings or size - part * promised >= G @ G:
+            if not lengths or size - part * promised >= G @ G:
                 break
         else:
             return Root(x, ExitFlag.STALLED, iteration, largest(F))

@@ -127,7 +127,7 @@ def table(start: Any, times: Array, angles: Array) -> MotionLaw:
     k = _solve_curvatures(h, d)
 
     def motion(t: Any) -> Motion:
-        """Return the cubic of the piece with t: value, first and second derivative."""
+        """Return value, first and second derivative at t of the cubic on the piece that contains t."""
         inside, moving = clip(t, times[0], times[-1])
         piece = np.searchsorted(times.astype(float), np.asarray(inside, dtype=float), side="right") - 1
         j = np.minimum(piece, len(h) - 1)  # the last time belongs to the last piece

@@ -65,10 +65,13 @@ def equilibria(motion: CrankMotion) -> tuple[Equilibrium, ...]:
 
 
 def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
-    """Tell whether the crank, started at rest at theta = 0, comes to rest.
+    """Tell whether the crank, started at rest at theta = 0, turns back before it completes a turn.
+
+    It then swings and comes to rest. A crank that completes the first turn begins the second one faster, and so runs on.
 
     Raises:
-        ArithmeticError: the first turn does not end within LONGEST, which happens at an exact bound only.
+        ArithmeticError: the first turn does not end within LONGEST [s], which happens only if the parameters lie exactly on the
+            bound between coming to rest and running on.
     """
     push = float(motion.static_torque(0.0))
     if push == 0.0:

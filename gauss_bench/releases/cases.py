@@ -108,7 +108,10 @@ def states_of(linkage: str, scenario: str) -> States:
 
 
 def with_shifts(q: Array, v: Array, a: Array) -> States:
-    """Return states q, v (k, n) with their true accelerations, followed by SHIFTS copies that differ by SHIFT."""
+    """Return states q, v (k, n) with their true accelerations, followed by SHIFTS copies that differ by SHIFT.
+
+    The copies show how far a release's answers follow rounding; `a` (k, n) belongs to the states themselves alone.
+    """
     rng = np.random.default_rng(0)
     many_q, many_v = [q], [v]
     for _ in range(SHIFTS):

@@ -81,7 +81,7 @@ class Answers:
 
 
 def first_table(run: Run) -> Table | None:
-    """Return the table of engines that hold FIRST, or None for a run without such an engine.
+    """Return the table of the engines that reach the accuracy FIRST [m], or None if no engine of the run does.
 
     A row has error, time and multiple on the linkages SHOWN, and the range of the engine's multiples on all linkages.
     """

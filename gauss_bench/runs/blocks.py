@@ -137,7 +137,7 @@ class TimedCall:
 
 
 def prepare_call(asked: Callable[[Mechanism, Array, Array], LibraryCall], mechanism: Mechanism, q: Array, v: Array) -> TimedCall:
-    """Return the block of a call of a library at a state q, v (n,).
+    """Return the calls, timed as one block, of a library's function at a state q, v (n,).
 
     Raises:
         RunFailure: the library cannot model the mechanism.

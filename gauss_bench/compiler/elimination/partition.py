@@ -90,7 +90,7 @@ class Drop:
     shares: tuple[tuple[int, int, float], ...] = ()
 
     def directions(self, count: int) -> Array:
-        """Return unit vectors (dropped, count) that are normal to all kept combinations of `count` rows."""
+        """Return, for each dropped row, the unit vector (count,) over all rows that is normal to every kept row with its shares."""
         W = np.zeros((len(self.rows), count))
         W[range(len(self.rows)), list(self.rows)] = 1.0
         for kept, dropped, factor in self.shares:

@@ -114,7 +114,7 @@ def error_on_constraints(mechanism: Mechanism, accelerate: Accelerate) -> tuple[
 def error_off_constraints(mechanism: Mechanism, evaluate: Callable[[float, Array, Array], Array]) -> float:
     """Return the largest error of residuals, their rates and the energy, as `evaluate` returns them one after the other.
 
-    Each is relative to its size or to 1 in SI units, whichever is larger.
+    Each error is relative to the larger of the quantity's magnitude and 1 in SI units.
     """
     evaluator, states = Evaluator(mechanism), _check_at(mechanism)
     t, v = float(states.t[-1]), states.v[-1]

@@ -27,7 +27,7 @@ def rows_of(links: Links) -> list[Row]:
 
 
 def combine(graph: ExpressionGraph, parts: Sequence[tuple[Row, float]]) -> Row:
-    """Return the sum of rows that have residuals, each times a factor, with the name of the first."""
+    """Return the weighted sum of rows, with the name of the first; rows without a position level add nothing to its residual."""
     entries: dict[int, list[Node]] = {}
     for row, factor in parts:
         for c, e in row.entries.items():

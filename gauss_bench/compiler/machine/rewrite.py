@@ -84,7 +84,10 @@ class _Rewriter:
         return self.new.make(operation, *map(self.get, operands), payload=self.old.payload[x])
 
     def _terms(self, x: int) -> list[Summand]:
-        """Return the terms of a sum, in the new graph."""
+        """Return the signed terms of the old sum x, in the new graph.
+
+        Parts, which only this sum uses, are expanded: sums into their terms, products into the two factors of a fused multiply-add.
+        """
         terms, waiting = [], [(x, False)]  # waiting: old values, and whether each is subtracted
         while waiting:
             y, negative = waiting.pop()
@@ -92,7 +95,7 @@ class _Rewriter:
             negative ^= minus
             operation, operands = self.old.operation[base], self.old.operands[base]
             if operation in SUMS and (base == x or base in self.parts):  # its terms are terms of x
-                waiting += [(operands[0], negative), (operands[1], negative != (operation == "sub"))]
+                waiting += [(operands[0], negative), (operands[1], negative ^ (operation == "sub"))]
             elif base in self.parts:  # a product, which may be fused with the addition
                 (a, minus_a), (b, minus_b) = map(self.new.split_sign, self._last_two(base))
                 terms.append(Summand(negative ^ minus_a ^ minus_b, a, b))

@@ -160,7 +160,7 @@ class Source(Emitter):
                     self._assign({x: new for x, (new, _) in s.merged.items()})
 
     def _assign(self, values: Mapping[int, int]) -> None:
-        """Compute values and give them to leaves."""
+        """Write the statements that compute values and assign them to leaves, as leaf -> value."""
         self.assign_leaves(dict(zip(values, self.compute([*values.values()]), strict=True)))
 
     def _row(self, start: int | None, row: int) -> str:

@@ -4,10 +4,10 @@
 
 takes n steps of h from the time t0 with a group of trajectories. Rows of the arrays, each with one number for each trajectory:
 
-    y        2 n_q            q and v at the start; afterwards, of a trajectory that stopped early, the state at which it stopped
+    y        2 n_q            q and v at the start; on return, if a trajectory stopped early, the state at which it stopped
     p        n_p              parameters
-    samples  slots x 2 n_q    states after each `every` steps and after the last step; slots = ceil(n / every), at least one
-    report   3                number of steps done; 1 if all were done; 1 if only the reach of the last body was exceeded
+    samples  slots x 2 n_q    states after every `every`-th step and after the last; slots = ceil(n / every), at least one
+    report   3                number of steps done; 1 if all were done; 1 if a step only turned a link too far for the last body
 
 A trajectory stops before the first step whose guards fail, and that step is not counted. The other lanes go on, while the stopped
 one keeps its state by selection. A sample is the state at the beginning of a step, where projection has corrected the velocities.
@@ -41,7 +41,7 @@ SETTLED = 32
 
 
 class Body:
-    """One step, whose state is carried in registers; `plain` leaves the order of its arithmetic to the target.
+    """One step, whose state is carried in registers; if `plain`, its operations are not put in another order.
 
     Attributes:
         step: the step, rewritten unless it is plain.

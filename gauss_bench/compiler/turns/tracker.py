@@ -84,13 +84,13 @@ class Tracker:
         self.q, self.least = rows[0, : self.n], LEAST * guards[0]
 
     def strides(self, u: Array) -> float:
-        """Return the largest step from one sample to the next in inputs u (k, K), in strides."""
+        """Return the largest step between successive samples of the inputs u (k, K), as a multiple of STRIDE."""
         return float((np.abs(u[1:] - u[:-1]) * self.per_stride).max(initial=0.0))
 
     def track(self, levels: Array, stride: float, rows: Array, status: NDArray[np.int8]) -> Loss | None:
         """Fill rows (k, R) and status (k,); return the loss if the motion ends before the last sample.
 
-        `stride` is the largest step from one sample to the next, in strides.
+        `stride` is the largest step between successive samples, as a multiple of STRIDE.
         """
         closed = self._follow_parts(levels, stride, rows)
         return self._finish(levels, rows, status, closed) if closed < len(rows) else None
@@ -106,7 +106,10 @@ class Tracker:
         return rows[lead:, : self.n]
 
     def _follow_parts(self, levels: Array, stride: float, rows: Array) -> int:
-        """Follow the linkage in parallel parts, the last of which may overlap; return the number of closed samples."""
+        """Follow the linkage in parallel parts, of which the last may overlap the one before.
+
+        Return the number of samples, from the first on, at which the loops were closed.
+        """
         k = len(rows)
         parts = self.lanes if k >= FEW * self.lanes else 1
         count = ceil(k / parts)  # samples of each part

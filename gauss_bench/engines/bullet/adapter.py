@@ -108,7 +108,7 @@ def step_through(
 
 
 class JointModel(TreeModel):
-    """A mechanism as a tree of joints in Bullet under one choice.
+    """A mechanism as a tree of joints in Bullet, run by one `Choice`.
 
     Attributes:
         laws: index of a driven joint -> its motion law.
@@ -142,10 +142,11 @@ class JointModel(TreeModel):
         world.set_step(1.0)  # velocities of the open tree change in proportion to the step: its length causes no error
 
         def describe(y: Array, dy: Array) -> OpenModel:
+            """Return the gaps at a tree state y, dy (n,), and Bullet's accelerations there at t = 0."""
             world.put(y, dy)
-            gaps = world.gaps()
+            gaps = world.gaps()  # before the step, which moves the links
             world.step(self.forces(0.0, y, dy).tolist())
-            return OpenModel(gaps, accelerations=world.state()[1] - dy)
+            return OpenModel(gaps, accelerations=world.state()[1] - dy)  # the step is 1 s: the change is the acceleration
 
         verify(self.mechanism, self.tree, describe, AGREEMENT)
 
@@ -170,7 +171,7 @@ class JointModel(TreeModel):
 
 
 class FreeBodies(BodyModel):
-    """A mechanism as free bodies in Bullet under one choice."""
+    """A mechanism as free bodies in Bullet, run by one `Choice`."""
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
         import pybullet

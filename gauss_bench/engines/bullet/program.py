@@ -43,7 +43,7 @@ RUN = """    joints = range(len(Y0))
 
 
 def write(mechanism: Mechanism, choice: Choice, variants: Variants) -> str:
-    """Return the program of a mechanism under a choice.
+    """Return the text of a program that runs a mechanism by one `Choice`.
 
     Raises:
         RunFailure: the links are free bodies, or the program would need forces that only this suite computes.

@@ -104,7 +104,13 @@ class CasadiModel:
         self.system = self._write_system(e)
 
     def _write_system(self, e: Any) -> dict[str, Any]:
-        """Return the system of the equations e. Its start time is a parameter, so intervals of equal length share an integrator."""
+        """Return the system of the equations M a + J' multipliers = Q, J a = gamma.
+
+        The start time of the system is a parameter, so that intervals of equal length share an integrator.
+
+        Args:
+            e: the equations; c (m,) are the residuals of the velocities, phi those of the positions, without knife edges.
+        """
         from gauss_bench.engines.casadi.equations import solution, stabilize
 
         ca, n = self.ca, self.mechanism.n
@@ -116,7 +122,9 @@ class CasadiModel:
             a, multipliers = ca.SX.sym("a", n), ca.SX.sym("multipliers", e.c.shape[0])
             motion = e.mass * a + e.J.T @ multipliers - e.Q
             system = {"z": ca.vertcat(a, multipliers), "ode": ca.vertcat(e.v, a), "alg": ca.vertcat(motion, e.J @ a - e.gamma)}
-            if self.choice.integrator == "idas_ggl":
+            if (
+                self.choice.integrator == "idas_ggl"
+            ):  # Gear, Gupta and Leimkuhler: mu keeps the positions, multipliers the velocities
                 mu = ca.SX.sym("mu", e.phi.shape[0])
                 system["z"] = ca.vertcat(system["z"], mu)
                 system["ode"] = ca.vertcat(e.v - ca.jacobian(e.phi, e.q).T @ mu, a)
@@ -129,7 +137,7 @@ class CasadiModel:
         return finite_acceleration(t, np.array(self.solve(t, q, v)[0])[:, 0], "CasADi")
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start and make an integrator for each length of interval; `native` has no effect, as SUNDIALS steps."""
+        """Reset to the start and make an integrator for each length of interval; `native` has no effect."""
         self.times, self.steps, self.evaluations = times, 0, 0
         (self.x,) = sample_arrays(times, np.concatenate([self.mechanism.q0, self.mechanism.v0]))
         grids: dict[float, list[float]] = {}  # length of an interval -> times [s] at which its integrator returns states
@@ -158,13 +166,15 @@ class CasadiModel:
         return self.ca.integrator("integrator", kind, self.system, 0.0, grid, options)
 
     def _solve_algebraic(self, t: float, x: Array) -> Array:
-        """Return the algebraic variables at time t [s] and a state x (2n,): accelerations, multipliers, and zero corrections mu.
+        """Return the algebraic variables at time t [s] and a state x (2n,): accelerations, multipliers, and corrections mu = 0.
 
-        Return none for an ordinary system.
+        The array is empty for a system of ordinary differential equations.
         """
-        n, size = self.mechanism.n, self.system["z"].shape[0] if "z" in self.system else 0
-        algebraic = np.concatenate([np.array(part)[:, 0] for part in self.solve(t, x[:n], x[n:])])
-        return np.concatenate([algebraic, np.zeros(size)])[:size]
+        if "z" not in self.system:
+            return np.zeros(0)
+        n, size = self.mechanism.n, self.system["z"].shape[0]
+        solved = np.concatenate([np.array(part)[:, 0] for part in self.solve(t, x[:n], x[n:])])
+        return np.pad(solved, (0, size - len(solved)))  # only some systems have corrections
 
     def run(self) -> None:
         if self.spans:

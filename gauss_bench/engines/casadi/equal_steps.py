@@ -85,7 +85,7 @@ static void acceleration(double t, const double *q, const double *v, double *a)
         return advance
 
     def _step(self, x: Any, h: Any) -> Any:
-        """Return the symbols of the state [q, v, t] after a step of h [s] from the state x."""
+        """Return the expression of the state [q, v, t] after a step of h [s] from the state x."""
         n = self.mechanism.n
 
         def rate(x: Any) -> Any:

@@ -65,7 +65,7 @@ class Dart(LibraryEngine, file=VARIANTS):
 
 
 class DartModel(TreeModel):
-    """A mechanism in DART under one choice.
+    """A mechanism in DART, run by one `Choice`.
 
     Attributes:
         laws: index of a driven tree coordinate -> its motion law.
@@ -115,7 +115,7 @@ class DartModel(TreeModel):
         closures.setErrorAllowance(0.0)
 
     def _push(self, built: Built, t: float) -> None:
-        """Set the forces of a world at time t [s] and its present state."""
+        """Apply to a world the forces that belong to time t [s] and to its present state."""
         y, dy = built.y, built.dy
         built.command(self.forces.on_joints(y, dy))
         on_links = self.forces.on_links(t, y, dy)

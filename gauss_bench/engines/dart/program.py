@@ -54,7 +54,7 @@ RUN = """    place, speed = np.empty((2, len(Y0)))
 
 
 def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str:
-    """Return the program of a mechanism under a choice, whose settings have these options.
+    """Return the text of a program that runs a mechanism by one `Choice`, whose settings have these options.
 
     Raises:
         RunFailure: the program would need forces that only this suite computes.

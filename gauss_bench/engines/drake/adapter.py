@@ -79,7 +79,7 @@ def choose_closure(tree: Tree, options: Mapping[str, Any]) -> Closure:
 
 
 class DrakeModel(TreeModel):
-    """A mechanism in Drake under one choice.
+    """A mechanism in Drake, run by one `Choice`.
 
     Attributes:
         closure: how loops are closed; its kind is OPEN if there are no loops.

@@ -42,7 +42,7 @@ RUN = """    context = plant.GetMyMutableContextFromRoot(root)
 
 
 def write(mechanism: Mechanism, tree: Tree, choice: Choice, closure: Closure, scheme: str, accuracy: float | None) -> str:
-    """Return the program of a mechanism under a choice.
+    """Return the text of a program that runs a mechanism by one `Choice`.
 
     Args:
         scheme: Drake's name of an integrator of continuous plants; empty for a discrete plant.

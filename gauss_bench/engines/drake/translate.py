@@ -13,8 +13,8 @@ translates a force only if an element of Drake expresses it exactly, and refuses
     force at a point, fixed in the world           input port of spatial forces
     force at a point, fixed in its own link        Propeller without a moment
 
-Trap: a constraint on a point of the world ends the process at the first step (Drake 1.51.1, segmentation fault). A body welded to
-the world has those points instead.
+Trap: a constraint on a point of the world ends the process at the first step (Drake 1.51.1, segmentation fault). Such points
+therefore lie on a body that is welded to the world.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Exudyn: links are rigid bodies in absolute coordinates, joints are algebraic equations, and Exudyn's implicit integrators step.
+"""Exudyn: links are rigid bodies in absolute coordinates, joints are algebraic equations, and the integrators are implicit.
 
 Exudyn's state is the displacement u from reference coordinates. The reference is the assembled start of the linkage, so that
 

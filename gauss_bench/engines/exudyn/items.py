@@ -132,7 +132,7 @@ class System:
         return self.mbs.AddMarker(self.items.MarkerBodyRigid(bodyNumber=self.bodies[link], localPosition=spatial(local)))
 
     def _mark_angle(self, link: int) -> Any:
-        """Add a marker of a link's angle relative to its start, and return it; the ground's marks a coordinate that is zero."""
+        """Add a marker of a link's angle relative to its start, and return it; for the ground, of a coordinate that stays zero."""
         coordinate = 0 if link == GROUND else 2
         return self.mbs.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[link], coordinate=coordinate))
 
@@ -187,7 +187,7 @@ class System:
         columns = [3 * link + axis for link in links for axis in range(3)]  # their entries in q
 
         def full(of_both_links: Any) -> Array:
-            """Return a state (n,) of all links, with zeros for the links that the coordinate does not depend on."""
+            """Return a vector (n,) over all links from one over both links of the driver, with zeros for the others."""
             state = np.zeros(self.mechanism.n)
             state[columns] = np.array(of_both_links)
             return state

@@ -82,7 +82,7 @@ def refuse_forces(mechanism: Mechanism, tree: Tree) -> str | None:
 
 
 def other_load(other: tree_loads.OtherLoad, mechanism: Mechanism, turns: Turning) -> list[Native]:
-    """Return the elements for a load that is no law on tree coordinates.
+    """Return the elements for a load that cannot be written as a spring and damper on tree coordinates.
 
     Raises:
         RunFailure: no element expresses the load exactly (status SKIP).

@@ -92,7 +92,7 @@ class MjxModel(TreeModel):
         self.sized = self.choice.step
 
     def describe(self, y: Array, dy: Array) -> OpenModel:
-        """Return MJX's terms of the tree at a tree state y, dy (n,), without drives and without the forces of closures."""
+        """Return the mass matrix and forces that MJX computes for the open tree at a tree state y, dy (n,), without drives."""
         x = self.device.evaluate(y, dy)
         return OpenModel(-x.gaps[:, :2], x.mass, x.forces, positions=x.centres[self.bodies][:, :2])  # MJX's gaps are a minus b
 

@@ -69,7 +69,7 @@ class OnMujoco:
 
 
 def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str:
-    """Return the program of a mechanism under a choice, whose settings have these options.
+    """Return the text of a program that runs a mechanism by one `Choice`, whose settings have these options.
 
     Raises:
         RunFailure: an MJCF document cannot hold the mechanism.

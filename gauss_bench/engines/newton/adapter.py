@@ -72,7 +72,7 @@ def compile_kernels(options: Mapping[str, Any]) -> None:
 
 
 class NewtonModel(BodyModel):
-    """A mechanism in Newton under one choice.
+    """A mechanism in Newton, run by one `Choice`.
 
     Attributes:
         unconverged: number of steps of a run in which Kamino's solver did not converge.

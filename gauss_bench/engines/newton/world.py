@@ -54,7 +54,7 @@ def joint_frames(joint: Joint) -> tuple[Frame, Frame]:
 class World:
     """A linkage in Newton that takes steps.
 
-    Newton can step several copies of a linkage at once, which do not touch each other. States q, v and forces (3 links copies,)
+    Newton can step several copies of a linkage at once, which do not touch each other. States q, v and forces (3 * links * copies,)
     hold the entries of the first copy, then those of the second, and so on.
     """
 
@@ -108,7 +108,7 @@ class World:
         return self.warp.transform(self.warp.vec3(*spatial(origin)), turn)
 
     def put(self, q: Array, v: Array) -> None:
-        """Set the absolute state q, v (3 links copies,)."""
+        """Set the absolute state q, v (3 * links * copies,)."""
         self.angles = angles(q).copy()  # angles when they were last set or read: `state` counts turns from them
         poses, speeds = np.zeros((len(self.angles), 7)), np.zeros((len(self.angles), 6))
         poses[:, PLANE], speeds[:, PLANE], speeds[:, TURN] = places(q), places(v), angles(v)
@@ -117,7 +117,7 @@ class World:
         self.now.body_qd.assign(speeds.astype(np.float32))
 
     def state(self) -> tuple[Array, Array]:
-        """Return the absolute state q, v (3 links copies,); between two calls, no link may turn by half a turn."""
+        """Return the absolute state q, v (3 * links * copies,); between two calls, no link may turn by half a turn or more."""
         poses, speeds = (np.asarray(x.numpy(), dtype=float) for x in (self.now.body_q, self.now.body_qd))
         q, v = np.empty(3 * len(poses)), np.empty(3 * len(poses))
         places(q)[:], places(v)[:] = poses[:, PLANE], speeds[:, PLANE]
@@ -138,7 +138,7 @@ class World:
         """Take a step of h [s], and tell whether the solver converged.
 
         Args:
-            forces: (3 links copies,) forces and torques at the centres of mass, without gravity.
+            forces: (3 * links * copies,) forces and torques at the centres of mass, without gravity.
         """
         wrenches = np.zeros((len(self.angles), 6), dtype=np.float32)
         wrenches[:, PLANE], wrenches[:, TURN] = places(forces), angles(forces)

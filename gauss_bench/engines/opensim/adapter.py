@@ -1,7 +1,7 @@
 """OpenSim: a tree of Simbody's mobilised bodies, closed by point constraints; every evaluation solves for their multipliers.
 
-Simbody's integrators project states onto the constraints. The accuracy decides when they do so, even if steps are equal. Before the
-model is used, it is compared with the suite's own terms, at tree states at which loops are open.
+Simbody's integrators project states onto the constraints. The setting `accuracy` decides when they project, even if steps are
+equal. Before the model is used, its accelerations are compared with those of the suite, at tree states at which loops are open.
 """
 
 from collections.abc import Mapping
@@ -57,6 +57,7 @@ class OpenSim(LibraryEngine, file=VARIANTS):
         return OpenSimModel(mechanism, choice)
 
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
+        """Return the text of a program in Python that runs the mechanism in OpenSim."""
         options, method = VARIANTS.options(choice.settings), choice.integrator or OpenSim.integrators[0]
         accuracy = choice.tolerances(options["accuracy"], 0.0)[0] if method in OpenSim.adaptive else None
         member = f"{MEMBER}{METHODS[method]}"
@@ -64,7 +65,7 @@ class OpenSim(LibraryEngine, file=VARIANTS):
 
 
 class OpenSimModel(TreeModel):
-    """A mechanism in OpenSim under one choice."""
+    """A mechanism in OpenSim, run by one `Choice`."""
 
     library = "OpenSim"
 

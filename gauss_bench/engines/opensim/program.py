@@ -51,7 +51,7 @@ $FURTHER    manager.initialize(state)
 
 
 def write(mechanism: Mechanism, tree: Tree, choice: Choice, options: Mapping[str, Any], method: str, accuracy: float | None) -> str:
-    """Return the program of a mechanism under a choice, whose settings have these options.
+    """Return the text of a program that runs a mechanism by one `Choice`, whose settings have these options.
 
     Args:
         method: name of Simbody's integrator, a member of `opensim.Manager`.

@@ -1,8 +1,9 @@
 """Build `loop.cpp` against the headers and the library of Pinocchio's wheel, once for each user.
 
-The build takes about 75 s of a processor and 2.2 GB of memory, so a run never starts it. Only a search starts it, or a user who
-names settings that need the loop. Only one process builds at a time. The library is kept in the user's cache under a name that
-depends on its sources, flags, compiler and libraries. It is moved there only when it is complete.
+The build takes about 75 s of a processor and 2.2 GB of memory, so a run never starts it. Only a search for
+settings starts it, or a user who names settings that need the compiled loop. Only one process builds at a time. The library is kept
+in the user's cache under a name that depends on its sources, flags, compiler and libraries. It is moved there only when it is
+complete.
 """
 
 import fcntl
@@ -57,7 +58,7 @@ def find_tools() -> tuple[str, Path]:
     """Return the path of a C++ compiler, and the folder with Pinocchio's `include` and `lib`.
 
     Raises:
-        RunFailure: the loop cannot be built on this machine.
+        RunFailure: the compiled loop cannot be built on this machine.
     """
     root, program = prefix(), compiler()
     if root is None:
@@ -72,7 +73,7 @@ def find_tools() -> tuple[str, Path]:
 
 
 def missing() -> str | None:
-    """Return the reason why the loop cannot be built on this machine, or None if it can be."""
+    """Return the reason why the compiled loop cannot be built on this machine, or None if it can be."""
     try:
         find_tools()
     except RunFailure as failure:
@@ -81,7 +82,7 @@ def missing() -> str | None:
 
 
 def absent() -> str | None:
-    """Return a sentence that the loop was not built yet and how to build it, or None if it was built."""
+    """Return a sentence that the compiled loop was not built yet and how to build it, or None if it was built."""
     if (user_cache.folder() / _cache_name()).is_file():
         return None
     return f"{NOT_INSTALLED}: it was not built yet, which takes about 2 minutes: {HOW}"
@@ -98,7 +99,7 @@ def loop_library() -> bytes:
     """Return the content of the built library.
 
     Raises:
-        RunFailure: the loop cannot be built on this machine, or was not built yet.
+        RunFailure: the compiled loop cannot be built on this machine, or was not built yet.
     """
     content = user_cache.load(_cache_name())
     if content is None:
@@ -107,10 +108,10 @@ def loop_library() -> bytes:
 
 
 def build_loop() -> None:
-    """Build the loop and keep it in the user's cache, unless another process has done that.
+    """Build the loop of steps and keep it in the user's cache, unless another process has done that.
 
     Raises:
-        RunFailure: the loop cannot be built on this machine, the compiler rejects it, or the library cannot be kept.
+        RunFailure: the compiled loop cannot be built on this machine, the compiler rejects it, or the library cannot be kept.
     """
     name, folder = _cache_name(), user_cache.is_trusted()
     if folder is None:
@@ -121,10 +122,10 @@ def build_loop() -> None:
 
 
 def _compile() -> bytes:
-    """Compile the loop and return the content of the library.
+    """Compile the loop of steps and return the content of the library.
 
     Raises:
-        RunFailure: the loop cannot be built on this machine, or the compiler rejects it or takes too long.
+        RunFailure: the compiled loop cannot be built on this machine, or the compiler rejects it or takes too long.
     """
     program, root = find_tools()
     with TemporaryDirectory() as folder:

@@ -58,7 +58,7 @@ class CompiledDynamics(ConstrainedDynamics):
     """A function (t, y, dy) -> tree accelerations (n,), and methods that take whole steps, all in C++.
 
     Raises:
-        RunFailure: the loop is not built, or its accelerations at the start differ from those of calls from Python.
+        RunFailure: the compiled loop is not built, or its accelerations at the start differ from those of calls from Python.
     """
 
     def __init__(self, body: Multibody, forces: TreeForces, options: Mapping[str, Any], gains: tuple[float, float]):
@@ -93,7 +93,7 @@ class CompiledDynamics(ConstrainedDynamics):
         """Add a load to the linkage in C++.
 
         Raises:
-            RunFailure: the loop has no such load.
+            RunFailure: the compiled loop does not support this kind of load.
         """
 
         def place(point: Point) -> tuple[int, Array]:
@@ -120,7 +120,7 @@ class CompiledDynamics(ConstrainedDynamics):
     def _compare(self, forces: TreeForces) -> None:
         """Compare the accelerations at the start with those of calls from Python.
 
-        If Eigen's headers have another memory layout than Pinocchio's library, the loop computes nonsense.
+        If Eigen's headers have another memory layout than Pinocchio's library, the compiled loop computes nonsense.
 
         Raises:
             RunFailure: the accelerations differ.
@@ -170,7 +170,7 @@ class CompiledDynamics(ConstrainedDynamics):
         return steps
 
     def _fail(self, t: float, y: Array, dy: Array) -> None:
-        """Raise a failure for the state at which the loop stopped.
+        """Raise a failure for the state at which the compiled loop stopped.
 
         Raises:
             RunFailure: always.
@@ -211,7 +211,7 @@ def _library() -> ctypes.CDLL:
     """Return the compiled loop as a library of this process, with the types of its functions.
 
     Raises:
-        RunFailure: the loop is not built.
+        RunFailure: the compiled loop is not built.
     """
     with TemporaryDirectory() as folder:
         path = Path(folder) / "loop.so"

@@ -4,6 +4,7 @@ Pinocchio's configuration vector holds the tree coordinates y, so `Tree` maps it
 centre of mass in the frame of the joint that carries the link. Each kind of branch has a joint placement, a joint type of Pinocchio
 (RZ, PX, PY) and an A; T is a translation and R a rotation about z:
 
+    branch      placement of the joint                             joint  placement of the link
     revolute    A_parent T(anchor on the parent),                  RZ,    A = T(-anchor)
     prismatic   A_parent T(anchor + base) R(axis),                 PX,    A = R(turn - axis) T(-anchor)
     free        PX, PY, RZ from the ground at the centre of mass,         A = 1

@@ -178,7 +178,7 @@ def counted() -> list[LoopEquations]:
 
 
 def unknowns_off(form: list[int], equations: LoopEquations) -> float:
-    """Compare the number of unknowns with a claim, given by factors on the numbers of loops and of redundant constraints."""
+    """Compare the number of unknowns with a claim, a * loops + b * redundant constraints with `form` = [a, b]."""
     return count_off(form, (len(equations.ways), equations.mechanism.redundant), len(equations.unknown))
 
 
@@ -189,7 +189,7 @@ def incidence(graph: LinkageGraph, oriented: bool) -> Array:
 
 
 def loop_count_off(form: list[int], graph: LinkageGraph) -> float:
-    """Compare the number of loops with a claim, given by factors on the number of pairs, the number of links, and 1.
+    """Compare the number of loops with a claim, a * pairs + b * links + c with `form` = [a, b, c].
 
     The number of loops is the dimension of the space of cycles: the number of pairs minus the rank of the incidence matrix.
     """
@@ -199,18 +199,20 @@ def loop_count_off(form: list[int], graph: LinkageGraph) -> float:
 
 
 def incidence_off(diagonal: bool) -> float:
-    """Return the share of wrong entries in an incidence matrix without signs, whose entries i, j are 1 if joint j is on link i.
+    """Return the number of wrong entries of a paper's incidence matrices, divided by the number of ones in the true ones.
 
-    If `diagonal`, only entries i, i may be 1.
+    An entry i, j of the paper's matrix is 1 if joint j is on link i; if `diagonal`, only entries i, i may be 1. The true matrix is
+    that of networkx.
     """
-    wrong = entries = 0
+    wrong = ones = 0
     for graph in graphs():
         links = [*range(graph.links), GROUND]
         belongs = np.array([[float(i in pair.links) for pair in graph.pairs] for i in links])
         true = incidence(graph, oriented=False)
-        found = np.eye(*belongs.shape) * belongs if diagonal else belongs
-        wrong, entries = wrong + int((found != true).sum()), entries + int(true.sum())
-    return wrong / entries
+        claimed = np.eye(*belongs.shape) * belongs if diagonal else belongs
+        wrong += int((claimed != true).sum())
+        ones += int(true.sum())
+    return wrong / ones
 
 
 def cyclic(loop: str) -> frozenset[frozenset[str]]:

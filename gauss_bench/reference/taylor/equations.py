@@ -56,7 +56,12 @@ class Rates(NamedTuple):
 
 
 def choose_chart(rows: LoopRows, at: Instant, scale: Array | None = None) -> tuple[Chart, Pivots]:
-    """Return the best chart at one state, given by arrays (1,), and its pivots; a scale that is not given is that of the state."""
+    """Choose by pivoting which coordinates are free at one state, and return the chart and its pivots.
+
+    Args:
+        at: the state, as a batch of one.
+        scale: (n,) as in `Chart`; by default the largest entry of each column of the equations at this state.
+    """
     n = rows.coordinates.n
     entries = rows.entries(at)
     A = to_dense(entries, 1, n)[0]

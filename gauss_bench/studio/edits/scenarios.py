@@ -109,10 +109,12 @@ def place_of(reading: Reading, driver: Mapping[str, Any]) -> float | None:
 
 
 def start_driven(document: Document, reading: Reading, only: Mapping[str, Any] | None = None) -> None:
-    """Let drivers of "driven" that give no start begin at the drawing, and prescribe the other free coordinates in its start.
+    """Let drivers of the scenario "driven" begin at the drawing, unless they give a start themselves.
+
+    The coordinates that the drivers leave free are prescribed in the scenario's start.
 
     Args:
-        only: keys of the drivers that get a start, which name their coordinate; by default all drivers get one.
+        only: entries, such as {"link": "crank"}, that a driver must contain to get a start; by default all drivers get one.
     """
     scenario = table(table(document, "scenarios"), DRIVEN)
     drivers = drivers_of(scenario)
