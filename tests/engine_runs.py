@@ -10,7 +10,7 @@ import numpy as np
 from gauss_bench import metrics
 from gauss_bench.engines.base import Choice, Engine
 from gauss_bench.engines.interpreted import Interpreted
-from gauss_bench.linkage.load import load, load_document
+from gauss_bench.linkage.load import document_of, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import TrueStates, build_reference
@@ -80,3 +80,15 @@ def torque_error(engine: Engine, mechanism: Mechanism, settled: float = 0.0, **c
 
 def open_by(mechanism: Mechanism, trajectory: Trajectory) -> float:
     return float(np.abs(Evaluator(mechanism).constraints(trajectory.t, trajectory.q, trajectory.v).phi).max())
+
+
+def changed(name: str, scenario: str, changes: dict[str, Any]) -> Mechanism:
+    """Return a built-in linkage with other values at places of its file, such as "links.crank.mass"."""
+    document, _, _ = document_of(name)
+    for place, value in changes.items():
+        *path, last = place.split(".")
+        table = document
+        for key in path:
+            table = table.setdefault(key, {})
+        table[last] = value
+    return load_document(document, scenario)

@@ -41,7 +41,7 @@ def made(make: Callable[[], object], facts: Callable[[], Any]) -> Block:
 
 @pytest.mark.slow
 def test_who_was_at_work_is_left_out_and_the_rest_race_again() -> None:
-    rows, lost = list_survivors(race_here, (entries, (), 2), ["first", "aborts", "hangs", "late"], limit=2.0)
+    rows, lost = list_survivors(race_here, (entries, (), 2), ["first", "aborts", "hangs", "late"], limit=4.0)
     assert [(r["engine"], r["round"]) for r in rows] == [("first", 0), ("first", 1)]
     expected = {"aborts": Status.CRASHED, "hangs": Status.TIMEOUT, "late": Status.CRASHED}
     assert {x: y.status for x, y in lost.items()} == expected

@@ -22,7 +22,7 @@ from gauss_bench.mechanism.model import CoulombFriction, Mechanism
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.minimal import MinimalCoordinate
 from tests.conftest import DATA, everything, exhaustive, redundant
-from tests.test_engines_rivals import changed
+from tests.engine_runs import changed
 
 FILES = ("all_kinds", "loaded", "pushed", "slides", "swinging_block", "wedge")
 OWN = {"everything": everything, "redundant": redundant}

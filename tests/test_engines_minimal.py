@@ -17,8 +17,7 @@ from gauss_bench.reference.certificate import find_certified
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import needs
-from tests.engine_runs import linkage, open_by, ran, relative_error
-from tests.test_engines_rivals import changed
+from tests.engine_runs import changed, linkage, open_by, ran, relative_error
 
 ENGINE = Minimal()
 LINKAGES = [("crank_slider", "paper"), ("four_bar", "torque"), ("six_bar", "torque"), ("shaper", "torque"), ("jansen", "walk")]

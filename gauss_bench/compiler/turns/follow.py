@@ -38,6 +38,7 @@ from gauss_bench.terms import Array as Floats
 REACH = 0.0065  # [rad] norm of one correction: two terms of the rotation are exact so far, and no other assembly is near
 SETTLED = 1e-8  # [rad] norm of the last correction: its square is left as error
 TURN = 0.3  # [rad] norm of the distance to the guess: far less than lies between two assemblies
+LEVELS = 3  # rows of inputs of a sample: values u, rates w and second rates b; the values n of the next sample stand behind them
 LIMIT = 8  # corrections; from the farthest guess that is accepted quadratic convergence needs four
 
 
@@ -140,9 +141,7 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
     carried |= {alive: (g.all(True), goes_on), done: (g.const(0.0), counted), i: (g.whole(0), later)}
     rows = {g.leaf(f"%{letter}{k}"): level * K + k for level, letter in enumerate("uwbn") for k in range(K)}
     body: list[Statement] = [
-        Load(
-            "inputs", rows, g.make("times", i, payload=3 * K)
-        ),  # values at the next sample lie behind the three levels of this one
+        Load("inputs", rows, g.make("times", i, payload=LEVELS * K)),
         Compute([x for x in values if x in before]),
         corrections,
         Compute([x for x in values if x not in repeated]),
