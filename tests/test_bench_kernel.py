@@ -183,7 +183,7 @@ def test_the_bare_call_of_pinocchio_gives_the_adapters_accelerations() -> None:
     assert empty().shape == y.shape
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_report_of_a_run_in_which_everything_failed_tells_why(tmp_path: Path) -> None:
     row = {"mechanism": "four_bar", "scenario": "torque", "status": "crashed", "message": "the process died with signal SIGSEGV"}
     for name in TABLES:

@@ -83,6 +83,7 @@ X86 = pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="
 NARROW = {"SSE2": ("x86-64", "", 2), "AVX2": ("x86-64", "+avx,+avx2,+fma", 4)}
 
 
+@pytest.mark.long("SSE2")
 @pytest.mark.slow
 @X86
 @pytest.mark.parametrize("width", NARROW)

@@ -203,7 +203,7 @@ def test_only_a_soft_loop_that_fails_is_followed_in_finer_steps(monkeypatch: pyt
     assert (found, passed) == ([SUBSTEPS, agreement.STIFF, SUBSTEPS], [True, False])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_second_settings_and_integrators_are_looked_at_too(monkeypatch: pytest.MonkeyPatch) -> None:
     only(monkeypatch, "same_states", "motions")
     found = broken("tests.faulty_engines:Trap")

@@ -116,8 +116,7 @@ def test_every_verb_has_an_example() -> None:
 
 
 # verbs whose examples take long have tests of their own
-@pytest.mark.long("atlas", "check", "conformance", "doctor", "export", "recommend", "sweep", "tune")
-@pytest.mark.slow("run", "verify")
+@pytest.mark.long("atlas", "check", "conformance", "doctor", "export", "recommend", "run", "sweep", "tune", "verify")
 @pytest.mark.parametrize("verb", [x for x in VERBS if x not in ("studio", "releases", "report", "certify")])
 def test_the_example_of_a_verb_runs(
     verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -201,7 +201,7 @@ def test_the_verb_says_what_it_refuses_and_writes_nothing(tmp_path: Path, capsys
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_loops_of_a_tuned_document_hold_in_plain_mujoco(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     file = tmp_path / "four_bar.xml"

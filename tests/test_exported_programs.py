@@ -135,7 +135,7 @@ def test_the_program_in_c_is_judged_by_its_own_numbers(monkeypatch: pytest.Monke
     assert "with the same setting, because there is no C compiler" in (tmp_path / "x.c").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_program_without_a_reference_says_why(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def know_nothing(*_: object) -> None:
         raise NoTruth("nobody knows")
@@ -192,7 +192,7 @@ def test_a_stopped_program_advises_a_smaller_step_only_where_one_helps(monkeypat
         export_linkage(load("four_bar"), "c", 0.2)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_programs_of_recommend_state_their_error_in_metres() -> None:
     found = gauss_bench.recommend("four_bar", angle=1e-3, until=0.05, engines=["gauss"], budget=20.0)
     (answer,) = found.answers

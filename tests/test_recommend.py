@@ -254,7 +254,7 @@ def test_a_pasted_program_moves_as_the_engine_was_judged(case: tuple[Any, ...], 
     np.testing.assert_allclose(rows[:, 1:], np.hstack([run.q, run.v]), rtol=0, atol=1e-10 * (1 + np.abs(run.v).max()))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_programs_of_a_recommendation_start_from_any_folder(tmp_path: Path) -> None:
     """As processes: the folder is made, and no file in it shadows a library that a program imports."""
     needs("mujoco")

@@ -172,7 +172,7 @@ def test_no_page_waits_for_the_long_requests_of_another_or_its_own(studio_server
         assert ids == [8, 7]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_who_reads_nothing_holds_up_nobody(studio_server: Running) -> None:
     """A page that never reads its replies and half-open connections do not stop another page."""
     idle = [sockets.create_connection(("127.0.0.1", studio_server.port)) for _ in range(10)]

@@ -248,7 +248,7 @@ def test_a_linkage_drawn_from_nothing_moves_as_the_suite_has_it(page: Page, fold
         assert np.abs(followed - moved).max() < near + 1e-3  # chords of the path between 181 places
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_drag_all_around_answers_every_move_and_jumps_to_no_branch(page: Page) -> None:
     """A script in the page drags a joint of the eight-bar around, and waits for the frame of every move."""
     page.template("eight bar")
@@ -426,7 +426,7 @@ def picture(path: Path) -> Path:
     return path
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_exports_are_what_they_are_called(page: Page) -> None:
     """The browser downloads each kind of export that needs no engine; it makes the film itself."""
     page.template("four bar")
@@ -447,7 +447,7 @@ def test_exports_are_what_they_are_called(page: Page) -> None:
     page.page.keyboard.press("Escape")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_link_opens_the_same_linkage_and_is_sent_nowhere(page: Page, browser: Any, studio_server: Running) -> None:
     """The text after the # sign is in no request. `Page` checks that no page asks another server."""
     page.template("four bar")
@@ -481,7 +481,7 @@ def test_a_link_opens_the_same_linkage_and_is_sent_nowhere(page: Page, browser: 
     other.page.close()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_branches_are_shown_and_taken(page: Page) -> None:
     page.template("four bar")
     page.fitted()
@@ -556,7 +556,7 @@ def test_a_recommendation_comes_answer_by_answer_and_brings_its_program(browser:
     here.page.close()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_let_go_a_second_engine_is_laid_over_and_said_where_it_parts(page: Page) -> None:
     page.use("Ground pivot", A)
     page.use("Bar", A, (0.3, 0.1))
@@ -679,7 +679,7 @@ def test_a_finger_drags_a_joint_and_a_second_one_ends_that(browser: Any, studio_
     here.page.close()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_instant_centres_go_with_the_frame_on_show(page: Page) -> None:
     """In every frame, the centre of a pin lies on the pin, and the coupler's pole at the intersection of crank and rocker."""
     page.template("four bar")
@@ -709,7 +709,7 @@ def test_instant_centres_go_with_the_frame_on_show(page: Page) -> None:
     assert seen > 5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_import_says_what_it_left_out_until_that_is_read(page: Page, folder: Path) -> None:
     pytest.importorskip("mujoco")
     rod = '<geom type="capsule" fromto="0 0 0 {0} 0 0" size="0.01" mass="1" contype="0" conaffinity="0"/>'
@@ -731,7 +731,7 @@ def test_an_import_says_what_it_left_out_until_that_is_read(page: Page, folder: 
     assert not said.inner_text()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_when_the_server_has_gone_nothing_is_lost(browser: Any, tmp_path: Path) -> None:
     """The page offers its copy for download, and a studio at another port offers the unsaved drawing of the file."""
     (tmp_path / "own.toml").write_text((ROOT / "mechanisms" / "crank_slider.toml").read_text(encoding="utf-8"), encoding="utf-8")

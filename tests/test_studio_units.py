@@ -81,7 +81,7 @@ def test_lengths_and_angles_with_units_are_written_in_si_and_others_refused(page
     page.page.get_by_label("Unit of lengths").select_option("m")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_sentences_of_the_server_have_their_lengths_in_the_unit_that_is_shown(page: Page) -> None:
     page.template("four bar")
     page.button("link coupler").click()
@@ -125,7 +125,7 @@ def test_what_a_dialog_asks_and_is_refused_is_said_in_the_dialog(page: Page) -> 
     page.button("Close").click()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_point_that_goes_round_evenly_has_a_level_curve_on_a_scale_from_zero(page: Page) -> None:
     """The speed changes by rounding only, which must not fill the chart."""
     page.template("four bar")
@@ -210,7 +210,7 @@ def test_curves_are_read_by_mouse_keys_and_finger_and_the_table_has_all_of_them(
     page.page.get_by_label("Unit of lengths").select_option("m")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_templates_opened_in_turn_ask_nothing_and_a_changed_one_does(page: Page) -> None:
     page.template("four bar")  # whatever was drawn before
     asked: list[str] = []

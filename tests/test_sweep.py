@@ -138,7 +138,7 @@ def test_a_batch_in_one_call_is_what_every_sample_is_alone_and_half_the_step_hal
     assert changes[0] / changes[1] == pytest.approx(2.0, rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_sweep_that_asks_for_no_step_ends_where_smaller_ones_do(tmp_path: Path) -> None:
     """The kernel's DOP853 is compared over half a second with the reference formulation, whose steps keep to a tolerance."""
     how = replace(SHORT, until=0.5)
@@ -378,7 +378,7 @@ def test_a_kernel_leaves_open_what_no_welded_body_holds() -> None:
         assert family.not_open == (f"{case['path']} {case['said']}" if "said" in case else "")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_engine_that_chooses_its_steps_is_repeated_at_a_tighter_tolerance(tmp_path: Path) -> None:
     how = Options(until=1.0, integrator="dop853", settings="dop853_rtol=1e-9,dop853_atol=1e-9")
     found = sweep("pendulum", ["gravity.1=-9:-10:12"], tmp_path / "s", ["gauss"], how=how, where=Backend(jobs=1))
@@ -436,7 +436,7 @@ sys.exit(cli.command())
 
 
 @pytest.mark.long("9-others", "9-its first task")
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("how", "before"), [(signal.SIGINT, "others"), (signal.SIGKILL, "others"), (signal.SIGKILL, "its first task")]
 )

@@ -155,6 +155,7 @@ def test_what_no_planar_linkage_has_is_refused_by_element(tmp_path: Path, old: s
     assert not out.exists()
 
 
+@pytest.mark.long
 def test_closures_of_an_included_file_take_a_default_and_the_result_stays_beside_what_it_includes(tmp_path: Path) -> None:
     needs("mujoco")
     closures = FOUR_BAR.read_text().split("<equality>")[1].split("</equality>")[0]
@@ -187,6 +188,7 @@ def test_an_edit_leaves_every_other_byte_and_reads_quotes_comments_and_entities(
         write_settings(b"<mujoco>\xff</mujoco>", "model.xml", {}, {})
 
 
+@pytest.mark.long
 def test_a_diagnosis_of_a_model_names_its_own_softness_and_finds_none_once_it_is_tuned(tuned: tuple[Tuned, Path]) -> None:
     soft = diagnose(str(FOUR_BAR), until=0.2)
     assert (soft.part, soft.step, soft.engine) == ("constraint softness", 0.001, "mujoco")
@@ -197,6 +199,7 @@ def test_a_diagnosis_of_a_model_names_its_own_softness_and_finds_none_once_it_is
     assert any("as good as" in x for x in good.remarks)
 
 
+@pytest.mark.long
 def test_a_model_that_diverges_is_judged_to_the_end_and_leaves_nothing_in_the_users_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
