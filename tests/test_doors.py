@@ -226,7 +226,7 @@ def test_no_atlas_takes_the_place_of_a_file_of_the_users(name: str, tmp_path: Pa
     assert (tmp_path / name).read_text(encoding="utf-8") == "my own"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_sweep_takes_the_place_of_a_picture_of_the_users(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "s"
     call = [

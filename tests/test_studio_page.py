@@ -578,7 +578,7 @@ def test_let_go_a_second_engine_is_laid_over_and_said_where_it_parts(page: Page)
     page.button("Back to the sketch").click()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_pin_put_elsewhere_shows_its_links_meanwhile(page: Page) -> None:
     """Lengths change on the page while the pointer moves, without a step of the history."""
     four_bar(page)
