@@ -73,10 +73,10 @@ class Table:
     Attributes:
         meaning: explanation of a row for readers.
         columns: all columns.
-        keys: number of columns, the first ones, that distinguish rows.
+        keys: number of leading columns that distinguish rows.
         suffix: kind of its files.
-        timed: whether measured time decides which rows exist; the whole table is then stored apart.
-        curves: whether its numbers are points of curves, which are stored as exactly as they are drawn.
+        timed: whether measured time decides which rows exist; the whole table is then stored in the folder of times.
+        curves: whether its numbers are points of curves, which are stored with as many digits as a drawing shows.
     """
 
     meaning: str

@@ -87,7 +87,7 @@ def shorten(until: float) -> Iterator[float]:
 def between(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
     """Return q and v (k, n) at times (k,) [s] between equally spaced samples, by quintic Hermite polynomials of q.
 
-    In the interval of a time, with s from 0 to 1 and derivatives by s,
+    In the interval that contains a time, with s from 0 to 1 over the interval and derivatives with respect to s,
 
         q(s) = p + u s + b s^2 / 2 + c3 s^3 + c4 s^4 + c5 s^5
 

@@ -240,7 +240,7 @@ def _hold_body(moved: dict[str, Any], own: Mechanism, name: str, value: float | 
         moved: the document, in which a held pin is replaced by a weld.
         own: the mechanism of the unchanged file.
         name, value: what is held, and where [degrees or m]; None stands for the value at the start.
-        start: table of the start, to which a held angle or slide is added.
+        start: the scenario's table `start`, to which the angle or slide that is held is added.
 
     Raises:
         ChoiceError: there is no such link or joint, or it is a pin through more than two links.

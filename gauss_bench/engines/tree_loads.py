@@ -50,7 +50,7 @@ class OnJoints:
     """The force k (rest - L) - c dL/dt on L = row . y + constant, where row (n,) has entries 0, 1 and -1.
 
     Attributes:
-        name: force of the linkage that it belongs to.
+        name: name of the linkage's force to which the load belongs.
     """
 
     row: Array

@@ -158,7 +158,10 @@ def _count_arena(key: str, value: str) -> float:
 
 
 def _largest(text: str) -> float:
-    """Return the largest of the numbers in a text, at least 1; 1 if the text holds no numbers, which MuJoCo reports."""
+    """Return the largest of the numbers in a text, at least 1.
+
+    A text that is not all numbers counts as 1; MuJoCo itself refuses it later.
+    """
     try:
         return max((x for x in map(float, text.split()) if x > 1), default=1.0)
     except ValueError:

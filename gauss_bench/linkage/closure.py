@@ -218,7 +218,10 @@ def _rank(J: Array) -> int:
 
 
 def _normal_equations(J: Array) -> tuple[Any, Any] | None:
-    """Return sparse J and LU factors of the smaller of J J^T and J^T J; None if J is small or the product is nearly singular."""
+    """Return sparse J and LU factors of the smaller of J J^T and J^T J.
+
+    Return None if J has few rows or columns, or if the product is nearly singular.
+    """
     if min(J.shape) < LARGE:
         return None
     from scipy.sparse import csc_array

@@ -84,7 +84,7 @@ class Names:
         self.faults.append(Fault(path, text))
 
     def check(self, path: str, name: str, kind: str) -> None:
-        """Add a fault unless the document defines `name` as a thing of this kind, one of those in `grammar.toml`."""
+        """Add a fault unless the document defines `name` as an item of a kind; `grammar.toml` lists the kinds."""
         if kind in ("point", "own point"):
             self.check_point(path, name, ground=kind == "point")
             return

@@ -50,7 +50,7 @@ def race_batch(linkage: str, scenario: str, part: Batch, race: Callable[..., Any
 
 
 def list_keys(part: Batch) -> tuple[Key, Key]:
-    """Return the keys of the own engine and of its rival."""
+    """Return the keys of the suite's own engine and of its rival."""
     return Key(QUANTITY, part.own), Key(QUANTITY, part.rival, part.settings)
 
 

@@ -75,13 +75,15 @@ def rhs_rows(place: tuple[str, str], part: RightHandSide, measured: Measured) ->
 def compare_sides(measured: Measured, part: RightHandSide, settings: str, own: str, rival: str) -> Row:
     """Return the times of both right-hand sides and their ratio.
 
-    `own` is LOOP or CALLED, and `rival` is AS_CALLED or NET.
+    Args:
+        own: LOOP, a share of a step in the kernel's own loop, or CALLED, one call of its function for accelerations.
+        rival: AS_CALLED, the whole call of the rival from Python, or NET, the same without the time of an empty call.
 
     Raises:
         Failure: one of them was not measured.
     """
     ours = measured.of(Key(NATIVE if own == LOOP else ACCELERATION, part.own))
-    if own == LOOP:  # a step of Runge and Kutta evaluates four right-hand sides
+    if own == LOOP:  # a step of Runge and Kutta evaluates several right-hand sides
         ours = np.asarray(ours / EVALUATIONS["rk4"])
     bare = measured.of(Key(BARE, part.rival, settings))
     if rival == NET:

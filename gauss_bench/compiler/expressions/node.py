@@ -201,9 +201,14 @@ class ExpressionGraph:
         return self._make("ADD", a, b) if a.index <= b.index else self._make("ADD", b, a)
 
     def mul(self, a: Node, b: Node) -> Node:
-        """Return a b, with its sign and constant factors outside."""
-        if a.number is not None or b.number is not None:
-            return self.scale_by(a.number, b) if a.number is not None else self.scale_by(b.number or 0.0, a)
+        """Return a b; a constant becomes a factor, and signs stand outside.
+
+        Other operands are ordered by their index, so that equal products are one node.
+        """
+        if a.number is not None:
+            return self.scale_by(a.number, b)
+        if b.number is not None:
+            return self.scale_by(b.number, a)
         if a.op == "NEG" or b.op == "NEG":
             product = self.mul(a.args[0] if a.op == "NEG" else a, b.args[0] if b.op == "NEG" else b)
             return product if a.op == b.op else self.neg(product)

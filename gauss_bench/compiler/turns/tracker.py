@@ -109,15 +109,20 @@ class Tracker:
         """Follow the linkage in parallel parts, of which the last may overlap the one before.
 
         Return the number of samples, from the first on, at which the loops were closed.
+
+        Args:
+            levels: (k, 3, K) value, rate and second rate of the inputs at every sample.
+            stride: largest step between successive samples, as a multiple of STRIDE.
+            rows: (k, R) receives what is stored of every sample.
         """
         k = len(rows)
         parts = self.lanes if k >= FEW * self.lanes else 1
         count = ceil(k / parts)  # samples of each part
         begins = np.minimum(np.arange(parts) * count, k - count)  # (parts,) index of the first sample of each part
-        # one lane first walks to the beginning of every part, in `each` substeps per part
-        each = min(count, max(1, ceil(count * stride)))
-        nodes = (begins[:-1, None] + np.diff(begins)[:, None] * np.arange(each) // each).ravel()
-        q = self._walk(levels[[*nodes, begins[-1]], 0])[::each]
+        # one lane first walks to the beginning of every part, over some samples of each part that are at most STRIDE apart
+        steps = min(count, max(1, ceil(count * stride)))
+        stations = (begins[:-1, None] + np.diff(begins)[:, None] * np.arange(steps) // steps).ravel()
+        q = self._walk(levels[[*stations, begins[-1]], 0])[::steps]  # (parts, n)
         ahead = levels.take(np.minimum(begins[:, None] + np.arange(count + 1), k - 1), axis=0)
         closed, _ = self.follower.run(q, self.least[None].repeat(parts, axis=0), ahead, rows)
         # a part whose first sample is far from the sample before is in another assembly, or a whole turn off

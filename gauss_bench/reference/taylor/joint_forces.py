@@ -25,7 +25,10 @@ from gauss_bench.terms import Array
 
 
 def reactions(coordinates: LoopCoordinates, at: Instant) -> list[dict[int, Value]]:
-    """Return the rows of J at an instant, each as column -> value."""
+    """Return the rows of J at an instant, each as column -> value.
+
+    A row is the generalised force of a unit reaction of a joint, a driver or a knife edge, so it is built as a wrench.
+    """
     mechanism, wrenches = coordinates.mechanism, list[Wrench]()
 
     def add_row() -> Wrench:

@@ -56,7 +56,7 @@ def merge(terms: Iterable[VectorTerm], less: Iterable[VectorTerm] = ()) -> Sum:
 
 
 class LoopCoordinates:
-    """The coordinates of one mechanism, angles before displacements, and its links, points and closures in them.
+    """The coordinates of one mechanism, angles before displacements, and its links, points and closures as functions of them.
 
     All constants have the type of number in which the mechanism is built.
 

@@ -277,10 +277,10 @@ def atlas_table(rows: Sequence[Row]) -> Table:
     for r in rows:
         ends = {k: f"{r[k]:g} {r['unit']}".strip() if is_known(r.get(k)) else "" for k in ("passes_to", "breaks_at")}
         setting = setting_words(r, "settings", "stabilization") or "default"
-        missing = "fails at the easiest" if not ends["passes_to"] else "passes to the end"
-        if r["last"] == "cannot":
-            missing = "not run further"
-        lines.append({**r, "way": setting, "passes": ends["passes_to"], "breaks": ends["breaks_at"], "missing": missing})
+        if_empty = "fails at the easiest" if not ends["passes_to"] else "passes to the end"  # reason of a dash in either column
+        if r["last"] == "cannot":  # the engine cannot model the next linkage of the axis
+            if_empty = "not run further"
+        lines.append({**r, "way": setting, "passes": ends["passes_to"], "breaks": ends["breaks_at"], "missing": if_empty})
     commits = itemise(sorted({r["commit"] for r in rows} - {""}))
     note = f"Each axis is run from easy to hard, one thing changed at a time{f'; by the code of {commits}' if commits else ''}."
     return lay_out("engine_atlas", lines, note=note)

@@ -116,7 +116,7 @@ def draw_still(run: Run, name: str) -> Markup | None:
 
 
 def name_leaders(run: Run, name: str) -> str:
-    """Return sentences on the cheapest engines within HELD, and on the engines that do not hold it."""
+    """Return sentences on the cheapest engines whose error is at most HELD [m], and on the engines that do not reach it."""
     if name not in all_settings(run):
         return ""
     timed = fastest_first(run, name, HELD)
