@@ -36,6 +36,7 @@ from gauss_bench.engines.base import (
     has_own,
     list_lacking,
 )
+from gauss_bench.engines.bullet.adapter import Bullet
 from gauss_bench.judge import leading
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -385,3 +386,10 @@ def test_pages_sort_and_name_settings_whose_steps_nobody_counts() -> None:
     assert sorted((uncounted, counted, timed), key=lambda x: x.cost) == [timed, counted, uncounted]
     cell = make_cell({"status": "ok", "steps": math.nan}, "g", "steps")
     assert (cell.text, cell.why) == ("-", "not counted by the engine")
+
+
+def test_a_class_derived_from_an_adapter_has_its_settings() -> None:
+    class Derived(Bullet):
+        name = "derived"
+
+    assert Derived.settings == Bullet.settings

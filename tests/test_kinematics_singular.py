@@ -1,5 +1,6 @@
 """Dead centres and limits of motion against plane trigonometry, far below the promised 1e-8 rad."""
 
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,13 @@ def test_a_fork_of_the_motion_is_refused_by_name() -> None:
     parallelogram["assembly"] = {"sketch": {"B": [0.1, 0.17], "C": [0.5, 0.17]}}
     with pytest.raises(ChangePoint, match=r"forks|change point"):
         singular_positions(load_document(parallelogram))
+
+
+def test_a_search_that_another_thread_ends_is_over_at_once() -> None:
+    ended = Event()
+    ended.set()
+    with pytest.raises(ChangePoint, match="was ended"):
+        singular_positions(load("four_bar"), ended)
 
 
 def test_more_freedom_than_one_is_refused() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from gauss_bench.cli import main
 from gauss_bench.linkage.errors import LinkageError
-from gauss_bench.linkage.load import MAX_BYTES, built_in, load, load_document
+from gauss_bench.linkage.load import MAX_BYTES, built_in, load, load_document, override_faults
 from tests.conftest import DATA
 
 FOUR_BAR = built_in()["four_bar"].read_text(encoding="utf-8")
@@ -131,3 +131,13 @@ def test_a_mechanism_that_others_are_given_too_cannot_be_written_into() -> None:
     for array in (mechanism.q0, mechanism.v0, mechanism.gravity):
         with pytest.raises(ValueError, match="read-only"):
             array[0] += 1.0
+
+
+def test_a_link_may_be_called_override_and_its_points_too() -> None:
+    """Only the first level of an override has keys that may not change."""
+    document, override = (
+        {"links": {"override": {"points": {"name": [0.1, 0.0]}}}},
+        {"links": {"override": {"points": {"name": [0.2, 0.0]}}}},
+    )
+    assert override_faults(document, override, "run.override") == []
+    assert len(override_faults(document, {"name": "other"}, "run.override")) == 1

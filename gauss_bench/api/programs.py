@@ -88,6 +88,7 @@ class Wanted(NamedTuple):
 def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]:
     """Return the fields of a Wanted -> its program, without the settings whose program cannot be written on this machine."""
     written: dict[tuple[Any, ...], str] = {}
+    load_until.cache_clear()  # a file may have changed since the last report
     with Worker() as worker:
         for x in sorted(map(Wanted._make, wanted), key=lambda x: x.engine):  # in this order each engine starts only once
             if not holds(x.engine, x.integrator, x.stabilization):

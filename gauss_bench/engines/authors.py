@@ -150,7 +150,7 @@ def _read(path: Path, file: Line) -> AuthorsSettings:
     candidates = {key: _read_candidate(f"settings.{key}", line, engine, variants, authors) for key, line in lines.items()}
     named: set[str] = set()
     for key, line in lines.items():
-        for knob in line.keys() - {BASE}:
+        for knob in (x for x in line if x != BASE):
             _require(knob in knobs, f"settings.{key}.{knob}", f"has no source: there is no table knobs.{knob}")
             named.add(knob)
     for key in knobs:

@@ -49,7 +49,9 @@ class LibraryEngine:
     soft: Mapping[str, str]
     unfinished: Mapping[str, str]
 
-    def __init_subclass__(cls, file: Variants) -> None:
+    def __init_subclass__(cls, file: Variants | None = None) -> None:
+        if file is None:  # a class derived from an adapter has its settings
+            return
         cls.settings, cls.variants, cls.knobs = file.settings, file.space, file.knobs
         cls.first, cls.soft, cls.unfinished = file.first, file.soft, file.unfinished
 

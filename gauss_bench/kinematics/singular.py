@@ -8,6 +8,7 @@ Source: Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria (20
 """
 
 from dataclasses import dataclass, replace
+from threading import Event
 
 import numpy as np
 from scipy.optimize import brentq
@@ -143,12 +144,15 @@ class Curve:
         raise ChangePoint(f"no isolated singular position of {coordinate.name} near here: the curve forks")
 
 
-def singular_positions(mechanism: Mechanism) -> list[Singular]:
+def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list[Singular]:
     """Return all positions at which a coordinate that could drive reverses, in the order in which the curve from q0 meets them.
+
+    Args:
+        ended: another thread sets it to end the search.
 
     Raises:
         ValueError: more or fewer than one degree of freedom.
-        ChangePoint: the curve forks on the way.
+        ChangePoint: the curve forks on the way, or the search was ended.
     """
     curve = Curve(mechanism)
     coordinates, driving = driving_coordinates(mechanism), input_coordinate(mechanism)
@@ -158,6 +162,8 @@ def singular_positions(mechanism: Mechanism) -> list[Singular]:
     first, side = x, curve.orientation(q, x)
     signs = [gradient(c.coordinate, q) @ x for c in coordinates]
     for count in range(LONGEST):
+        if ended is not None and ended.is_set():
+            raise ChangePoint("the search was ended")
         q = curve.step(q, x)
         x = curve.tangent(q, x)
         if curve.orientation(q, x) * side < 0:

@@ -5,7 +5,7 @@ import hashlib
 import json
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
@@ -237,20 +237,22 @@ def _faults_without_overrides(document: dict[str, Any], stem: str | None) -> lis
     return [*faults, *reference_faults(accepted, stem)]
 
 
-def override_faults(document: dict[str, Any], override: dict[str, Any], path: str) -> list[Fault]:
+def override_faults(document: dict[str, Any], override: dict[str, Any], path: str, fixed: Collection[str] = FIXED) -> list[Fault]:
     """Return the faults of the paths in an override: tables that do not exist, and keys that may not change.
 
-    `path` is that of the override, or of a table in it.
+    Args:
+        path: that of the override, or of a table in it.
+        fixed: keys that may not change at this level.
     """
     faults = []
     for key, value in override.items():
         inner = f"{path}.{key}"
-        if key in FIXED and path.endswith(".override"):
+        if key in fixed:
             faults.append(Fault(inner, "cannot be overridden"))
         elif isinstance(value, dict) and key not in document:
             faults.append(Fault(inner, "no such table"))
         elif isinstance(value, dict) and isinstance(document[key], dict):
-            faults += override_faults(document[key], value, inner)
+            faults += override_faults(document[key], value, inner, fixed=())
     return faults
 
 

@@ -6,6 +6,7 @@ Constraint rows are evaluated at one state q (n,) or a batch q (..., n), in doub
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from threading import Lock
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from gauss_bench.terms import Array, Terms, largest
 
 CORRECTIONS = 6  # a step of 1e-3 s needs one, one of 1e-2 s three: convergence is quadratic
 ROUNDING = 1e-15  # relative residual of a closed position
+RECORDING = Lock()  # a program is recorded by one thread at a time
 RANK_TOLERANCE = 1e-9  # share of the largest singular value, as in `linkage/closure.py`
 
 
@@ -77,7 +79,8 @@ class Constraints:
 
     @cached_property
     def _function(self) -> Callable[..., list[Array]]:
-        return self.symbols.generate(*self.listed)
+        with RECORDING:
+            return self.symbols.generate(*self.listed)
 
     def __call__(self, t: float | Array, q: Array, v: Array) -> Rows:
         """Return all rows at state(s) q, v (..., n) and time(s) t (...) [s]."""
@@ -133,7 +136,8 @@ class Evaluator:
         """The generated function of the varying entries of J, Q of steady forces, gamma, phi and phi_t."""
         at = self.constraints.symbols
         entries, *others = self.constraints.listed
-        return at.generate(entries, self.applied.add_steady(at), *others)
+        with RECORDING:
+            return at.generate(entries, self.applied.add_steady(at), *others)
 
     def terms(self, t: float, q: Array, v: Array) -> Terms:
         """Return the terms at one state q, v (n,) and time t [s]; Q is without friction, which depends on the multipliers."""

@@ -36,9 +36,13 @@ def engines_of(run: Run, mechanism: str) -> list[str]:
     return list(_ladders(run).get(mechanism, ()))
 
 
-def find_race(run: Run, mechanism: str, engine: str, wanted: Requirement) -> Row | None:
-    """Return the row of `search_winners` of an engine at a requirement, or None if there was no race at it."""
-    races = _races(run).get((mechanism, engine, wanted.kind), ())
+def find_race(run: Run, mechanism: str, engine: str, wanted: Requirement, scenario: str = "") -> Row | None:
+    """Return the row of `search_winners` of an engine at a requirement, or None if there was no race at it.
+
+    Without a scenario, the first of several scenarios counts.
+    """
+    races = _races(run).get((mechanism, engine, wanted.kind), [])
+    races = [r for r in races if scenario in ("", r["scenario"])]
     return next((r for r in races if math.isclose(number(r, "accuracy"), wanted.limit, rel_tol=1e-6)), None)
 
 

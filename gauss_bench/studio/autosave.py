@@ -95,9 +95,11 @@ class Autosave:
         left = []
         with suppress(OSError):
             for path in folder().glob(f"{self.key}.*.json"):
-                if path == self.file or path.is_symlink() or not path.is_file() or path.stat().st_size > LARGEST:
+                if path == self.file or path.is_symlink():
                     continue
-                with suppress(OSError, ValueError, KeyError, TypeError):
+                with suppress(OSError, ValueError, KeyError, TypeError):  # one that vanishes meanwhile hides no other
+                    if not path.is_file() or path.stat().st_size > LARGEST:
+                        continue
                     content = json.loads(path.read_text(encoding="utf-8"))
                     process = int(content["process"])
                     # process numbers are reused: only number and start time together identify a process

@@ -1,6 +1,7 @@
 """Compute the kinematics of a drawing for the page: motions under laws, forces, singular positions and instant centres."""
 
 from cmath import rect
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -144,10 +145,13 @@ def ratios(mechanism: Mechanism, q: Array) -> dict[str, Any]:
 
 
 @np.errstate(all="ignore")  # `answer` sets this for its own thread only, and the search runs in another thread
-def singular(mechanism: Mechanism) -> tuple[list[dict[str, Any]], str]:
-    """Return limits of motion and dead centres with their poses, and the reason if they cannot be listed, else ""."""
+def singular(mechanism: Mechanism, ended: Event | None = None) -> tuple[list[dict[str, Any]], str]:
+    """Return limits of motion and dead centres with their poses, and the reason if they cannot be listed, else "".
+
+    `ended` is set by the thread that ends the search.
+    """
     try:
-        positions = singular_positions(mechanism)
+        positions = singular_positions(mechanism, ended)
     except (ValueError, ChangePoint) as error:
         return [], str(error)
     keys = ("kind", "coordinate", "value", "input")

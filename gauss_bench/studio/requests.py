@@ -175,10 +175,10 @@ def move_by_law(session: Session, message: Message) -> Reply:
 
     def search() -> None:
         """Find the singular positions and send them to the page."""
-        if session.text != text:  # the drawing has changed meanwhile
+        if session.text != text or session.ended.is_set():  # the drawing has changed meanwhile, or nobody waits for the answer
             return
         try:
-            positions, reason = motion.singular(mechanism)
+            positions, reason = motion.singular(mechanism, session.ended)
         except Exception as error:
             positions, reason = [], in_a_sentence(error)
         session.tell({"event": "singular", "job": job, "singular": positions, "note": reason or None})

@@ -311,6 +311,9 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
     with contextlib.suppress(KeyboardInterrupt), listening:
         signal.signal(signal.SIGHUP, signal.default_int_handler)  # a closed terminal ends the studio as Ctrl-C does
         uvicorn.Server(config).run(sockets=[listening])
-    if session.close():
+    is_unsaved = session.is_unsaved
+    with contextlib.suppress(KeyboardInterrupt):  # a second Ctrl-C
+        session.close()
+    if is_unsaved:
         tell("unsaved changes are kept, and are offered when the studio opens the drawing again")
     return 0

@@ -32,6 +32,7 @@ class Session:
         revision: number of changes so far.
         motions: number of motions computed so far.
         searches: thread that searches for singular positions, one motion after the other.
+        ended: set when the session ends, so that a running search ends.
         tell: function that sends an event to all pages.
         jobs: the running jobs.
     """
@@ -42,6 +43,7 @@ class Session:
         self.revision = 0
         self.path: Path | None = None
         self.motions, self.searches = 0, ThreadPoolExecutor(1)
+        self.ended = threading.Event()
         self.autosave = Autosave(self._document_name())
         self.tell: Callable[[dict[str, Any]], object] = lambda event: None
         self.jobs = Jobs(lambda event: self.tell(event))
@@ -165,6 +167,7 @@ class Session:
     def close(self) -> bool:
         """End the session, and return whether there are unsaved changes, which stay in their file and will be offered again."""
         self.jobs.stop_all()
+        self.ended.set()
         # wait for a running search: a thread in native code while the interpreter ends would abort the process
         self.searches.shutdown(cancel_futures=True)
         if not self.is_unsaved:

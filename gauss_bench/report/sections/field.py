@@ -123,7 +123,7 @@ def costs(run: Run, engine: str = "") -> list[Row]:
         line = {**row, "name": mark_own(run, row["engine"]), "why_start": row["message"] or "not timed", "why_size": row["size_of"]}
         for key, limit in ACCURACIES.items():
             wanted = Requirement("position", limit)
-            race = find_race(run, row["mechanism"], row["engine"], wanted)
+            race = find_race(run, row["mechanism"], row["engine"], wanted, row["scenario"])
             time = spread(race or {}, "seconds")
             line |= {key: time.value, f"{key}_range_low": time.low, f"{key}_range_high": time.high}
             reason = row["message"] or "not searched in this run"
