@@ -11,7 +11,37 @@ from pathlib import Path
 
 import pytest
 
+from tests.new_engine import ADAPTER, LIBRARY
+
 ROOT = Path(__file__).parents[1]
+
+
+@pytest.mark.long
+def test_a_new_engine_is_a_room_and_a_line(tmp_path: Path) -> None:
+    """The tests of all engines, run in a copy of the project with such an engine, include it and pass."""
+    copied(tmp_path)
+    shutil.copytree(ROOT / "tests", tmp_path / "tests")
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    library = tmp_path / "library"  # apart from the project: one of the tests takes the library away
+    library.mkdir()
+    (library / "heuns.py").write_text(LIBRARY, encoding="utf-8")
+    engines = tmp_path / "gauss_bench" / "engines"
+    (engines / "heuns").mkdir()
+    (engines / "heuns" / "__init__.py").write_text('"""Heun\'s method."""\n', encoding="utf-8")
+    (engines / "heuns" / "adapter.py").write_text(ADAPTER.replace("NAME", "heuns"), encoding="utf-8")
+    register = engines / "__init__.py"
+    line = '    "heuns": "gauss_bench.engines.heuns.adapter:heuns",\n'
+    register.write_text(register.read_text(encoding="utf-8").replace("FOREIGN = {\n", "FOREIGN = {\n" + line, 1), encoding="utf-8")
+    chosen = ("tests/test_engines.py", "-k", "heuns", "-m", "not slow and not long")
+    # a copy of pytest that inherited the outer one's options would run in its processes
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST")}
+    environment |= {"PYTHONPATH": f"{tmp_path}{os.pathsep}{library}", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *chosen]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment, check=False)
+    assert done.returncode == 0, done.stdout[-3000:]
+    marks = done.stdout.split()[0]
+    assert "s" not in marks, "none is skipped"
+    assert marks.count(".") >= 4  # accelerations of two linkages, runs or reasons to skip, a missing library
 
 
 def insert(path: Path, before: str, text: str) -> None:
