@@ -56,7 +56,7 @@ def snippet_there(
 
 @lru_cache(maxsize=32)
 def load_until(linkage: str, scenario: str, until: float) -> Mechanism:
-    """Return a linkage in a scenario with the duration `until` [s]; a report asks for each of them some sixty times.
+    """Return a linkage in a scenario with the duration `until` [s]; a report asks for each of them many times.
 
     Raises:
         LinkageError: the file has faults.
