@@ -16,7 +16,7 @@ from gauss_bench.engines.base import Choice, sample_arrays
 from gauss_bench.engines.shared import OpenTree, finite_acceleration, joint_tree, open_tree, require_agreement, tree_states
 from gauss_bench.engines.tree import Tree
 from gauss_bench.integrate.fixed_step import stretches
-from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.evaluate import evaluator_of
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import places
 from gauss_bench.terms import Array
@@ -132,7 +132,7 @@ def verify(mechanism: Mechanism, tree: Tree, describe: Callable[[Array, Array], 
     Raises:
         RunFailure: a quantity differs by more.
     """
-    evaluator = Evaluator(mechanism)
+    evaluator = evaluator_of(mechanism)
     for y, dy in tree_states(tree, *tree.relative(mechanism.q0, mechanism.v0)):
         require_agreement(comparison(describe(y, dy), open_tree(evaluator, tree, y, dy)), tolerance)
 

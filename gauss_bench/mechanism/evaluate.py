@@ -5,7 +5,7 @@ Constraint rows are evaluated at one state q (n,) or a batch q (..., n), in doub
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from threading import Lock
 
 import numpy as np
@@ -185,6 +185,12 @@ class Evaluator:
 
         q = project(q, residual, shortest, CORRECTIONS, _is_closed)
         return q, v - shortest(rows.J, rows.J @ v + rows.phi_t)
+
+
+@lru_cache(maxsize=16)
+def evaluator_of(mechanism: Mechanism) -> Evaluator:
+    """Return the evaluator of a mechanism. It is kept for a while, because recording the equations takes milliseconds."""
+    return Evaluator(mechanism)
 
 
 def _is_closed(q: Array, F: Array, _: Array) -> bool:

@@ -30,7 +30,7 @@ from gauss_bench.engines.exudyn.items import System, reason_to_refuse
 from gauss_bench.engines.shared import LibraryEngine, common_refusal, finite, finite_acceleration
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import Stretch, step_counts, stretches
-from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.evaluate import evaluator_of
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
@@ -159,7 +159,7 @@ class ExudynModel:
     def __init__(self, mechanism: Mechanism, choice: Choice):
         self.exu, items = library()
         self.mechanism, self.choice = mechanism, choice
-        self.evaluator = Evaluator(mechanism)
+        self.evaluator = evaluator_of(mechanism)
         try:
             self.system = System(self.exu, items, mechanism)
             self.readout = Readout(self.system)

@@ -14,6 +14,7 @@ other. Then the iterations do not converge, and the run ends with that reason. P
 """
 
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +31,13 @@ from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, finite
 from gauss_bench.engines.tree_model import TreeModel
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate import STABILIZATIONS
-from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.evaluate import evaluator_of
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 VARIANTS = read_variants(Path(__file__).parent)
+NO_GAINS = (0.0, 0.0)
 
 
 class Pinocchio(LibraryEngine, file=VARIANTS):
@@ -87,7 +89,6 @@ class PinocchioModel(OwnSteps, TreeModel):
     """A mechanism in Pinocchio under one integrator and stabilisation of the suite.
 
     Attributes:
-        plain: the dynamics that are reported, without Baumgarte's terms.
         stabilized: the dynamics that are integrated.
     """
 
@@ -98,16 +99,24 @@ class PinocchioModel(OwnSteps, TreeModel):
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.pin: Any = pinocchio
-        self.evaluator, self.start = Evaluator(mechanism), (self.y0, self.dy0)
+        self.evaluator, self.start = evaluator_of(mechanism), (self.y0, self.dy0)
         self.tolerances = self.options["dop853_rtol"], self.options["dop853_atol"]
-        body = Multibody(pinocchio, mechanism, self.tree)
-        verify(body, mechanism, self.tree)
-        self.forces, gains = TreeForces(mechanism, self.tree, body), (0.0, 0.0)
+        self.body = Multibody(pinocchio, mechanism, self.tree)
+        verify(self.body, mechanism, self.tree)
+        self.forces, gains = TreeForces(mechanism, self.tree, self.body), NO_GAINS
         if choice.stabilization == "baumgarte":
             gains = float(self.options["baumgarte_Kp_per_s2"]), float(self.options["baumgarte_Kd_per_s"])
-        dynamics = CompiledDynamics if is_compiled(choice.settings) else ConstrainedDynamics
-        self.plain = dynamics(body, self.forces, self.options, (0.0, 0.0))
-        self.stabilized = dynamics(body, self.forces, self.options, gains)
+        self.stabilized = self._dynamics(gains)
+
+    @cached_property
+    def plain(self) -> ConstrainedDynamics:
+        """The dynamics that are reported, without Baumgarte's terms."""
+        return self._dynamics(NO_GAINS)
+
+    def _dynamics(self, gains: tuple[float, float]) -> ConstrainedDynamics:
+        """Return Pinocchio's dynamics with Baumgarte's gains Kp [1/s^2], Kd [1/s]."""
+        kind = CompiledDynamics if is_compiled(self.choice.settings) else ConstrainedDynamics
+        return kind(self.body, self.forces, self.options, gains)
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
         return self.plain(t, y, dy)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -92,10 +93,14 @@ class DrivingTorques:
         joints = [k for k, d in enumerate(forces.drivers) if not isinstance(d, LengthDriver)]
         self.rows[joints], self.origin[joints] = driven_rows(forces.weightless, forces.tree)
         self.lengths = [k for k, d in enumerate(forces.drivers) if isinstance(d, LengthDriver)]
-        self.constraints = Constraints(forces.weightless)
         y, dy = forces.tree.relative(forces.weightless.q0, forces.weightless.v0)
         start = self._rows_at(0.0, y, dy)[0]
         self.inertias = np.einsum("ij,jk,ik->i", start, forces.inertia, start)  # (k,) of the tree at the start, along each driver
+
+    @cached_property
+    def constraints(self) -> Constraints:
+        """The linkage's own constraint rows, which driven lengths need."""
+        return Constraints(self.forces.weightless)
 
     def _rows_at(self, t: float, y: Array, dy: Array) -> tuple[Array, Array, Array]:
         """Return R (k, n), x (k,) and R' y' (k,) of the k drivers at time t [s] and a tree state y, dy (n,)."""
