@@ -111,8 +111,8 @@ def spread_times(times: Array, crank: Array) -> Array:
 def open_wider(run: StoredRun, turn: Turn, times: Array, reference: Array, t: Array) -> Array:
     """Return the states (k, n) of a run at times t (k,) [s], with the openings of its joints magnified WIDER times.
 
-    The stored difference of the run from the reference has two parts: `run.ahead` leads to a state with closed loops, in which only
-    the angle of the crank differs, and `run.gap` from there to the state of the run, with open joints. Only `gap` is magnified.
+    The stored difference of the run from the reference has two parts: `run.ahead` leaves all loops closed, as when the crank is
+    ahead of the reference, and `run.gap` opens them. Only `gap` is magnified here.
 
     Args:
         turn: the closed states of the linkage as a function of its crank angle.

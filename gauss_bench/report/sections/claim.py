@@ -62,9 +62,10 @@ def answer_in_part(holds_once: bool, holds_always: bool) -> str:
 
 
 def compare_formula(run: Run) -> tuple[str, dict[str, float]]:
-    """Return a sentence on the claim by the paper's own formula, with its misprints corrected, and linkage -> ratio of times.
+    """Return a sentence on the paper's claim that fewer unknowns are faster, and a dictionary: linkage -> ratio of times.
 
-    It compares steps of `gauss_pinv` and `lagrange`, both interpreted in the same loop. Without times both are empty.
+    The ratio is the time of a step of `gauss_pinv`, which is the paper's own formula with its misprints corrected, over that of
+    `lagrange`. Both run in Python in the same loop. Without times both results are empty.
     """
     rows = [r for r in cost_rows(run.results) if is_unstabilised(r) and r["integrator"] == "rk4"]
     steps = {(r["engine"], r["mechanism"]): r["step_ratio"] for r in with_number(rows, "step_ratio")}

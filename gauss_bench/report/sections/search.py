@@ -16,7 +16,7 @@ from gauss_bench.report.site.settings import race_multiples
 from gauss_bench.report.words import count, itemise, itemise_code, limit_text, range_text, ratio_text
 
 PLACE = 15
-TRIED = (Kind.TIMED, Kind.UNTIMED, Kind.NOT_REACHED)  # kinds of reach of an engine that ran
+TRIED = (Kind.TIMED, Kind.UNTIMED, Kind.NOT_REACHED)  # kinds of answer (`gauss_bench.reach`) for an engine that ran
 KINDS = ("position", "end", "angle", "force")  # kinds of error in the order of the findings
 OK = "ok"
 
@@ -42,12 +42,16 @@ def section(run: Run) -> Section | None:
 
 
 def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
-    """Return rows of `search_winners` as rows of the layout `search`: with multiples, marks of own engines, and remarks."""
+    """Return rows of `search_winners` as rows of the layout `search`: with multiples, remarks, and marks at the names of engines.
+
+    The mark "own" is for an engine that the authors of this suite wrote, "base" for the engine to whose time ratios are relative,
+    and BY_AUTHORS for settings that the authors of the engine own.
+    """
     multiples = race_multiples(run)
     winners = []
     for row in rows:
         marks = ["own"] if row["engine"] in run.own_engines else []
-        marks += ["base"] if row.get("own") else []  # the engine to which ratios are relative
+        marks += ["base"] if row.get("own") else []  # the column `own` marks the cheapest of the suite's engines
         marks += [BY_AUTHORS] if row.get("owner") else []
         more: dict[str, Any] = {
             "within": f"{limit_text(row['accuracy'])} {row['unit']}",
@@ -65,7 +69,10 @@ def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
 
 
 def list_owned(rows: Sequence[Row]) -> list[Row]:
-    """Return two rows of the layout `search_owned` for each row of that table: the authors' settings, and ours below them."""
+    """Return two rows of the layout `search_owned` for each row of the table `search_owned`.
+
+    The first has the settings by the engine's authors, the second ours for the same engine, from the columns `our_*`.
+    """
     lines: list[Row] = []
     for row in rows:
         place = {k: row[k] for k in ("mechanism", "required")} | {"within": f"{limit_text(row['accuracy'])} {row['unit']}"}
@@ -85,12 +92,16 @@ def describe_effort(rows: Sequence[Row]) -> str:
 
 
 def answer_of(run: Run, row: Row) -> Reach:
-    """Return the reach of the engine of a row of `search_winners`, at the requirement of the row."""
+    """Return whether the engine of a row of `search_winners` meets the requirement of the row, and if not, how close it comes."""
     return answer(run, row["mechanism"], row["engine"], [Requirement(row["required"], row["accuracy"])])
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield findings on lost races, on settings by engines' authors, and on our compiled engines against others by requirement."""
+    """Yield findings on the searches.
+
+    One is on linkages whose race failed, one on each engine with settings by its authors, and one for each requirement compares our
+    compiled engines with the others.
+    """
     unsearched = [r for r in run.table("search_winners") if not r["required"]]
     if unsearched:
         reasons = "; ".join(f"{r['mechanism']}: {r['message']}" for r in unsearched)
@@ -117,7 +128,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def compare_owned(run: Run) -> Iterator[Finding]:
-    """Yield a finding on each engine with settings by its authors: their times as multiples of that of our cheapest setting."""
+    """Yield a finding on each engine with settings by its authors: their times divided by that of our cheapest setting."""
     for engine, rows in group_by(run.table("search_owned"), "engine").items():
         races = [f"{_place(r)} {spread(r, 'ratio').print_with(ratio_text)}" for r in with_number(rows, "ratio")]
         missed = [f"{_place(r)} ({r['message']})" for r in rows if r["status"] != OK]
@@ -154,7 +165,7 @@ def _code_own(run: Run, engine: str) -> str:
 
 
 def _multiple(run: Run, row: Row) -> str:
-    """Return a linkage with a rival's time divided by our own there and its spread, or with the reason why there is no ratio."""
+    """Return in words the linkage of a rival's row, and there the rival's time divided by ours, or why there is no ratio."""
     if row["status"] != OK:
         return f"{row['mechanism']} {answer_of(run, row).words}"
     ratio = spread(row, "ratio")  # unknown if our own engines do not hold the requirement
