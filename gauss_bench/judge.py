@@ -33,7 +33,7 @@ OFF_RATES = OFF_MOTION / 2  # gap between a level and the integral of its rate, 
 SHARED = 2.0  # times the change by a repetition: half the step halves a gap that a first-order method leaves
 MOST_SHARED = 2.0  # largest widening of a limit, in limits: without it, samples that swing would widen their own limits without end
 FEWEST = 2.0  # steps in a period of the fastest mode or force: fewer samples show a slower oscillation in its place (aliasing)
-DIGITS = 1e-9  # relative: formulations whose accelerations differ by more have lost digits, which the user is told
+DIGITS = 1e-9  # relative: formulations whose accelerations differ by more have lost digits, and `remark` says so
 LIMITS = {"drift": OFF_DRIFT, "energy": OFF_ENERGY, "acceleration": OFF_ACCELERATION, "motion": OFF_MOTION}
 
 
@@ -332,7 +332,7 @@ def remark(evidence: Evidence) -> str:
     # losses between samples that are so far apart that damping may explain the losses
     lost = 0.0 if evidence.seen is None else largest(evidence.energy - evidence.seen)
     if lost > 0.0:
-        remarks.append(f"its energy is not decidable: {lost:.2g} J are lost between samples too far apart to resolve damping")
+        remarks.append(f"its energy is not decidable: {lost:.2g} J are lost between samples too far apart to see damping take them")
     off = evidence.disagreement
     if off is not None and DIGITS < off <= OFF_ACCELERATION:
         digits = int(-np.log10(off))

@@ -188,7 +188,8 @@ def compare_joint_forces(evaluator: Evaluator, states: Trajectory, told: Array) 
     forces, or if redundant rows leave them undetermined.
 
     Args:
-        told: (k, joints, 3) the engine's fx, fy and moment, as `joint_forces` has them; NaN for a missing one.
+        told: (k, joints, 3) fx, fy and moment of each joint as the engine reports them, with the signs and reference points of
+            `joint_forces`; NaN for a missing number.
     """
     if evaluator.mechanism.redundant or not np.isfinite(told).any():
         return np.nan, np.nan
@@ -387,6 +388,7 @@ def work(t: Array, power: Array) -> tuple[Array, Array]:
     from scipy.interpolate import make_interp_spline  # imported here: it takes as long as all other imports together
 
     def integrate(t_known: Array, known: Array) -> Array:
+        """Return the integral from t[0] to every time of t, of the spline through samples `known` (l, ...) at times (l,)."""
         # with few samples the largest odd degree below their number
         spline = make_interp_spline(t_known, known, k=min(5, 2 * ((len(t_known) - 2) // 2) + 1))
         primitive: Callable[[Array], Array] = spline.antiderivative()

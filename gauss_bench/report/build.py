@@ -28,7 +28,7 @@ FAULTS = "findings"  # folder beside the tables, with reports on faults in engin
 
 
 class NoRun(BadInput, ValueError):
-    """A folder holds no run."""
+    """A folder has no tables of a run."""
 
 
 def read_run(folder: Path) -> Run:

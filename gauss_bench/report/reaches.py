@@ -72,5 +72,5 @@ def _ladders(run: Run) -> Ladders:
 
 @lru_cache(maxsize=2)
 def _races(run: Run) -> dict[tuple[str, str, str], list[Row]]:
-    """Return (linkage, engine, kind of error) -> the rows of the races of the engine's cheapest settings."""
+    """Return a dictionary: (linkage, engine, kind of error) -> the rows of `search_winners`, at all accuracies and scenarios."""
     return group_by((r for r in run.table("search_winners") if r["required"]), "mechanism", "engine", "required")

@@ -197,9 +197,9 @@ def label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
 
 
 def move_apart(wanted: Array, gap: float, tall: float) -> Array:
-    """Return places (k,) between 0 and `tall` that are nearest to the wanted ones in least squares, and at least `gap` apart.
+    """Return heights (k,) between 0 and `tall` that are nearest to the wanted ones in least squares, and at least `gap` apart.
 
-    The order of the places does not change. If there is too little room for all, they are centred.
+    The order of the heights does not change. If there is too little room for all, they are centred.
     """
     # with x_i = y_i + i gap, places x_i are at least `gap` apart if the y_i do not decrease: this is isotonic regression
     order = np.argsort(wanted, kind="stable")

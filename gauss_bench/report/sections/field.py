@@ -166,10 +166,11 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def compare_costs(lines: Sequence[Row], engines: Sequence[str], key: str) -> str:
-    """Return a sentence on the costs of engines as multiples of the least cost of all; empty if none of the engines has a cost.
+    """Return a sentence on the costs of some engines, divided by the least cost of all; empty if none of the engines has a cost.
 
     Args:
         lines: rows of `costs`.
+        engines: names of the engines in question.
         key: one of ACCURACIES.
     """
     multiples = {row["engine"]: row[f"{key}_over"] for row in with_number(lines, f"{key}_over")}

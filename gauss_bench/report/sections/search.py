@@ -1,4 +1,4 @@
-"""The cheapest setting of every engine that holds a requirement over the whole run.
+"""The cheapest setting of every engine that meets a requirement over the whole run.
 
 The section also lists the searched variants, the budget of the search, and the source of each option.
 """
@@ -86,7 +86,7 @@ def list_owned(rows: Sequence[Row]) -> list[Row]:
 
 
 def describe_effort(rows: Sequence[Row]) -> str:
-    """Return the largest numbers of evaluations and of steps in words, as ranges if linkages differ in them."""
+    """Return in words the largest numbers of evaluations of a variant and of steps of a run; ranges if linkages differ in them."""
     evaluations, steps = (range_text([r[x] for r in with_number(rows, x)], "{:.0f}".format) for x in ("budget", "most_steps"))
     return f"{evaluations} evaluations and {steps} steps of a run at most"
 
@@ -168,15 +168,15 @@ def _multiple(run: Run, row: Row) -> str:
     """Return in words the linkage of a rival's row, and there the rival's time divided by ours, or why there is no ratio."""
     if row["status"] != OK:
         return f"{row['mechanism']} {answer_of(run, row).words}"
-    ratio = spread(row, "ratio")  # unknown if our own engines do not hold the requirement
+    ratio = spread(row, "ratio")  # unknown if our own engines do not meet the requirement
     words = ratio.print_with(ratio_text) if is_known(ratio.value) else f"(ours {Kind.NOT_REACHED})"
     return f"{row['mechanism']} {words}"
 
 
 def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
-    """Return rows with ratios relative to the cheaper of our compiled engines on each linkage.
+    """Return rows of `search_winners` with ratios relative to the cheaper of our compiled engines on each linkage.
 
-    A stored ratio may be relative to another of our engines, which ties with the cheaper one.
+    A stored ratio may be relative to another of our engines, whose time is equal within the spread.
     """
     least: dict[str, float] = {}
     for row in with_number(group, "ratio"):
@@ -202,7 +202,7 @@ def name_faster(run: Run, group: Sequence[Row]) -> Iterator[str]:
 
 
 def name_unreached(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence on each linkage on which none of our compiled engines holds the requirement."""
+    """Yield a sentence on each linkage on which none of our compiled engines meets the requirement."""
     for linkage, rows in sorted(group_by(group, "mechanism").items()):
         ours = [r for r in rows if r.get("ours")]
         if any(r["status"] == OK for r in ours) or all(answer_of(run, r).kind is not Kind.NOT_REACHED for r in ours):
@@ -212,7 +212,7 @@ def name_unreached(run: Run, group: Sequence[Row]) -> Iterator[str]:
 
 
 def name_missed_targets(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence on the rivals over which our lead is smaller than its target, if there are any."""
+    """Yield a sentence on the other engines than which ours are faster by less than a target, if there are any."""
     missed = [r for r in with_number(group, "target") if not r["met"]]
     near = [f"`{r['engine']}` on {_multiple(run, r)} instead of {ratio_text(r['target'])}" for r in missed]
     if near:

@@ -48,6 +48,7 @@ def best_cases(name: str, scenario: str, rows: Sequence[Row]) -> Table:
     """
 
     def rank(row: Row) -> tuple[bool, float, float]:
+        """Return the sort key of a case: errors below the reference's error bar come first, as equals, then larger steps first."""
         step = -row["step"] if is_known(row["step"]) else 0.0
         return (False, 0.0, step) if is_below_reference(row) else (True, end_error(row), step)
 

@@ -196,7 +196,7 @@ def explain_time_within(run: Run, name: str, position: float) -> tuple[str, Tabl
 
 
 def list_races(run: Run, name: str) -> Table:
-    """Return the table of the engine's races, each with its time as a multiple of the fastest at the same accuracy."""
+    """Return the table of the engine's races, each with its time divided by that of the fastest engine at the same accuracy."""
     multiples = race_multiples(run)
     lines = []
     for r in of_engine(run.table("search_winners"), name):

@@ -1,4 +1,4 @@
-"""The first screen: the setting of each engine that holds a requirement, the main findings, and questions with answers."""
+"""The first screen: the setting of each engine that meets a requirement, the main findings, and questions with answers."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence

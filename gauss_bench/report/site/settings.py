@@ -37,7 +37,7 @@ class Setting:
     Attributes:
         step, tolerance: size of the steps [s] or tolerance of the integrator; NaN for the one that the setting does not have.
         steps: number of steps of the run; NaN if the engine does not count them.
-        seconds, low, high: processor time of the run [s], with its spread if it was raced; NaN if unknown.
+        seconds, low, high: processor time of the run [s], with its spread if it was measured in a race; NaN if unknown.
         estimated: whether `seconds` is estimated from a race at another step.
         position, force: largest errors of the run [m], [N]; NaN for a force that was not measured.
         until: end of the run [s].
@@ -175,7 +175,7 @@ def _settings_by_place(run: Run) -> dict[tuple[Any, ...], Setting]:
 
 
 def _search(run: Run) -> Iterator[Setting]:
-    """Yield the settings of the searched linkages, each with its raced or estimated time."""
+    """Yield the settings of the searched linkages, each with its time, which a race measured or which is estimated from a race."""
     raced = [r for r in with_number(run.table("search_times"), "seconds") if r["status"] == "ok"]
     races = group_by(raced, variant_of)
     at_place = {place_of(r): r for r in reversed(raced)}
@@ -250,7 +250,7 @@ def multiples(seconds: Mapping[Key, float]) -> dict[Key, float]:
 
 
 def race_multiples(run: Run) -> dict[tuple[str, str, float, str], float]:
-    """Return (linkage, kind of error, accuracy, engine) -> time of the race over that of the fastest engine."""
+    """Return (linkage, kind of error, accuracy, engine) -> time of the engine in a race over that of the fastest engine."""
     over: dict[tuple[str, str, float, str], float] = {}
     timed = [r for r in with_number(run.table("search_winners"), "seconds") if r["status"] == "ok"]
     for race, rows in group_by(timed, "mechanism", "required", "accuracy").items():
@@ -264,13 +264,14 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
 
     Returns:
         settings: data of all settings that are the cheapest of an engine for a requirement; `chosen` has the settings themselves.
-        picks: "i,j" for POSITIONS[i] and FORCES[j] -> [index of a setting, its multiple] of each engine that holds both.
-        none: engine -> for each requirement, the index in `words` of the reason why the engine does not hold it, -1 if it does.
+        picks: "i,j" for POSITIONS[i] and FORCES[j] -> for each engine that meets both [index of a setting, time over the least].
+        none: engine -> for each requirement, the index in `words` of the reason why the engine does not meet it, -1 if it does.
+        words: the reasons.
         until, horizons: duration of the stored run [s], and the durations that a reader can choose.
     """
     picked: dict[Setting, int] = {}  # setting -> its index on the page
     picks: dict[str, list[Any]] = {}
-    reasons: dict[str, list[int]] = {}  # engine -> per requirement the index of its reason in `words`, -1 if it holds
+    reasons: dict[str, list[int]] = {}  # engine -> per requirement the index of its reason in `words`, -1 if it is met
     words: dict[str, int] = {}
     for i, position in enumerate(POSITIONS):
         for j, force in enumerate(FORCES):
