@@ -99,11 +99,18 @@ class Film:
 
     def draw(self, part: Part) -> str:
         """Return the SVG of a part with its animated translation, rotation and stretch, applied in this order from the outside."""
-        tracks = []
-        # A track is the list of a transform's values at all states; a part that does not move needs none. Links (parts with a
-        # title) always have a translation and a rotation, since a track of translations replaces the rotation in `Part.draw` too.
+        moves = {
+            "translate": np.ptp(part.place, axis=0).max() > HELD,
+            "rotate": np.ptp(part.turn) > HELD,
+            "scale": np.ptp(part.stretch) > 1e-4,
+        }
+        # The track of translations replaces the whole transform of `Part.draw`, and the other tracks multiply it. So every part
+        # that moves has a translation, and a rotation unless it is upright. Links (parts with a title) always have both.
+        moving = bool(part.title) or any(moves.values())
+        needed = {"translate": moving, "rotate": moving and bool(part.title or part.turn.any()), "scale": moves["scale"]}
+        tracks = []  # the list of a transform's values at all states
         for kind, values, digits in (("translate", part.place, 2), ("rotate", part.turn, 2), ("scale", part.stretch, 4)):
-            if np.ptp(values, axis=0).max() > (1e-4 if kind == "scale" else HELD) or (part.title and kind != "scale"):
+            if needed[kind]:
                 track = ";".join(" ".join(f"{x:.{digits}f}" for x in np.atleast_1d(value)) for value in values)
                 more = "" if kind == "translate" else 'additive="sum" '
                 if kind == "scale":  # parts stretch only along their x axis: append the factor 1 of the y axis to each value
