@@ -238,9 +238,7 @@ def absolute_states(graph: LinkageGraph, links: int, angles: Levels, slides: Map
 
     # link -> place of its centre and two derivatives, complex (k,)
     at: dict[int, tuple[Array, ...]] = {GROUND: (np.zeros(len(theta)),) * 3}
-    for (
-        edge
-    ) in graph.tree:  # parents first: both arms end at the pair, so that centre of the link = centre of the parent + near - far
+    for edge in graph.tree:  # both arms end at the pair, so that the centre of the link is that of its parent + near - far
         near = arm(edge.parent, edge.pair.element(edge.parent))
         far = arm(edge.link, edge.pair.element(edge.link))
         at[edge.link] = tuple(z + x - y for z, x, y in zip(at[edge.parent], near, far, strict=True))

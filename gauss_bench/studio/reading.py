@@ -199,7 +199,7 @@ def faults_of(document: Document) -> list[Fault]:
 
 
 def new_faults(before: Document, after: Document) -> list[Fault]:
-    """Return the faults of a document after an edit that it did not have before."""
+    """Return the faults that a document has after an edit and did not have before it."""
     known = {(x.path, x.text) for x in document_faults(before)}
     return [x for x in faults_of(after) if (x.path, x.text) not in known]
 
@@ -215,7 +215,8 @@ def _without_scenarios(document: Document) -> Document:
 def _build(document: Document) -> tuple[Mechanism | None, list[Fault]]:
     """Remove faulty parts from a document until the rest can be built.
 
-    Return the mechanism, or None if nothing is left, and the faults that no check of the document finds but only its building.
+    Return the mechanism, or None if nothing is left, and the faults that the checks of the document do not find, and that appear
+    only when the mechanism is built.
     """
     found: list[Fault] = []
     for _ in range(ROUNDS):

@@ -175,8 +175,9 @@ def forces(reading: Reading) -> list[dict[str, Any]]:
 
 
 def drivers_possible(reading: Reading) -> list[dict[str, str]]:
-    """Return name and kind of the coordinates that can be driven: angles of links with a pin on the ground, slides, cylinders."""
+    """Return name and kind of the coordinates that can be driven: "angle" of a link with a pin on the ground, or "slide"."""
     kinds: dict[str, str] = {}
+    # `write_out` replaces a cylinder by two links and a prismatic joint, so that it is a slide here
     for name, joint in items(write_out(reading.rest), "joints"):
         owners = [x.partition(".")[0] for x in sequence(joint, "at") if isinstance(x, str)]
         if "ground" in owners:
