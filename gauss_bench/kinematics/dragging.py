@@ -79,7 +79,7 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
     Raises:
         ValueError: there is no link, point, slide or joint of that name.
     """
-    pins, still = [], []
+    pins, drivers = [], []  # joints that fix points, and drivers that hold angles and slides at constant values
     for reference in locks.points:
         point = find_point(mechanism, reference)
         at = Point(GROUND, np.array(position(q, point)), f"ground at {reference}")
@@ -92,13 +92,13 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
     for name in locks.links:
         _check_found([x for x in mechanism.whole.links if x.name == name], "link", name)
         body, _ = mechanism.find_body(name)
-        still.append(AngleDriver(f"lock of {name}", constant(float(angle_at(q, body)), 0.0), body))
+        drivers.append(AngleDriver(f"lock of {name}", constant(float(angle_at(q, body)), 0.0), body))
     for name in locks.slides:
         slides = [x for x in mechanism.slides if x.name == name]
         _check_found(slides, "slide", name)
         for slide in slides:
-            still.append(SlideDriver(f"lock of {name}", constant(float(value(slide.motion, q)), 0.0), slide))  # type: ignore[arg-type]
-    return replace(mechanism, joints=(*mechanism.joints, *pins), drivers=tuple(still))
+            drivers.append(SlideDriver(f"lock of {name}", constant(float(value(slide.motion, q)), 0.0), slide))  # type: ignore[arg-type]
+    return replace(mechanism, joints=(*mechanism.joints, *pins), drivers=tuple(drivers))
 
 
 def _check_found(found: list[Any], kind: str, name: str) -> None:
@@ -307,7 +307,7 @@ class Drag:
         return float(np.sign(det)) if abs(det) > MARGIN else 0.0
 
     def at(self, place: Place) -> Array:
-        """Return the place (2,) of the point [m], or the vector to it from `onto`, at a position of the linkage."""
+        """Return the place (2,) of the point [m], or the vector to it from a point `onto`, at a position of the linkage."""
         here = position(place.q, self.point)
         return here if self.onto is None else here - position(place.q, self.onto)
 

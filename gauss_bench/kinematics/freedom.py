@@ -55,11 +55,11 @@ class Freedom:
         return phi, J / self.scale
 
     def at(self, q: Array) -> tuple[Array, Place]:
-        """Return the residual phi (m,) and the free motions at any q (n,)."""
+        """Return the residual phi (m,) and the free motions at any q (n,), at which the joints may be open."""
         phi, J = self.rows(q)
         if not len(J):
             return phi, Place(q, J, np.zeros((len(q), 0)), np.eye(len(q)))
-        U, s, Vt = np.linalg.svd(J)
+        U, s, Vt = np.linalg.svd(J)  # the rows of Vt beyond the rank span the null space
         rank = int((s > RANK_TOLERANCE * s[0]).sum())
         return phi, Place(q, J, (Vt[:rank].T / s[:rank]) @ U[:, :rank].T, Vt[rank:].T)
 

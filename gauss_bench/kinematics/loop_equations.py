@@ -136,6 +136,7 @@ class LoopEquations:
         order = [*range(self.graph.links), GROUND]
         self.roots, self.phase = [frames[i][0] for i in order], np.array([frames[i][1] for i in order])
         names = [link.name for link in mechanism.links] + [bar.name for bar in self.bars]
+        # one angle for each root; links that slide on the frame share its angle, which is no variable
         angles = [Variable(names[i], i) for i in range(self.graph.links) if self.roots[i] == i]
         slides = [Variable(e.slide) for pair in self.graph.pairs for e in pair.elements if e.kind in MOVING]
         self.known = [self._find_variable(x, [*angles, *slides]) for x in self.drivers]
@@ -200,7 +201,7 @@ class LoopEquations:
         return np.array([self.phase[x.link] if isinstance(x, AngleDriver) else 0.0 for x in self.drivers])
 
     def start(self) -> Array:
-        """Return the state x of the mechanism's start q0."""
+        """Return the state x (TU + TK,) of the mechanism's start q0."""
         q = self.mechanism.q0
         values: dict[str | int, float] = {i: float(theta) for i, theta in enumerate(q[2::3])}
         for slide in self.mechanism.slides:
@@ -208,7 +209,7 @@ class LoopEquations:
         for i, bar in enumerate(self.bars, start=len(self.mechanism.links)):  # bars are further links
             x, y = position(q, bar.b) - position(q, bar.a)
             values[i], values[bar.name] = float(np.arctan2(y, x)), float(np.hypot(x, y))
-        return np.array([values[key] for key in self.column])
+        return np.array([values[key] for key in self.column])  # `column` has the order of x
 
     def at(self, x: Array, x_rate: Array) -> Matrices:
         """Evaluate A, J, B and the rates of J and B at a state x and its rate x_rate, (TU + TK,) each."""

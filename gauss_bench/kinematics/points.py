@@ -59,11 +59,11 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
             """Tell whether an earlier point lies at the same place of one of the links."""
             return any(link in x.at and abs(x.at[link] - s) < SAME for link, s in at.items())
 
-        met = [x for x in basic if coincides(x)]
+        same = [x for x in basic if coincides(x)]
         merged: dict[int, complex] = {}
-        for x in met:
+        for x in same:
             merged |= x.at
-        basic[:] = [x for x in basic if x not in met] + [BasicPoint(met[0].name if met else name, merged | at)]
+        basic[:] = [x for x in basic if x not in same] + [BasicPoint(same[0].name if same else name, merged | at)]
 
     slides = mechanism.slides
     for pin in mechanism.pins:
@@ -74,7 +74,7 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
         for end in (bar.a, bar.b):  # not needed on a link that has two points, from which any other place follows
             if end.link != GROUND and sum(end.link in x.at for x in basic) < 2:
                 add(end.name, end)
-    for slide in slides:
+    for slide in slides:  # every guide needs a point
         if not any(slide.guide.link in x.at for x in basic):
             add(slide.guide.name, slide.guide)
     size = link_size(basic)

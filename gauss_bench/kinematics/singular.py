@@ -176,7 +176,7 @@ def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list
     q = mechanism.q0
     x = curve.tangent(q, gradient(driving.coordinate, q))  # so that the driving coordinate grows
     first, side = x, curve.orientation(q, x)
-    signs = [gradient(c.coordinate, q) @ x for c in coordinates]
+    rates = [gradient(c.coordinate, q) @ x for c in coordinates]  # g . x of each coordinate at the last position
     for count in range(LONGEST):
         if ended is not None and ended.is_set():
             raise ChangePoint("the search was ended")
@@ -185,15 +185,15 @@ def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list
         if curve.orientation(q, x) * side < 0:
             raise ChangePoint(f"change point near {_describe(driving, q)}: the curve forks, the motion can go on in two ways")
         for k, c in enumerate(coordinates):
-            sign = gradient(c.coordinate, q) @ x
-            if sign * signs[k] < 0 or (count == 0 and abs(signs[k]) < TOLERANCE):  # a reversal since the last position, or at q0
+            rate = gradient(c.coordinate, q) @ x
+            if rate * rates[k] < 0 or (count == 0 and abs(rates[k]) < TOLERANCE):  # a reversal since the last position, or at q0
                 at = curve.refine(c, q, x)
                 kind = "limit" if c.name == driving.name else "dead centre"
                 # a start at a dead centre is found a second time when the curve closes
                 if not any(known.coordinate == c.name and _distance(at, known.q) < SAME for known in positions):
                     here, there = float(value(c.coordinate, at)), float(value(driving.coordinate, at))
                     positions.append(Singular(c.name, kind, here, there, driving, at))
-            signs[k] = sign
+            rates[k] = rate
         # the curve is closed where it comes back to its start in the same sense
         if count > 2 and _distance(q, mechanism.q0) < 0.75 * STEP and x @ first > 0:
             break

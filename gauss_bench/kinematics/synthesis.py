@@ -127,7 +127,7 @@ def connect(pin: complex, places: tuple[complex, complex, complex], name: str) -
     if abs(height) < LINE:
         return Connection(pin, places, a, sides[2] / longest)
     u, v = b - a, c - a
-    centre = a + 1j * (v * abs(u) ** 2 - u * abs(v) ** 2) / (-2.0 * cross(u, v))
+    centre = a + 1j * (v * abs(u) ** 2 - u * abs(v) ** 2) / (-2.0 * cross(u, v))  # of the circle through a, b and c
     if abs(centre - a) > FARTHEST * longest:
         raise NoFourBar(f"{name} moves almost along a line: its circle has a radius of {abs(centre - a):.3g} m")
     return Connection(pin, places, centre)
@@ -139,10 +139,10 @@ def cross(a: complex, b: complex) -> float:
 
 
 def join(first: Connection, second: Connection) -> FourBar:
-    """Return the four-bar of two connections.
+    """Return the four-bar of two connections, with its motion if the one or the other is driven.
 
     Raises:
-        NoFourBar: it has no coupler or no frame.
+        NoFourBar: the coupler, the frame or a bar would have no length.
     """
     if abs(first.pin - second.pin) <= SAME * max(first.length, second.length, abs(first.pin)):
         raise NoFourBar("both pins are one: the coupler has no length")
@@ -182,7 +182,11 @@ def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
 
 
 def side_of(other: Connection, a: complex, b: complex, coupler: float) -> int:
-    """Return the branch of a pose: 1 or -1, or 0 at a dead point; a and b are the driven and the other pin."""
+    """Return the branch of a pose: 1 or -1, or 0 at a dead point; a and b are the places of the driven and of the other pin.
+
+    The branch is the sign of the sine of the angle between the coupler and the other bar, or between the coupler and the normal of
+    the other slide.
+    """
     if other.direction is None:
         sine = cross(b - a, other.pivot - b) / (coupler * other.length)
     else:

@@ -90,9 +90,9 @@ class Grid:
 
 
 def grid(step: float, until: float) -> Grid:
-    """Return equal steps up to a time [s], of at most the length `step` [s]."""
-    count = max(1, int(np.ceil(until / step * (1 - 1e-12))))
-    every = max(1, -(-count // SAMPLES))
+    """Return equal steps up to the time `until` [s], of at most the length `step` [s], with at most about SAMPLES samples."""
+    count = max(1, int(np.ceil(until / step * (1 - 1e-12))))  # rounding of the quotient adds no step
+    every = max(1, -(-count // SAMPLES))  # rounded up
     steps = np.unique([*range(0, count + 1, every), count])
     return Grid(until / count, count, every, steps * (until / count))
 

@@ -119,7 +119,7 @@ class Family:
 
     @cached_property
     def _forms(self) -> dict[str, TypeAdapter[Any]]:
-        """The types that check the tables which contain varied numbers."""
+        """Key of the file -> pydantic type that checks its value, for keys whose tables contain varied numbers."""
         return {head: TypeAdapter(LinkageTable.model_fields[head].rebuild_annotation()) for head, *_ in self.heads}
 
     @cached_property
@@ -288,7 +288,7 @@ class Family:
 
 
 def held_by_joints(mechanism: Mechanism) -> list[tuple[Coordinate, Any]]:
-    """Return pairs of a coordinate that a joint or coupling holds, and its value."""
+    """Return the coordinates that joints and couplings keep constant, each with its constant value."""
     return [pair for joint in (*mechanism.joints, *mechanism.couplings) for pair in joint.held]
 
 
@@ -302,7 +302,7 @@ def _solve(J: Array, right: Array) -> Array:
     if J.shape[1] == J.shape[2]:
         try:
             return np.asarray(np.linalg.solve(J, right[..., None])[..., 0])
-        except np.linalg.LinAlgError:
+        except np.linalg.LinAlgError:  # one of the matrices is singular: take pseudo-inverses of all
             pass
     whole = np.isfinite(J).all(axis=(1, 2))
     x = np.full((len(J), J.shape[2]), np.nan)

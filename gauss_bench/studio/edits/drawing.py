@@ -336,7 +336,10 @@ class Drawing:
         self.made.insert(0, f"links.{name}")
 
     def is_aligned(self, link: str) -> bool:
-        """Tell whether a link's frame lies along its first bar, and whether only points are given in that frame."""
+        """Tell whether a link's frame lies along its first bar, and nothing but points is given in that frame.
+
+        Only then can the frame be turned with the bar (`align`) without a change of anything else.
+        """
         given = {} if link == "ground" else self.link(link)
         bars, points = sequence(given, "bars"), self.points(link)
         welded = any(link in (x.get("link"), x.get("to")) for _, x in items(self.document, "welds"))

@@ -33,7 +33,7 @@ def drive(d: Drawing, message: Message) -> None:
     """Prescribe a coordinate in the scenario "driven", starting from the drawing; with `off`, prescribe it no longer."""
     scenarios = d.group("scenarios")
     scenario, coordinate = scenarios.get(DRIVEN, {}), _find_coordinate(d, message.get("coordinate"))
-    drivers = [x for x in drivers_of(scenario) if not coordinate.items() <= x.items()]
+    drivers = [x for x in drivers_of(scenario) if not coordinate.items() <= x.items()]  # without the driver of this coordinate
     if not message.get("off"):
         law = {k: x for k, x in message.items() if k not in ("id", "do", "coordinate", "off", "duration", "scenario")}
         if "link" in coordinate:
