@@ -122,7 +122,7 @@ class _Follower:
         if not np.isfinite(goal).all():
             raise ValueError(f"inputs are not finite: {goal}")
         start, change = self.x, goal - self.x
-        # the change takes this number of equal steps, in which no input changes by more than its `max_change`
+        # at least this number of equal steps, in which no input changes by more than its `max_change`
         count = max(1, int(np.ceil(largest(change / self.max_change) - 1e-9)))
         max_share = 1 / count  # of the change, in one step
         self.corrections = 0

@@ -25,7 +25,7 @@ def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Dra
     """Return a `Drag` of the pin or point that a message names, in which the parts with the ids `locks` do not move.
 
     Raises:
-        Refused: the pin is fixed to the ground or holds nothing, or the linkage does not assemble.
+        Refused: the pin is fixed to the ground or joins no link, or the linkage does not assemble.
     """
     mechanism = closed_mechanism(reading, "dragged")
     d = Drawing(reading.document, reading)
@@ -35,7 +35,7 @@ def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Dra
     if pin.is_grounded:
         raise Refused(f"pin {id} is fixed to the ground: moving it changes the linkage, it does not drag it", where)
     if not pin.members:
-        raise Refused(f"pin {id} holds nothing that could be dragged: move it", where)
+        raise Refused(f"pin {id} joins no link that could be dragged: move the pin instead", where)
     locked: dict[str, list[str]] = {"pins": [], "links": [], "slides": [], "joints": []}  # group -> names
     for lock in sorted(locks):
         group, _, name = lock.partition(".")

@@ -136,7 +136,7 @@ def read(document: Document, starts: bool = True) -> Reading:
     if mechanism is None and not problems:
         report("hint", "nothing is drawn yet: draw a bar between two places to begin")
     for name in lone_pins(document):
-        report("hint", f"pin {name} holds nothing: draw a bar to it, or delete it", f"pins.{name}")
+        report("hint", f"pin {name} joins nothing: draw a bar to it, or delete it", f"pins.{name}")
     if mechanism is None:
         return Reading(document, rest, None, np.zeros(0), False, (), tuple(problems))
     q, unplaced = _place_links(mechanism, rest)
@@ -180,7 +180,7 @@ def find_part(document: Document, path: str) -> tuple[str, ...]:
 
 
 def lone_pins(document: Document) -> dict[str, list[float]]:
-    """Return name -> [x, y] of pins that hold nothing: entries of the sketch that have the name of no joint and no point."""
+    """Return name -> [x, y] of pins that join nothing: entries of the sketch that have the name of no joint and no point."""
     named = {*table(document, "joints"), *table(document, "cylinders")}
     sketch = table(table(document, "assembly"), "sketch")
     return {k: x for k, x in sketch.items() if "." not in k and k not in named and is_place(x)}
@@ -205,7 +205,7 @@ def new_faults(before: Document, after: Document) -> list[Fault]:
 
 
 def _without_scenarios(document: Document) -> Document:
-    """Return the document with one scenario in which nothing acts, and without pins that hold nothing."""
+    """Return the document with one scenario in which nothing acts, and without pins that join nothing."""
     for name in lone_pins(document):
         del document["assembly"]["sketch"][name]
     rest = {key: x for key, x in document.items() if key not in ("expect", "measure", "observe", "crank")}

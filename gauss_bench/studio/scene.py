@@ -100,7 +100,7 @@ def links(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
 
 
 def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
-    """Return the data of every pin: of joints, of single points, and of pins that hold nothing yet."""
+    """Return the data of every pin: of joints, of single points, and of pins that join nothing yet."""
     places, joints = place_points(reading), table(reading.document, "joints")
     groups: dict[str, list[str]] = {}  # id of a pin -> its points
     pin_of: dict[str, str] = {}  # point -> id of its pin; joints that share a point are one pin

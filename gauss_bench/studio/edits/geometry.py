@@ -82,7 +82,7 @@ def add_point(d: Drawing, message: Message) -> None:
 
 
 def observe(d: Drawing, message: Message) -> None:
-    """Observe a point; with `on` false, observe it no longer."""
+    """Add a point to the observed points of the file (`observe.points`); with `on` false, remove it from them."""
     point, observed = d.on_link(str(message.get("point"))), d.group("observe")
     others = [x for x in sequence(observed, "points") if x != point]
     observed["points"] = [*others, point] if message.get("on", True) else others
@@ -154,7 +154,7 @@ def join(d: Drawing, message: Message) -> None:
     if not a.members:
         d.remove_from_sketch(a)
     del d.pins[a.id]
-    if not b.members:  # the moved pin takes the place of a pin that held nothing
+    if not b.members:  # the moved pin takes the place of a pin that joined nothing
         d.remove_from_sketch(b)
         if joint is not None:
             joints[joint] = {"type": "revolute", "at": [*a.members]}

@@ -212,7 +212,7 @@ def prune(d: Drawing) -> None:
         del d.group("joints")[joint]
     sketched = table(table(d.document, "assembly"), "sketch")
     for joint in {*table(before, "joints")} - {*table(d.document, "joints")}:
-        sketched.pop(joint, None)  # otherwise its place would be read as a pin that holds nothing
+        sketched.pop(joint, None)  # otherwise its place would be read as a pin that joins nothing
     for name, scenario in [*items(d.document, "scenarios")]:
         if "driver" in table(before, "scenarios").get(name, {}) and not (scenario.get("driver") or scenario.get("drivers")):
             del d.group("scenarios")[name]
