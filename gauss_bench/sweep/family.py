@@ -100,7 +100,7 @@ class Family:
                 case "forces":
                     is_open = rest[1].removesuffix("_deg") in numbers.get(rest[0], ())
             if not is_open:
-                return f"{path} is a constant of a kernel and cannot be its input"
+                return f"{path} cannot be an input of a kernel"
             if head in ("links", "ground") and ("welds" in self.document or "cylinders" in self.document):
                 return f"{path} may be part of a welded body"
         return ""
