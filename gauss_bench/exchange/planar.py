@@ -1,9 +1,9 @@
-"""Convert a spatial mechanism to the document of a planar linkage: find the plane, the links, their joints and forces, and a start.
+"""Convert a spatial mechanism to the document of a planar linkage: plane, links, joints, forces and a start.
 
 The axes of all hinges are normal to the plane. The plane's own axes are as near as possible to axes of the world: a mechanism in
-the x-z plane of the world gets x and z as axes, so that it stays upright. Bodies that are welded to each other are one link, and bodies that are
-welded to the world are ground. The frame of a link is that of its first body. Points and vectors in the plane are complex numbers
-x + i y.
+the x-z plane of the world gets x and z as axes, so that it stays upright. Bodies that are welded to each other are one link, and
+bodies that are welded to the world are ground. The frame of a link is that of its first body. Points and vectors in the plane are
+complex numbers x + i y.
 """
 
 import re

@@ -101,7 +101,7 @@ def place_apart(apart: Mechanism, mechanism: Mechanism) -> Mechanism:
 
 
 def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
-    """Return names of link angles and slides that leave no freedom at q (n,) if they are held beside the rows J (m, n)."""
+    """Return names of link angles and slides that, if fixed in addition to the constraints J (m, n), leave no freedom at q (n,)."""
     names = []
     rank = _rank(J)
     # greedy: a coordinate is taken if its gradient raises the rank of the rows taken so far

@@ -39,7 +39,7 @@ class FaultError(ValueError):
 
 
 class BuildError(FaultError):
-    """A fault of numbers that is found when points are resolved, such as a bar of zero length."""
+    """A faulty number of a file that is found only when its points are resolved, such as a bar of zero length."""
 
 
 class AssemblyError(FaultError):

@@ -234,7 +234,7 @@ class Prismatic:
 Joint = Revolute | Prismatic
 
 
-def every_two(pairs: tuple[Joint, ...]) -> tuple[Joint, ...]:
+def pins_of_all_pairs(pairs: tuple[Joint, ...]) -> tuple[Joint, ...]:
     """Return a pin for every two links of a joint; `pairs` are its pins between neighbours in the file's list, or its slide."""
     pins = [pair for pair in pairs if isinstance(pair, Revolute)]
     if len(pins) < 2:
