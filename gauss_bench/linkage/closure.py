@@ -15,7 +15,7 @@ from gauss_bench.linkage.build import measure_angle, measure_slide
 from gauss_bench.linkage.errors import AssemblyError
 from gauss_bench.linkage.sketch import sketch
 from gauss_bench.mechanism.close import Residual, project
-from gauss_bench.mechanism.coordinates import gradient, spread, value
+from gauss_bench.mechanism.coordinates import gradient, motion_of_links, value
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Law, Measured, Mechanism, Point, Revolute
 from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians
@@ -96,7 +96,7 @@ def close_sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
 def place_apart(apart: Mechanism, mechanism: Mechanism) -> Mechanism:
     """Return the mechanism of unwelded links, `apart`, with the start that the welded bodies of `mechanism` have."""
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
-    links = spread(mechanism, start)
+    links = motion_of_links(mechanism, start)
     return replace(apart, q0=links.q[0], v0=links.v[0])
 
 

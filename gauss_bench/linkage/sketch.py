@@ -100,7 +100,7 @@ class _Placing:
     def _angle(self, i: int, first: str, known: dict[str, Array]) -> float | None:
         """Return the angle [rad] of body i: from the file, else from a second known point, else from a slide; None if unknown.
 
-        If a slide connects the body to a placed one, whole turns are added until the angle is nearest to that which the slide gives.
+        If a slide connects the body to a placed one, whole turns are added to come nearest to the angle that the slide gives.
 
         Args:
             first: name of a known point of the body.

@@ -1,4 +1,4 @@
-"""Choose the coordinates that the start of a new file should prescribe: they determine the position, as far as joints leave it free.
+"""Choose the coordinates that the start of a new file should prescribe: they determine the position where joints leave it free.
 
 The import of models and the studio use it.
 """

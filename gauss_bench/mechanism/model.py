@@ -97,7 +97,7 @@ Coordinate = Angle | Along | Distance | Weighted
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A coordinate under a name that reports print."""
+    """A coordinate with the name under which reports print it."""
 
     name: str
     coordinate: Coordinate
@@ -235,7 +235,11 @@ Joint = Revolute | Prismatic
 
 
 def pins_of_all_pairs(pairs: tuple[Joint, ...]) -> tuple[Joint, ...]:
-    """Return a pin for every two links of a joint; `pairs` are its pins between neighbours in the file's list, or its slide."""
+    """Return one pin for each pair of the links that a joint connects; a slide, or a pin through two links, is returned unchanged.
+
+    Args:
+        pairs: the joint's k - 1 pins between neighbours in the list of its k links in the file, or its slide.
+    """
     pins = [pair for pair in pairs if isinstance(pair, Revolute)]
     if len(pins) < 2:
         return pairs
@@ -331,7 +335,7 @@ class Names(Protocol):
         """Return the pairs of a joint: its slide, or the pins between neighbours in its list of links."""
 
     def pairs_to_damp(self, joint: str, /) -> tuple[Joint, ...]:
-        """Return the pairs in which damping of a joint acts: every two of its links; in the first edition, neighbours only."""
+        """Return the pairs in which damping of a joint acts: all pairs of its links; in the first edition, neighbours only."""
 
     def pair(self, values: Any, /) -> Array:
         """Return two numbers of a table as an array (2,)."""
@@ -482,7 +486,7 @@ def factor_of(force: Force) -> Factor | None:
 
 
 def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
-    """Return the loads of steady forces, laws on coordinates and forces at points.
+    """Return the loads of steady forces. A load is a law on a coordinate, or a force at a point.
 
     Raises:
         TypeError: a force varies, or has no method `to_loads`; the message names it.
@@ -599,7 +603,7 @@ class Mechanism:
     couplings: tuple[Coupling, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the kinds of all parts, because code that selects by kind would skip an unknown one, and freeze the arrays.
+        """Make the arrays read-only, and check the kinds of all parts: code that selects by kind would skip a part of unknown kind.
 
         Raises:
             TypeError: a part is of an unknown kind; the message names it.
