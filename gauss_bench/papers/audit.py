@@ -173,12 +173,12 @@ def list_faults(verdict: Verdict, printed: float, intended: float, tolerance: fl
 
 
 def measure_line(line: Line) -> dict[str, Any]:
-    """Measure a line and return its row: its texts and
+    """Measure a line and return its row of texts and numbers.
 
-    verdict: "ok" if the line is right as printed; otherwise the file's verdict, or "wrong" if the file claims "ok".
-    printed_off, intended_off: discrepancy of the line as printed and as intended, for a right form at most `tolerance`.
-    stands: whether measurement and file agree; `faults` gives the contradictions.
-    example_printed, example_intended, example_true: the line's example by both forms, and its true value; None without example.
+    The row's `verdict` is "ok" if the line is right as printed. Otherwise it is the file's verdict, or "wrong" if the file claims
+    "ok". `printed_off` and `intended_off` are the discrepancies of the line as printed and as intended. `stands` tells whether
+    measurement and file agree, and `faults` gives the contradictions. `example_printed`, `example_intended` and `example_true` are
+    the values of the line's example by both forms and its true value, None if the line has no example.
     """
     printed = discrepancy(line, line.printed)
     intended = printed if line.intended is line.printed else discrepancy(line, line.intended)

@@ -142,7 +142,7 @@ def accelerate(p: Problem, bars: Sequence[float] = (1.0, 1.0), gravity: float = 
 
 
 def data_off(form: dict[str, Any], p: Problem) -> float:
-    """Return the relative change of the crank's acceleration with the data `form`, which the paper leaves out (see `accelerate`)."""
+    """Return the relative change of the crank's acceleration with the data `form`, which the paper does not give (`accelerate`)."""
     return float(abs(accelerate(p, **form) / p.a[CRANK] - 1))
 
 
