@@ -54,6 +54,7 @@ class Reader:
     """
 
     def __init__(self, compiled: Compiled, file: str):
+        """Read the names of all parts, and find the keyframe of the start."""
         self.compiled, self.model, self.data, self.file = compiled, compiled.model, compiled.data, file
         self.names, self.disabled = {kind: compiled.names(kind) for kind in PARTS}, compiled.disabled()
         self.dropped: list[str] = []

@@ -47,6 +47,11 @@ class Robot:
     """
 
     def __init__(self, root: Element, file: str):
+        """Read the links and joints of a document, and find the order of its tree.
+
+        Raises:
+            ExchangeError: the document is no URDF, or its links and joints are no tree.
+        """
         self.file, self.root = file, root
         for node in root.iter():
             if ":" in str(node.tag) or "{" in str(node.tag):

@@ -71,6 +71,7 @@ def _inspect(content: bytes, path: Path) -> None:
             refuse(f"<{name}>, elements more than {DEEPEST} deep,")
 
     def end(_: str) -> None:
+        """Count an element that ends."""
         nonlocal depth
         depth -= 1
 

@@ -189,9 +189,11 @@ def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: flo
     """
 
     def is_infinite(_: Array, F: Array, J: Array) -> bool:
+        """Tell whether the iteration has diverged."""
         return not (np.isfinite(F).all() and np.isfinite(J).all())
 
     def is_still(q: Array, size: Array) -> bool:
+        """Tell whether a step of this size is too short to continue at q."""
         far = largest(q)
         return bool(size < (enough if far < FAR else max(enough, ROUNDING * far)))
 

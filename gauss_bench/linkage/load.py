@@ -179,6 +179,7 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
     source = str(path)
 
     def refuse(text: str, where: str = "") -> LinkageError:
+        """Return the error with one fault, of the whole file or at a path in it."""
         return LinkageError(source, [Fault(where, text)])
 
     try:

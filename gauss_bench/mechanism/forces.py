@@ -39,6 +39,7 @@ class AppliedForces:
     """
 
     def __init__(self, mechanism: Mechanism):
+        """Separate the steady forces of a mechanism from those that vary."""
         self.mechanism = mechanism
         self.gravity = np.zeros(mechanism.n, dtype=mechanism.gravity.dtype)
         for place, link in zip(places(self.gravity), mechanism.links, strict=True):
@@ -56,6 +57,7 @@ class AppliedForces:
 
     @cached_property
     def _steady_force(self) -> Callable[..., list[Array]]:
+        """The generated function of Q (..., n) of gravity and all steady forces."""
         at = Symbols(self.mechanism.n)
         return at.generate(self.add_steady(at))
 
@@ -98,6 +100,7 @@ class _VaryingForce:
     """A force that varies: a factor of time and direction times a steady force."""
 
     def __init__(self, mechanism: Mechanism, force: Torque | PointForce, factor: Factor):
+        """Store the factor, and the same force without it as the only force of a copy of the mechanism."""
         steady = replace(force, factor=None)
         self.name, self.factor = force.name, factor
         self.size = float(np.linalg.norm(np.atleast_1d(steady.value).astype(float))) or 1.0

@@ -56,7 +56,7 @@ class Direction(NamedTuple):
 
 
 class Arithmetic(Protocol):
-    """Functions that a kind of number (floats, arrays or symbols) provides in addition to the operators + - *."""
+    """Functions of a kind of number (floats, arrays, symbols), besides the operators + - *; `inverse` is 1 / x, and 0 at x = 0."""
 
     def sqrt(self, x: Real, /) -> Real: ...
     def sin(self, x: Real, /) -> Real: ...

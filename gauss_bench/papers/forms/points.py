@@ -176,9 +176,9 @@ def count_lost(form: Line3, places: Sequence[Shaper]) -> int:
         def residual(p: Array, x: Shaper = x) -> tuple[Array, Array]:  # the default keeps the x of this iteration
             """Return the residuals (2,) and their Jacobian (2, 2), by central differences, at the coordinates p (2,) of B."""
 
-            def equations(p: Array) -> Array:
-                """Return the residuals of both equations."""
-                B = complex(p[0], p[1])
+            def equations(place: Array) -> Array:
+                """Return the residuals of both equations with B at a place (2,)."""
+                B = complex(place[0], place[1])
                 return np.array([(abs(B - x.O1) / x.lever) ** 2 - 1, form(x.O1, x.A, B)])
 
             steps = 1e-7 * np.eye(2)
