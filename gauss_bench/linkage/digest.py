@@ -12,7 +12,8 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 
 PACKAGE = Path(__file__).parents[1]
-NO_EFFECT = {"title", "scenarios", "source", "sha256", "digest", "warnings", "apart"}  # fields of a mechanism without effect
+# fields of a mechanism that do not affect its motion
+NO_EFFECT = {"title", "scenarios", "source", "sha256", "digest", "warnings", "apart"}
 
 
 def source_digest(*folders: str, without: Collection[str] = ()) -> str:
