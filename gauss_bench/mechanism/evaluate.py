@@ -1,7 +1,7 @@
 """Evaluate a mechanism at a state: constraint rows, the terms of its equations of motion, and its energy.
 
-Constraint rows are evaluated at one state q (n,) or a batch q (..., n), in doubles, or in the longer
-type of number with which the linkage was built.
+Constraint rows are evaluated at one state q (n,) or a batch q (..., n), in doubles, or in the longer type of number with which the
+linkage was built.
 """
 
 from collections.abc import Callable
@@ -106,8 +106,8 @@ class Constraints:
 def list_determined(mechanism: Mechanism) -> list[str]:
     """List the names of the joints whose forces follow from the motion at the start, because no redundant row involves them.
 
-    Multipliers are determined up to the null space of J^T. A joint's force is determined if its two
-    entries are zero in every vector of this null space.
+    Multipliers are determined up to the null space of J^T. A joint's force is determined if its two entries are zero in every
+    vector of this null space.
     """
     left, sizes, _ = np.linalg.svd(Constraints(mechanism)(0.0, mechanism.q0, mechanism.v0).J)
     rank = np.count_nonzero(sizes > RANK_TOLERANCE * sizes.max(initial=0.0))

@@ -1,8 +1,8 @@
 """Applied forces of a linkage: generalised force Q, potential energy, and the power of forces without a potential.
 
-Each force is a sum of loads (`to_loads` in model.py): laws on scalar coordinates (formulas in `coordinates.py`) and constant forces
-at points. One function is generated for all of them, for a state q (n,) or a batch q (..., n). Dampers and
-forces that turn with a link have no potential; the energy balance of a trajectory integrates their power instead.
+Each force is a sum of loads (`to_loads` in model.py): laws on scalar coordinates (formulas in `coordinates.py`) and constant
+forces at points. One function is generated for all of them, for a state q (n,) or a batch q (..., n). Dampers and forces that turn
+with a link have no potential; the energy balance of a trajectory integrates their power instead.
 
 Dry friction is computed separately, because it depends on the loads of the joints and so on the accelerations. With N_k the load
 that pair k carries and s_k its relative speed, the friction is one more active force (Yuan and Ge, 2016, eq. 3):
