@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.mechanism.coordinates import Placed, position, spread, state, value
+from gauss_bench.mechanism.coordinates import Placed, motion_of_links, position, state, value
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.spaces import angle_at, angles, bodies, place_at, places, wedge
@@ -208,7 +208,7 @@ def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[
     mechanism = evaluator.mechanism
     if not mechanism.welds:
         return {}
-    links, multipliers = spread(mechanism, trajectory), reactions(evaluator, trajectory)  # links: states of unwelded links
+    links, multipliers = motion_of_links(mechanism, trajectory), reactions(evaluator, trajectory)  # links: states of unwelded links
     apart = Evaluator(mechanism.whole)
     J = apart.constraints(links.t, links.q, links.v).J
     acting = apart.applied.generalised(links.q, links.v, links.t)

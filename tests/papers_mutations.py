@@ -109,7 +109,7 @@ METHOD: dict[str, Wrong] = {
     "condition of the minimum": {"multiplied by A": lambda A, b, h: (A @ A @ h, A @ b)},
     "inverse in the minimum": INVERSES,
     "sign before the last term": {"plus": lambda p, w: me.expand(p, w) + 2 * N(p) @ pinv(me.matrix(p)) @ me.matrix(p) @ w},
-    "the free vector w": {"not projected": lambda p, w: me.bracket(p, w) + N(p) @ w},
+    "the free vector w": {"not projected": lambda p, w: me.accelerations_with_w(p, w) + N(p) @ w},
 }
 PROJECTOR: dict[str, Wrong] = {
     "inverse of a projector": {"rows counted": [1, -1, 0], "rank of J": [0, 0, 1]},

@@ -14,7 +14,7 @@ import numpy as np
 from gauss_bench import metrics
 from gauss_bench.api.simulate import Simulation, point_levels
 from gauss_bench.engines.minimal.structure import Links, close_from
-from gauss_bench.mechanism.coordinates import spread
+from gauss_bench.mechanism.coordinates import motion_of_links
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism, Torque
 from gauss_bench.mechanism.spaces import angle_at
@@ -40,7 +40,7 @@ def history(result: Simulation) -> History:
 
 def curves(mechanism: Mechanism, x: Trajectory, trusted: int) -> Iterator[Curve]:
     """Yield every curve of a trajectory in order; only its first `trusted` samples count for the work done."""
-    whole, links = mechanism.whole, spread(mechanism, x)
+    whole, links = mechanism.whole, motion_of_links(mechanism, x)
     turning = whole.observed_links or (() if whole.observed_points else range(len(whole.links)))
     yield from turn(whole, links, turning)
     yield from observe(whole, links)

@@ -19,7 +19,7 @@ from gauss_bench.kinematics.link_units import link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.kinematics.topology import LinkageGraph, find_graph
-from gauss_bench.mechanism.coordinates import spread
+from gauss_bench.mechanism.coordinates import motion_of_links
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Driver, LengthDriver, Mechanism, Point, SlideDriver
 from gauss_bench.runs.offers import ChoiceError
@@ -217,7 +217,7 @@ def describe_motion(
     """Return the public result of a motion; `curves` are its loads, or empty if they were not asked for."""
     states = moved.states
     driven_by = {x.name: driver_state(x, states.t) for x in mechanism.drivers}
-    graph, links = find_graph(mechanism), spread(mechanism, states)
+    graph, links = find_graph(mechanism), motion_of_links(mechanism, states)
     return Kinematics(
         status="stopped" if moved.stopped else "ok",
         message=moved.stopped,

@@ -12,7 +12,7 @@ from gauss_bench.engines import OWN
 from gauss_bench.engines.base import Choice
 from gauss_bench.judge import Evidence, Judgement, Objection, Subject, advice, judge, remark, trusted_until
 from gauss_bench.linkage.load import load
-from gauss_bench.mechanism.coordinates import acceleration, position, spread, velocity
+from gauss_bench.mechanism.coordinates import acceleration, motion_of_links, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.mechanism.spaces import bodies
@@ -402,7 +402,7 @@ def loads_until(mechanism: Mechanism, trajectory: Trajectory, until: float, verd
 
 def states_at(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
     """Return the fields of Simulation with times, states and forces at the samples of a trajectory."""
-    evaluator, links = Evaluator(mechanism), spread(mechanism, x)
+    evaluator, links = Evaluator(mechanism), motion_of_links(mechanism, x)
     exerted = metrics.driving_forces(evaluator, x).T if mechanism.drivers else ()
     return {
         "t": x.t,

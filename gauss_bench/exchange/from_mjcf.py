@@ -1,4 +1,4 @@
-"""Import of MJCF: MuJoCo compiles the document, and this module makes a mechanism in space of the compiled model.
+"""Import of MJCF: MuJoCo compiles the document, and this module converts the compiled model to a spatial mechanism.
 
 Elements that a linkage cannot have are refused. Elements that do not change the motion are listed as left out.
 """
@@ -54,6 +54,7 @@ class Reader:
     """
 
     def __init__(self, compiled: Compiled, file: str):
+        """Read the names of all parts, and find the keyframe of the start."""
         self.compiled, self.model, self.data, self.file = compiled, compiled.model, compiled.data, file
         self.names, self.disabled = {kind: compiled.names(kind) for kind in PARTS}, compiled.disabled()
         self.dropped: list[str] = []
@@ -269,10 +270,10 @@ class Reader:
 
         MuJoCo's force is F = gain u + b0 + b1 L + b2 dL/dt along the length L = g x of the transmission, where g is the gear and x
         the coordinate of a joint, tendon or site. So the force along x is g F. The control u is that of the keyframe, or 0 without
-        a keyframe. MuJoCo limits u to a range. It limits F too, which a linkage can express only if F is constant.
+        a keyframe. MuJoCo limits u to a range. MuJoCo limits F too; a linkage can express a limited F only if F is constant.
 
         Raises:
-            ExchangeError: the force is not linear, or acts on something else than a joint, a tendon or a point.
+            ExchangeError: the force is not linear, or acts on something other than a joint, a tendon or a point.
         """
         m, element, name = self.model, self.describe("actuator", k, "actuator"), self.name("actuator", k)
         gain = self.compiled.word("mjtGain", m.actuator_gaintype[k])

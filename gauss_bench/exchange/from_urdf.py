@@ -1,4 +1,4 @@
-"""Import of URDF: make a mechanism in space of a tree of links. Elements that a linkage cannot have are refused.
+"""Import of URDF: convert a tree of links to a spatial mechanism. Elements that a linkage cannot have are refused.
 
 A link without inertia is a frame of the link to which it is fixed. URDF cannot close loops, so a user gives the closures as
 LINK.FRAME=LINK.FRAME, where FRAME is a link fixed to LINK, a joint at LINK, or LINK itself.
@@ -47,6 +47,11 @@ class Robot:
     """
 
     def __init__(self, root: Element, file: str):
+        """Read the links and joints of a document, and find the order of its tree.
+
+        Raises:
+            ExchangeError: the document is no URDF, or its links and joints are no tree.
+        """
         self.file, self.root = file, root
         for node in root.iter():
             if ":" in str(node.tag) or "{" in str(node.tag):
@@ -256,7 +261,7 @@ class Robot:
         return f"{a.name}_{b.name}", a, b
 
     def _find_frame(self, end: str, text: str, bodies: list[Body]) -> Spot:
-        """Return the point that `end`, a LINK.FRAME of the closure `text`, names.
+        """Return the point for one end of a closure: `end` has the form LINK.FRAME; `text` is the whole closure, for messages.
 
         Raises:
             ExchangeError: there is no such link or frame.

@@ -64,17 +64,18 @@ def splice_includes(root: Element, path: Path, folder: Path, seen: set[Path]) ->
 
 
 def locate_links(flattened: Flattened, mechanism: Mechanism) -> Seen:
-    """Return where the links of a linkage are in MuJoCo's model, from which `flattened` and the linkage `mechanism` were made."""
+    """Return the places of a linkage's links in MuJoCo's model, from which `flattened` and the linkage `mechanism` were made."""
     spatial, plane = flattened.spatial, flattened.plane
-    turns = np.zeros((len(flattened.links), len(spatial.joints)))  # angles of the links = angles at zero + turns @ joints
+    # angles of the links = angles when all joint coordinates are zero + turns @ joint coordinates; a slide has a column of zeros
+    turns = np.zeros((len(flattened.links), len(spatial.joints)))
     places = []  # centres of mass of the links, each (3,) in the frame of the link's first body [m]
     for row, (link, built) in enumerate(zip(flattened.links, mechanism.links, strict=True)):
         body = spatial.bodies[link]
-        away = flattened.to_plane(link, complex(*built.com)) - plane.flat(body.origin)
-        places.append(body.turn.T @ (away.real * plane.x + away.imag * plane.y))
-        for k, turn in flattened.hinges_under(link):
-            turns[row, k] += turn
-    refs = np.array([joint.ref for joint in spatial.joints])
+        offset = flattened.to_plane(link, complex(*built.com)) - plane.flat(body.origin)  # x + i y in the plane
+        places.append(body.turn.T @ (offset.real * plane.x + offset.imag * plane.y))  # `body.turn` is a rotation matrix
+        for k, sign in flattened.hinges_under(link):
+            turns[row, k] += sign
+    refs = np.array([joint.ref for joint in spatial.joints])  # joint coordinates in the configuration of the file
     at_refs = np.array([flattened.frames[link][1] for link in flattened.links])
     axes = np.array([plane.x, plane.y, plane.normal])
     return Seen(tuple(flattened.links), np.array(places), axes, at_refs - turns @ refs, turns)
@@ -82,7 +83,7 @@ def locate_links(flattened: Flattened, mechanism: Mechanism) -> Seen:
 
 @dataclass(frozen=True, eq=False)
 class OwnLinkage:
-    """The linkage that a file describes.
+    """The linkage that an MJCF file describes.
 
     Attributes:
         document: tables of the linkage file.
@@ -125,15 +126,19 @@ class OwnModel:
     python_loop = False
 
     def version(self) -> str:
+        """Return the name and the version of MuJoCo."""
         return Mujoco().version()
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return None: no linkage is refused, because the file itself is stepped."""
         return None
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        """Return an empty text: a timed run executes no Python code besides the library."""
         return ""
 
     def build(self, mechanism: Mechanism, choice: Choice) -> OwnModelRun:
+        """Return MuJoCo's model of the file that `choice.settings` names, with the changed options and the step of the choice."""
         settings = json.loads(choice.settings)  # as `setting_text` writes them
         path = Path(settings["model"])
         linkage = own_linkage(path, "model")

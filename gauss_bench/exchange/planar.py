@@ -1,9 +1,9 @@
-"""Make the document of a planar linkage of a mechanism in space: find the plane, the links, their joints and forces, and a start.
+"""Convert a spatial mechanism to the document of a planar linkage: plane, links, joints, forces and a start.
 
-All hinges are normal to the plane. The axes of the plane are as near as possible to axes of the world: a mechanism in the x-z plane
-of the world gets x and z as axes, so that it stays upright. Bodies that are welded to each other are one link, and bodies that are
-welded to the world are ground. The frame of a link is that of its first body. Points and vectors in the plane are complex numbers
-x + i y.
+The axes of all hinges are normal to the plane. The plane's own axes are as near as possible to axes of the world: a mechanism in
+the x-z plane of the world gets x and z as axes, so that it stays upright. Bodies that are welded to each other are one link, and
+bodies that are welded to the world are ground. The frame of a link is that of its first body. Points and vectors in the plane are
+complex numbers x + i y.
 """
 
 import re
@@ -44,17 +44,17 @@ class Plane:
     normal: Array
 
     def flat(self, place: Array) -> complex:
-        """Return the projection of a vector (3,) into the plane, as x + i y."""
+        """Return the projection of a vector (3,) onto the plane, as x + i y."""
         return complex(place @ self.x, place @ self.y)
 
 
 @dataclass(frozen=True)
 class Move:
-    """A rigid displacement of the plane: a rotation by `angle` [rad] about the origin, then a shift [m].
+    """A rigid displacement of a body in the plane: a rotation by `angle` [rad] about the origin, then a shift [m].
 
     Attributes:
-        omega: rate of the angle [rad/s].
-        speed: rate of the shift [m/s].
+        omega: angular velocity of the body [rad/s].
+        speed: velocity of the point of the body that is at the origin of the plane after the displacement [m/s].
     """
 
     angle: float = 0.0
@@ -63,15 +63,15 @@ class Move:
     speed: complex = 0j
 
     def place(self, x: complex) -> complex:
-        """Return where the displacement takes a point at x."""
+        """Return the place after the displacement of the body's point that was at x before it."""
         return rect(1.0, self.angle) * x + self.shift
 
     def velocity(self, x: complex) -> complex:
-        """Return the velocity that the displacement gives a point at x."""
+        """Return the velocity [m/s] of the body's point that was at x before the displacement."""
         return self.speed + 1j * self.omega * self.place(x)
 
     def follow(self, joint: Joint, axis: complex, anchor: complex, sign: float) -> "Move":
-        """Return the displacement of the body that a joint moves relative to a body with this displacement.
+        """Return the displacement of the child body of a joint; `self` is the displacement of the parent body.
 
         Args:
             axis, anchor: direction of a slide and pivot of a hinge in the plane, before the displacement.
@@ -97,9 +97,9 @@ class Flattened:
     Bodies and joints are given by their indices in the mechanism. A link is given by the index of its first body.
 
     Attributes:
-        extent: size of the mechanism, the largest distance of a joint from the centre of mass of its body [m].
+        extent: size of the mechanism: the largest distance of a joint from the centre of mass of its body [m], or 1 if that is 0.
         joints_of: body -> joints that move it relative to its parent, in order.
-        link_of: body -> its link.
+        link_of: body -> its link, given by the first of the bodies that are fixed or welded to each other.
         moves: body -> its displacement from the configuration of the file to the start.
         members: link -> its bodies.
         links: the links except the ground, in the order of their first bodies.
@@ -107,11 +107,16 @@ class Flattened:
         frames: link -> origin and angle [rad] of its frame in the configuration of the file.
         points: link -> name of a point -> place in the link's frame [m].
         joint_names: joint -> its name in the linkage file.
-        locked: joints that a weld keeps from moving.
+        locked: joints that a weld keeps from moving, because it makes their two bodies one link.
         remarks: sentences on parts that are left out or changed.
     """
 
     def __init__(self, spatial: Spatial):
+        """Find the plane and the links, and move the bodies to the start; points, joints and forces are added by `document`.
+
+        Raises:
+            ExchangeError: the mechanism is not planar, or a weld does not hold at the start.
+        """
         self.spatial, self.remarks, self.refuse = spatial, list(spatial.dropped), spatial.refuse
         self.plane = plane_of(spatial)
         self.extent = max(float(np.linalg.norm(j.anchor - spatial.bodies[j.body].com)) for j in spatial.joints) or 1.0
@@ -178,7 +183,7 @@ class Flattened:
         return self.plane.flat(body.origin), phase(in_plane[0]) if in_plane else 0.0
 
     def to_link(self, link: int, place: Array) -> complex:
-        """Return a place (3,) of the file's configuration in the frame of a link."""
+        """Return the point `place` (3,) of the world, in the file's configuration, as x + i y in the frame of a link."""
         origin, angle = self.frames[link]
         return (self.plane.flat(place) - origin) * rect(1.0, -angle)
 
@@ -259,7 +264,7 @@ class Flattened:
         return tables
 
     def _joint(self, k: int, tables: dict[str, Table]) -> None:
-        """Add the table of the joint that connects body k to its parent to `tables`.
+        """Add to `tables` the table of the joint between body k and its parent.
 
         Raises:
             ExchangeError: there are several joints, and they do not make the body free in the plane.
@@ -343,7 +348,7 @@ class Flattened:
                 return self._push(acting)
 
     def _on_angle(self, name: str, joints: dict[int, float], law: Straight) -> list[Table]:
-        """Return the tables of a law on a weighted sum of hinges: none if welds lock all hinges.
+        """Return the tables of a force law on a weighted sum of hinge angles: none if welds lock all the hinges.
 
         Raises:
             ExchangeError: the sum is not the angle between two links.
@@ -371,11 +376,11 @@ class Flattened:
         return tables
 
     def _find_angle(self, name: str, wanted: dict[int, float]) -> tuple[int, int, float]:
-        """Return links a and b and a sign: the weighted sum of hinges `wanted` changes by sign (theta_b - theta_a).
+        """Return links a, b and a sign: sign * (theta_b - theta_a) is, up to a constant, the weighted sum of hinge angles.
 
         Args:
             name: name of the force, for messages.
-            wanted: hinge -> weight.
+            wanted: hinge -> its weight in the sum.
 
         Raises:
             ExchangeError: there are no such links.
@@ -392,9 +397,9 @@ class Flattened:
         raise self.refuse(name, "a sum of joints that is not the angle between two links")
 
     def _turn(self, a: int, b: int) -> dict[int, float]:
-        """Return the angle of link b relative to link a as a weighted sum of hinges: hinge -> +1 or -1.
+        """Return the angle of link b relative to link a as a weighted sum of hinge angles: hinge -> +1 or -1.
 
-        A hinge on the way from the world to both links turns both, so that it cancels.
+        A hinge between the world and both links turns both links, so that its angle cancels.
         """
         weights: dict[int, float] = {}
         for body, sign in ((b, 1.0), (a, -1.0)):
@@ -412,7 +417,9 @@ class Flattened:
             body = self.spatial.bodies[body].parent
 
     def _on_slide(self, k: int, law: Straight) -> list[Table]:
-        """Return the tables of a law along slide k. If its body is free in the plane, the law acts at the point of its hinge.
+        """Return the tables of a force law along slide k, which acts between the slide's body and that body's parent.
+
+        A body that is free in the plane has two slides and, as its last joint, a hinge; the force then acts at the hinge's pivot.
 
         Raises:
             ExchangeError: the body has another slide that is not at right angles to this one.
@@ -430,12 +437,14 @@ class Flattened:
         """Return the tables of a force at a point along a direction.
 
         Raises:
-            ExchangeError: the force leaves the plane, or a servo needs the torque of its axis on a body that moves.
+            ExchangeError: the force has a component normal to the plane, or a spring or damper acts along an axis that turns with
+                a moving body other than the body of its point.
         """
         if abs(acting.direction @ self.plane.normal) > FLAT:
             raise self.refuse(acting.name, "a force out of the plane")
         link, law = self.link_of[acting.frame], acting.law
         point, origin = self.point(acting.point), None if acting.origin is None else self.point(acting.origin)
+        # whether every hinge that turns the axis also turns the body of the point: `_turn` gives hinge -> sign for both
         turns_with = self._turn(WORLD, link).items() <= self._turn(WORLD, self.link_of[acting.point.body]).items()
         if (law.k or law.c) and (origin is None or not turns_with):
             reason = "a servo along an axis of a moving body: a linkage has no force with its torque on that body"
@@ -443,11 +452,11 @@ class Flattened:
         return self._along(point, origin, link, self.plane.flat(acting.direction), law, law.rest)
 
     def _along(self, point: str, origin: str | None, link: int, along: complex, law: Straight, rest: float) -> list[Table]:
-        """Return the tables of a law along an axis: a spring and damper, and a constant force.
+        """Return the tables of a force law along an axis: a table of its spring and damper, and a table of its constant force.
 
         Args:
             point: LINK.POINT at which the force acts.
-            origin: LINK.POINT at which the opposite force acts; a constant force on the ground is left out.
+            origin: LINK.POINT at which the opposite force acts; if that is a constant force on the ground, it is left out.
             link: link in which the axis is fixed.
             along: direction of the axis in the plane, at the configuration of the file.
             rest: rest length of the spring, measured from `origin` [m].
@@ -530,7 +539,7 @@ class Flattened:
         return start, crank, free.shape[1]
 
     def _velocities(self, mechanism: Mechanism) -> Array:
-        """Return v (n,) of the links at the start, by the speeds of the file's joints."""
+        """Return the velocities v (n,) of the links at the start, which follow from the speeds of the file's joints."""
         v: list[float] = []
         for link, built in zip(self.links, mechanism.links, strict=True):
             move = self.moves[link]
@@ -539,7 +548,7 @@ class Flattened:
 
 
 def plane_of(spatial: Spatial) -> Plane:
-    """Return the plane that is normal to every hinge and parallel to every slide.
+    """Return the plane that is normal to the axis of every hinge and parallel to every slide.
 
     Raises:
         ExchangeError: the joints have no such plane.

@@ -71,6 +71,7 @@ def _inspect(content: bytes, path: Path) -> None:
             refuse(f"<{name}>, elements more than {DEEPEST} deep,")
 
     def end(_: str) -> None:
+        """Count an element that ends."""
         nonlocal depth
         depth -= 1
 
@@ -104,11 +105,11 @@ def refuse_files(root: Element, path: Path) -> None:
 
 
 def refuse_bulk(root: Element, path: Path) -> None:
-    """Check that a short file does not make a huge model.
+    """Check that a short file does not ask for a huge model.
 
     Raises:
-        ExchangeError: the model has more than ELEMENTS elements, all copies by <replicate> counted, or MuJoCo would allocate more
-            than NUMBERS numbers; the message names the element that asks for them.
+        ExchangeError: the model has more than ELEMENTS elements, including the copies that <replicate> makes, or MuJoCo would
+            allocate more than NUMBERS numbers; the message names the element that asks for them.
     """
     elements = _count_elements(root, path)
     for node in root.iter("size"):
@@ -130,7 +131,7 @@ def refuse_bulk(root: Element, path: Path) -> None:
 
 
 def _count_elements(root: Element, path: Path) -> float:
-    """Return the number of elements, all copies by <replicate> counted.
+    """Return the number of elements, including the copies that <replicate> makes.
 
     Raises:
         ExchangeError: there are more than ELEMENTS elements.
@@ -160,7 +161,7 @@ def _count_arena(key: str, value: str) -> float:
 def _largest(text: str) -> float:
     """Return the largest of the numbers in a text, at least 1.
 
-    A text that is not all numbers counts as 1; MuJoCo itself refuses it later.
+    The result is 1 for a text that contains anything but numbers; MuJoCo itself refuses such a text later.
     """
     try:
         return max((x for x in map(float, text.split()) if x > 1), default=1.0)

@@ -12,7 +12,7 @@ WRITERS = ("mujoco", "pinocchio", "exudyn", "casadi")
 
 
 def holds(engine: str, integrator: str, stabilization: str, code: str = "") -> bool:
-    """Tell whether a program for an engine can use this integrator and stabilisation; `code` is CasADi's option of that name."""
+    """Tell whether a program for an engine can use this integrator and stabilisation; `code` is CasADi's option `code`."""
     if engine == "pinocchio":
         return stabilization != "projection"
     if engine == "casadi":
@@ -47,5 +47,5 @@ def write_head(mechanism: Mechanism, remarks: tuple[str, ...]) -> list[str]:
 
 
 def with_head(mechanism: Mechanism, program: str, remarks: tuple[str, ...]) -> str:
-    """Return a Python program that an engine wrote, below the head of such programs."""
+    """Return a Python program that an engine wrote, preceded by the same comment that begins the programs of this module."""
     return f"{python_comment(write_head(mechanism, remarks))}\n{program}"

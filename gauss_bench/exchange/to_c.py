@@ -82,9 +82,9 @@ def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
 def find_end(kernel: "Kernel", mechanism: Mechanism, choice: Choice) -> float | None:
     """Return the time [s] at which the first program of a kernel becomes invalid, or None if it is valid as far as it is tested.
 
-    The program is invalid from the time at which one of its pivots changes its sign. A step of the file may pass over the zero of
-    a pivot by chance, and a user's shorter step would not, so the test takes short steps. The time is NaN if no pivot changes its
-    sign but the program stops, as with a step that is too long.
+    The program is invalid from the time at which one of its pivots changes its sign. With the step size of the file, a run may by
+    chance skip the zero of a pivot, which a run with a user's smaller step would meet; so the test takes small steps. The time is
+    NaN if no pivot changes its sign but the program stops, as with a step that is too long.
     """
     tested = min(mechanism.duration, TRIED)  # [s]
     steps = int(np.ceil(tested / choice.step))

@@ -31,18 +31,24 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     from gauss_bench.engines.exudyn.items import System, span
 
     class Transcribed(System):
-        """The adapter's system; it writes a comment into the script before each part, and calls the script's own functions."""
+        """The adapter's system, whose calls of Exudyn are recorded as lines of `script`, with a comment before each part."""
 
         def _add_link(self, i: int) -> None:
+            """Add link i, after a comment with its name."""
             script.comment(f"link {self.mechanism.links[i].name}")
             super()._add_link(i)
 
         def _add_joint(self, joint: Any) -> None:
+            """Add a joint, after a comment with its name."""
             script.comment(f"joint {joint.name}")
             super()._add_joint(joint)
 
         def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
-            """Write the line that makes equation and Jacobian of a driven slide or length, and return stand-ins for both."""
+            """Add a line to the script that defines the constraint equation of a driven slide or length, and its Jacobian.
+
+            Return the stand-ins for both, which the adapter passes to Exudyn.
+            """
+            # for both ends [is on the ground, x, y]; `laws` has the script's function of each motion law, by id() of the law
             a, b = ([x.link == GROUND, *map(float, x.local)] for x in span(driver))
             angle = float(driver.joint.angle) if isinstance(driver, SlideDriver) else None
             law = laws[id(driver.law)]
@@ -56,6 +62,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     built = ExudynModel(mechanism, choice)  # raises if the real model differs from the linkage
     script, laws = Script(STATEMENTS), name_laws(mechanism)
     exu = script.stand_in("exu")
+    # the adapter builds its system with stand-ins for Exudyn's modules, which record each call as a line of the script
     Transcribed(exu, script.stand_in("items"), mechanism)
     script.comment("settings")
     simulation_settings(exu, mechanism, choice)

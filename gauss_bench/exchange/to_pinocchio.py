@@ -81,13 +81,15 @@ def transcribe(mechanism: Mechanism, built: "PinocchioModel", gains: tuple[float
     from gauss_bench.engines.tree import Branch
 
     class Transcribed(Multibody):
-        """The adapter's model; it writes a comment into the script before each link."""
+        """The adapter's model, whose calls of Pinocchio are recorded as lines of `script`, with a comment before each link."""
 
         def _add_link(self, mechanism: Mechanism, b: Branch) -> None:
+            """Add the link of a branch, after a comment with its name."""
             script.comment(f"link {mechanism.links[b.link].name}")
             super()._add_link(mechanism, b)
 
     script, forces, drive = Script(STATEMENTS), built.forces, built.stabilized.drive
+    # the adapter builds its model with a stand-in for the module `pin`, which records each call as a line of the script
     recorded = Transcribed(script.stand_in("pin"), mechanism, built.tree)
     script.comment("the pins that close the loops")
     recorded.constraints(gains)
@@ -114,7 +116,7 @@ def transcribe(mechanism: Mechanism, built: "PinocchioModel", gains: tuple[float
 
 
 def tabulate(others: list[Load]) -> dict[str, list[Any]]:
-    """Return the loads that are not affine as tables: the lists SPRINGS, SLIDES and PUSHES of the template, by their names.
+    """Return tables of the loads that are not affine functions of the coordinates: the template's lists SPRINGS, SLIDES and PUSHES.
 
     Raises:
         RunFailure: the script cannot evaluate a load of this kind.

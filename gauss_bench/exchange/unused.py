@@ -11,7 +11,7 @@ FIELDS = tomllib.loads((Path(__file__).parent / "mjcf.toml").read_text(encoding=
 
 
 def list_names(names: Sequence[str]) -> str:
-    """Return names as a list in words, with the number of names beyond SHOWN and the number of empty names at the end."""
+    """Return names as a list in words; at its end stand the number of names beyond SHOWN and the number of empty names."""
     named = [name if len(name) <= LONGEST else f"{name[:LONGEST]}..." for name in names if name]
     parts = named[:SHOWN]
     if len(named) > SHOWN:
@@ -22,7 +22,7 @@ def list_names(names: Sequence[str]) -> str:
 
 
 def list_elements(tag: str, names: Sequence[str], reason: str) -> str:
-    """Return the sentence on all elements with a tag, with the reason why they are left out if it is not empty."""
+    """Return the sentence on all elements with a tag; if `reason` is not empty, the sentence says why they are left out."""
     return f"<{tag}> {list_names(names)}" + (f": {reason}" if reason else "")
 
 

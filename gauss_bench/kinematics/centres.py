@@ -18,7 +18,7 @@ import numpy as np
 
 from gauss_bench.kinematics.freedom import Freedom
 from gauss_bench.mechanism.coordinates import position
-from gauss_bench.mechanism.model import GROUND, Mechanism, every_two
+from gauss_bench.mechanism.model import GROUND, Mechanism, pins_of_all_pairs
 from gauss_bench.mechanism.spaces import angle_at, place_at
 from gauss_bench.terms import Array, largest
 
@@ -71,7 +71,7 @@ def centres(mechanism: Mechanism, q: Array) -> tuple[Centre, ...]:
     fastest = largest(v * np.tile([1.0, 1.0, size], len(mechanism.links)))
     pins = {}  # indices of two links -> place (2,) of the pin that joins them, which is their centre
     for name in {pin.joint for pin in mechanism.pins}:
-        for pair in every_two(tuple(x for x in mechanism.pins if x.joint == name)):
+        for pair in pins_of_all_pairs(tuple(x for x in mechanism.pins if x.joint == name)):
             links = sorted(end.link for end in pair.ends)
             pins[links[0], links[1]] = position(q, pair.ends[0])
     centres = []

@@ -9,8 +9,8 @@ With mass m_i, centre c_i and inertia I_i of the parts, in the frame of the body
 
     m = sum m_i,    m c = sum m_i c_i,    I = sum (I_i + m_i |c_i - c|^2)        (parallel axes)
 
-Point masses are parts without inertia. `spread` in mechanism/coordinates.py computes the motion of single links from that of the
-bodies, and `weld_forces` in metrics.py the force in a weld from the motion of the links that it carries.
+Point masses are parts without inertia. `motion_of_links` in mechanism/coordinates.py computes the motion of single links
+from that of the bodies, and `weld_forces` in metrics.py the force in a weld from the motion of the links that it carries.
 """
 
 from collections.abc import Mapping, Sequence

@@ -32,7 +32,7 @@ from gauss_bench.mechanism.model import (
     Prismatic,
     Revolute,
     SlideDriver,
-    every_two,
+    pins_of_all_pairs,
 )
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.numbers import Number, angle_of, exact, length, pair, radians
@@ -44,7 +44,7 @@ def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, A
     positions: dict[str, Array] = {}
 
     def resolve(name: str) -> Array:
-        """Return the position of a point, after that of the point to which it is relative."""
+        """Return the position of a point; if it is relative to another point, that point is resolved first."""
         if name not in positions:
             value = table[name]
             if not isinstance(value, dict):
@@ -62,7 +62,7 @@ def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, A
 
 
 def build_link(name: str, table: dict[str, Any], number: Number = float) -> Link:
-    """Return the link of a table; a mass, centre or inertia that is missing follows from uniform bars and point masses.
+    """Return the link of a table; a missing mass, centre or inertia follows from uniform bars and point masses.
 
     Raises:
         BuildError: a bar has no length, or the link no inertia.
@@ -109,19 +109,28 @@ def _mass_of_bars(table: dict[str, Any], bars: list[tuple[Array, Array]], number
 
 
 class Resolver:
-    """The links, points and joints of one document by name, for `read` of forces and constraints (it is a `Names`).
-
-    Welded links become bodies, unless `apart` is true.
+    """The links, points and joints of one document by name: the `Names` from which forces and constraints are read.
 
     Attributes:
+        links: rigid bodies: links that are welded to each other are one body.
+        parts: the links of the file as parts of these bodies; empty if nothing is welded.
         index: link of the file, or "ground" -> index of its body.
         poses: link of the file -> its pose in its body.
     """
 
-    def __init__(self, document: dict[str, Any], number: Number = float, apart: bool = False):
+    def __init__(self, document: dict[str, Any], number: Number = float, unwelded: bool = False):
+        """Resolve all links, points and joints of a document.
+
+        Args:
+            number: type of the numbers.
+            unwelded: ignore the welds, so that each link of the file is a body of its own.
+
+        Raises:
+            BuildError: a fault of the resolved numbers, such as a bar without length.
+        """
         self.number_type, self.edition = number, document["format"]
         links = {name: build_link(name, table, number) for name, table in document["links"].items()}
-        welds = {} if apart else document.get("welds", {})
+        welds = {} if unwelded else document.get("welds", {})
         self.poses = poses(links, welds, _preferred_roots(document), number)
         self.links = bodies(links, self.poses)
         self.parts = parts(links, self.poses, self.links) if welds else ()
@@ -132,21 +141,27 @@ class Resolver:
         self.joints = tuple(pair for name, table in document.get("joints", {}).items() for pair in self.build_joint(name, table))
 
     def link(self, name: str) -> int:
+        """Return the index of the body that carries a link."""
         return self.index[name]
 
     def pairs(self, joint: str) -> tuple[Joint, ...]:
+        """Return the pairs of a joint: its slide, or the pins between neighbours in its list of links."""
         return tuple(pair for pair in self.joints if pair.joint == joint)
 
     def pairs_to_damp(self, joint: str) -> tuple[Joint, ...]:
-        return every_two(self.pairs(joint)) if self.edition == SECOND else self.pairs(joint)
+        """Return the pairs in which damping of a joint acts: all pairs of its links; in the first edition, neighbours only."""
+        return pins_of_all_pairs(self.pairs(joint)) if self.edition == SECOND else self.pairs(joint)
 
     def pair(self, values: Any) -> Array:
+        """Return two numbers of a table as an array (2,)."""
         return np.asarray(pair(self.number_type, values))
 
     def number(self, table: Mapping[str, Any], key: str) -> Any:
+        """Return the number `key` of a table; 0 if it is missing."""
         return exact(self.number_type, table.get(key, 0))
 
     def angle(self, table: Mapping[str, Any], key: str) -> Any:
+        """Return the angle `key` or `key_deg` of a table [rad]; 0 if both are missing."""
         return angle_of(table, key, self.number_type)
 
     @property
@@ -165,7 +180,8 @@ class Resolver:
         return Point(i, body.points[key] - body.com, f"{body.name}.{key}")
 
     def turn(self, name: str) -> Any:
-        owner = name.partition(".")[0]  # of a point "link.point"
+        """Return the angle [rad] of a link, or of the link of a point, in the frame of its body; 0 for the ground."""
+        owner = name.partition(".")[0]  # the link of a point "link.point"
         return 0 if self.index[owner] == GROUND else self.poses[owner].turn
 
     def build_joint(self, name: str, table: dict[str, Any]) -> list[Joint]:
@@ -225,12 +241,12 @@ class Resolver:
 
 
 def measure_angle(links: tuple[Link, ...], index: int) -> Measured:
-    """Return the angle of a link, under the name that reports print."""
+    """Return the angle of a link, with the name under which reports print it."""
     return Measured(f"angle of {links[index].name}", Angle(GROUND, index))
 
 
 def measure_slide(joint: Prismatic) -> Measured:
-    """Return the coordinate along a slide, under the name that reports print."""
+    """Return the coordinate along a slide, with the name under which reports print it."""
     return Measured(f"slide {joint.name}", joint.motion)
 
 
@@ -263,18 +279,23 @@ def _preferred_roots(document: dict[str, Any]) -> list[str]:
 
 
 def build_mechanism(
-    document: dict[str, Any], scenario: str, source: str, sha256: str, number: Number = float, apart: bool = False
+    document: dict[str, Any], scenario: str, source: str, sha256: str, number: Number = float, unwelded: bool = False
 ) -> Mechanism:
     """Return the mechanism of one scenario in numbers of one type, not yet assembled: q0 and v0 are empty.
 
-    Welded links become one body, and `apart` of the result is the mechanism of the unwelded links. With the argument `apart` no
-    links are welded.
+    Links that are welded to each other become one body. Then `Mechanism.apart` is the same mechanism with every link of the file as
+    a body of its own; without welds it is None.
+
+    Args:
+        source, sha256: name and checksum of the file.
+        number: type of the numbers.
+        unwelded: ignore the welds, so that each link of the file is a body of its own.
 
     Raises:
         BuildError: a fault of the resolved numbers, such as a bar without length.
     """
     expanded = write_out(document)
-    names = Resolver(expanded, number, apart)
+    names = Resolver(expanded, number, unwelded)
     constraints = [CONSTRAINTS[x["type"]].read(name, x, names) for name, x in expanded.get("constraints", {}).items()]
     chosen = expanded["scenarios"][scenario]
     forces = [names.build_force(name, expanded["forces"][name]) for name in chosen.get("forces", [])]

@@ -15,7 +15,7 @@ from gauss_bench.linkage.build import measure_angle, measure_slide
 from gauss_bench.linkage.errors import AssemblyError
 from gauss_bench.linkage.sketch import sketch
 from gauss_bench.mechanism.close import Residual, project
-from gauss_bench.mechanism.coordinates import gradient, spread, value
+from gauss_bench.mechanism.coordinates import gradient, motion_of_links, value
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Law, Measured, Mechanism, Point, Revolute
 from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians
@@ -96,12 +96,12 @@ def close_sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
 def place_apart(apart: Mechanism, mechanism: Mechanism) -> Mechanism:
     """Return the mechanism of unwelded links, `apart`, with the start that the welded bodies of `mechanism` have."""
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
-    links = spread(mechanism, start)
+    links = motion_of_links(mechanism, start)
     return replace(apart, q0=links.q[0], v0=links.v[0])
 
 
 def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
-    """Return names of link angles and slides that leave no freedom at q (n,) if they are held beside the rows J (m, n)."""
+    """Return names of link angles and slides that, if fixed in addition to the constraints J (m, n), leave no freedom at q (n,)."""
     names = []
     rank = _rank(J)
     # greedy: a coordinate is taken if its gradient raises the rank of the rows taken so far
@@ -189,9 +189,11 @@ def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: flo
     """
 
     def is_infinite(_: Array, F: Array, J: Array) -> bool:
+        """Tell whether the iteration has diverged."""
         return not (np.isfinite(F).all() and np.isfinite(J).all())
 
     def is_still(q: Array, size: Array) -> bool:
+        """Tell whether a step of this size is too short to continue at q."""
         far = largest(q)
         return bool(size < (enough if far < FAR else max(enough, ROUNDING * far)))
 

@@ -12,7 +12,8 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 
 PACKAGE = Path(__file__).parents[1]
-NO_EFFECT = {"title", "scenarios", "source", "sha256", "digest", "warnings", "apart"}  # fields of a mechanism that move nothing
+# fields of a mechanism that do not affect its motion
+NO_EFFECT = {"title", "scenarios", "source", "sha256", "digest", "warnings", "apart"}
 
 
 def source_digest(*folders: str, without: Collection[str] = ()) -> str:
@@ -40,7 +41,7 @@ def source_digest(*folders: str, without: Collection[str] = ()) -> str:
 
 
 def content_digest(*values: Any) -> str:
-    """Return the SHA-256 of the content of values at every depth; fields of a mechanism that move nothing are left out.
+    """Return the SHA-256 of the content of values at every depth; fields of a mechanism that do not affect its motion are left out.
 
     Raises:
         TypeError: a value contains an object whose content cannot be read, such as a function.

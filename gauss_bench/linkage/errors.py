@@ -18,6 +18,7 @@ class Fault:
     text: str
 
     def __str__(self) -> str:
+        """Return path and text."""
         return f"{self.path}: {self.text}" if self.path else self.text
 
 
@@ -25,6 +26,7 @@ class LinkageError(BadInput, ValueError):
     """A linkage file cannot be used; `faults` lists all faults that were found."""
 
     def __init__(self, source: str, faults: list[Fault]):
+        """Store the faults of the file `source`; the message has a line for each."""
         self.source = source
         self.faults = faults
         super().__init__("\n".join(f"{source}: {fault}" for fault in faults))
@@ -34,12 +36,13 @@ class FaultError(ValueError):
     """A fault that is found only while a linkage is built or assembled."""
 
     def __init__(self, path: str, text: str):
+        """Store the fault at a path of the file."""
         self.fault = Fault(path, text)
         super().__init__(str(self.fault))
 
 
 class BuildError(FaultError):
-    """A fault of numbers that is found when points are resolved, such as a bar of zero length."""
+    """A faulty number of a file that is found only when its points are resolved, such as a bar of zero length."""
 
 
 class AssemblyError(FaultError):
@@ -50,6 +53,7 @@ class NotPlaced(AssemblyError):
     """The sketch does not determine the places of the links named in `links`."""
 
     def __init__(self, links: tuple[str, ...]):
+        """Store the names of the links."""
         self.links = links
         text = f"not placed: {', '.join(links)}; give two points, or one point and an angle, of each"
         super().__init__("assembly.sketch", text)

@@ -121,8 +121,14 @@ def _chains(document: Mapping[str, Any]) -> Iterator[Fault]:
 
 
 def follow(points: Mapping[str, Any], name: Any) -> tuple[list[str], str | None]:
-    """Return the points from which a point follows by `from`, itself first, and the point at which the chain closes, or None."""
-    chain: dict[str, None] = {}  # an ordered set
+    """Follow the key `from` from the point `name` to the point to which it is relative, and so on.
+
+    Return the chain of points, which begins with the point itself, and the point at which the chain meets itself, or None.
+
+    Args:
+        points: name -> position of each point of a link, as in the file and not yet checked.
+    """
+    chain: dict[str, None] = {}  # a set that keeps its order
     while isinstance(name, str) and name not in chain:
         chain[name] = None
         name = points[name].get("from") if isinstance(points.get(name), dict) else None

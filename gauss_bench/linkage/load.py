@@ -97,11 +97,13 @@ def generate(name: str) -> dict[str, Any] | None:
 def decimal_document(name_or_path: str | Path) -> dict[str, Any]:
     """Return the document with every fractional number as the exact Decimal of the file, not the nearest double.
 
+    A linkage without a file keeps the doubles with which it is generated.
+
     Raises:
         LinkageError: the file cannot be read.
     """
     path = find(name_or_path)
-    document, _, _ = document_of(name_or_path)
+    document, _, _ = document_of(name_or_path)  # also checks a file, which raises LinkageError
     return parse_toml(path.read_text(encoding="utf-8"), Decimal) if path.exists() else document
 
 
@@ -177,6 +179,7 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
     source = str(path)
 
     def refuse(text: str, where: str = "") -> LinkageError:
+        """Return the error with one fault, of the whole file or at a path in it."""
         return LinkageError(source, [Fault(where, text)])
 
     try:

@@ -1,7 +1,8 @@
 """Checks beyond the schema: names must exist, points must be determined, and some keys exclude or need each other.
 
-The schema has replaced every value that it refused by None. Checks skip None, so that all faults of a file are reported at once.
-`grammar.toml` lists the places of names, each with the kind of thing that it must name, and faulty combinations of keys.
+The schema has put None in place of every value that it rejected. The checks of this module skip None, so that they can report all
+other faults of the same file at once. `grammar.toml` lists the places of names, each with the kind of thing that it must name, and
+faulty combinations of keys.
 """
 
 from collections.abc import Callable, Collection, Iterator
@@ -68,11 +69,12 @@ class Names:
     """The names that a document defines, and the faults that the checks have found so far.
 
     Attributes:
-        bodies: link -> the link to which it is welded, directly or through others; itself if it is not welded.
+        bodies: link -> the link at the end of its chain of welds: the root of its body; itself if it is not welded.
         points: link, or "ground" -> names of its points.
     """
 
     def __init__(self, document: Document):
+        """Collect the names of links, joints, forces and points."""
         self.document = document
         self.faults: list[Fault] = []
         self.links, self.joints, self.forces = (table(document, key) for key in ("links", "joints", "forces"))
@@ -81,6 +83,7 @@ class Names:
         self.points["ground"] = set(table(table(document, "ground"), "points"))
 
     def fault(self, path: str, text: str) -> None:
+        """Add a fault at a place of the document."""
         self.faults.append(Fault(path, text))
 
     def check(self, path: str, name: str, kind: str) -> None:
@@ -112,7 +115,7 @@ class Names:
             self.fault(path, f"unknown point {point!r} of {link!r}")
 
     def check_different_links(self, path: str, references: list[Any]) -> None:
-        """Add a fault if two of the links, or points "link.point", are of one link, or of links that are welded together."""
+        """Add a fault if two of the references, "link" or "link.point", are to one link or to links that are welded together."""
         owners = [r.partition(".")[0] for r in references if r is not None]
         for name in sorted({x for x in owners if owners.count(x) > 1}):
             self.fault(path, f"the link {name!r} appears twice")
@@ -133,7 +136,7 @@ class Names:
 
 def reference_faults(document: Document, stem: str | None) -> list[Fault]:
     """Return every fault of names and combinations of keys; `stem` is the file's name without its suffix, None without a file."""
-    cylinder_faults = _cylinder_faults(document)
+    cylinder_faults = _cylinder_faults(document)  # first, because `write_out` needs faultless cylinders to expand them
     if cylinder_faults:
         return cylinder_faults
     document = write_out(document)
@@ -142,12 +145,13 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
         names.fault("name", f"{document['name']!r} differs from the file's name {stem!r}")
     if "ground" in names.links:
         names.fault("links.ground", "'ground' is a reserved name")
+    # the rules of grammar.toml: names must exist, lists must be on different links, keys exclude or need each other
     for pattern, kind in GRAMMAR["named"].items():
         for path, name in places(document, pattern):
             names.check(path, name, kind)
     for path, references in places(document, *GRAMMAR["lists"]["apart"]):
         names.check_different_links(path, references)
-    for rule in GRAMMAR["fault"]:
+    for rule in GRAMMAR["fault"]:  # a table is faulty that has all keys of `with` and none of `without`
         for path, entry in places(document, *rule["tables"]):
             if not isinstance(entry, dict):
                 continue  # a point that is given as a list
@@ -162,6 +166,7 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
         for key in IN_DEGREES:
             if {key, f"{key}_deg"} <= entry.keys():
                 names.fault(f"{path}.{key}", f"given together with {key}_deg")
+    # the rules that only a function can express
     for pattern, check in CHECKS.items():
         for path, entry in places(document, pattern):
             check(names, path, entry)
@@ -169,7 +174,7 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
 
 
 def _body(document: Document, name: str) -> str:
-    """Return the link to which a link is welded, directly or through others; the link itself if it is not welded."""
+    """Return the link at the end of the chain of welds that begins with a link; the link itself if it is not welded."""
     welds = {weld.get("link"): weld.get("to") for _, weld in items(document, "welds")}
     chain = [name]
     to = welds.get(name)
@@ -239,7 +244,7 @@ def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
         if link in welded:
             names.fault(f"{place}.link", f"link {link!r} is welded twice; weld the other link to it instead")
         elif link == to or (names.bodies.get(link) != names.bodies.get(to) and to in names.links):
-            # in a circle, the chains from `link` and from `to` end at different links
+            # the weld puts `to` into the chain of `link`, so both chains have the same end, unless they are a circle
             names.fault(place, "welded in a circle")
         welded.add(link)
         for i, pair in enumerate(pairs):
@@ -311,9 +316,9 @@ def _check_angles(names: Names, path: str, owner: dict[str, Any]) -> None:
 
 
 def _check_start(names: Names, path: str, start: dict[str, Any]) -> None:
-    """Check that the crank is held once, and that each rate is of a coordinate that is held."""
+    """Check that the start prescribes the crank's angle only once, and gives rates only of coordinates that it prescribes."""
     crank = names.document.get("crank") or ""
-    angles = {*table(start, "angles"), *table(start, "angles_deg")}  # links whose angles are held
+    angles = {*table(start, "angles"), *table(start, "angles_deg")}  # links whose angles are prescribed
     holds_crank = bool({"crank", "crank_deg"} & start.keys())
     if (holds_crank or "speed" in start) and "crank" not in names.document:
         names.fault(path, "needs a crank, and the file names none")

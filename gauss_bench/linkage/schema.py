@@ -62,10 +62,15 @@ class Table(BaseModel):
     units: ClassVar[dict[str, str]] = {}
 
     def __init_subclass__(cls, other: str = "", second: str = "", units: str = "", **more: Any) -> None:
+        """Keep this module's class arguments from pydantic; `__pydantic_init_subclass__` gets them too."""
         super().__init_subclass__(**more)  # the keys of the table are not known yet
 
     @classmethod
     def __pydantic_init_subclass__(cls, other: str = "", second: str = "", units: str = "", **more: Any) -> None:
+        """Add the class arguments to those of the parent class: `other` and `second` are keys with spaces between them.
+
+        `units` has the form "key: unit; key: unit". A key that ends in `_deg`, and the same key without this ending, need no entry.
+        """
         super().__pydantic_init_subclass__(**more)
         cls.other |= {*other.split()}
         cls.second |= {*second.split()}
@@ -375,7 +380,7 @@ class LinkageTable(Table, other="format name title expect observe measure", seco
 def check_grammar(document: dict[str, Any]) -> tuple[list[Fault], dict[str, Any]]:
     """Return every fault of keys and values, and the document with None in place of each refused value.
 
-    A key of the second edition is a fault in a file of the first.
+    A key that only the second edition of the grammar has is a fault in a file that names the first edition as its format.
     """
     try:
         linkage = LinkageTable.model_validate(document)
@@ -418,6 +423,7 @@ def _keys_to(location: tuple[str | int, ...], document: Any) -> list[Any]:
         if (isinstance(document, dict) and part in document) or isinstance(document, list):
             keys.append(part)
             document = document[part]  # type: ignore[index]
+        # any other part is a tag of `one_of`, which is no key of the document, or at the end a missing key
         elif isinstance(document, dict) and part is location[-1]:
             keys.append(part)  # a missing key
             document = None
@@ -434,6 +440,7 @@ def _put_none(document: Any, keys: list[Any]) -> None:
 
 
 def _path(keys: list[Any]) -> str:
+    """Return keys and indices as the text of a path, such as joints.A.at[1]."""
     return "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in keys).removeprefix(".")
 
 
@@ -459,14 +466,15 @@ def _count_of_entries(error: dict[str, Any], context: dict[str, Any]) -> str:
 
 
 def physics_digest(document: dict[str, Any], scenario: str) -> str:
-    """Return the SHA-256 of everything that affects the motion of a scenario; `document` has its override merged in."""
+    """Return the SHA-256 of all that affects the motion of a scenario; its `override` is already applied to `document`."""
     physics = _physics(LinkageTable.model_validate(document))
     chosen = physics.pop("scenarios")[scenario]
     acting = {name: physics["forces"][name] for name in chosen.get("forces", [])}
     physics |= {"forces": acting, "scenario": chosen}
     damped = [physics.get("joints", {}).get(f["joint"], {}) for f in acting.values() if f["type"] == "joint_damping"]
     if document["format"] == SECOND and any(len(joint.get("at", ())) > 2 for joint in damped):
-        physics["damping"] = "between every two links of a pin"  # a pin through several links: the editions differ
+        # a pin through several links: its damping means something else than in the first edition, so the digest must differ
+        physics["damping"] = "between every two links of a pin"
     return hashlib.sha256(json.dumps(physics, sort_keys=True).encode()).hexdigest()
 
 
@@ -474,11 +482,11 @@ def _physics(item: Any) -> Any:
     """Return a table as a dict of the keys that affect a motion, at every depth; equal numbers become equal decimal texts."""
     if isinstance(item, Table):
         given = {key_of(type(item), name): getattr(item, name) for name in item.model_fields_set}
-        return {key: _physics(value) for key, value in given.items() if key not in item.other}
+        return {key: _physics(value) for key, value in given.items() if key not in item.other}  # other: without effect on a motion
     if isinstance(item, dict):
         return {key: _physics(value) for key, value in item.items()}
     if isinstance(item, list):
         return [_physics(value) for value in item]
     if isinstance(item, float):
-        return str(Decimal(repr(item)).normalize() + 0)
+        return str(Decimal(repr(item)).normalize() + 0)  # + 0 makes 0 of -0
     return item

@@ -42,6 +42,7 @@ class _Placing:
     """
 
     def __init__(self, mechanism: Mechanism, document: dict[str, Any]):
+        """Read the angles and places that the table `assembly` of the file gives; only the ground is placed."""
         self.mechanism = mechanism
         assembly = document.get("assembly", {})
         angles = {name: float(np.radians(x)) for name, x in assembly.get("angles_deg", {}).items()}
@@ -56,7 +57,13 @@ class _Placing:
         self.pin_ends = [ends for pin in mechanism.pins for ends in (pin.ends, pin.ends[::-1])]
 
     def _read_points(self, document: dict[str, Any], drawing: dict[str, Any]) -> dict[str, Array]:
-        """Return `drawn`. All points of a joint get the place of the joint, or of its point on the ground, if the file has it."""
+        """Return name of a point -> world position (2,) [m] that the file gives.
+
+        All points of a joint get the position that `drawing` gives for the joint, else that of the joint's point on the ground.
+
+        Args:
+            drawing: the file's table `sketch`: name of a joint, or LINK.POINT -> rough world position.
+        """
         points: dict[str, Any] = {}
         for name, joint in write_out(document).get("joints", {}).items():
             references = joint.get("at") or [joint["block"]]
@@ -69,6 +76,7 @@ class _Placing:
         return {self.mechanism.find_point(reference).name: np.array(x, dtype=float) for reference, x in points.items()}
 
     def world(self, point: Point) -> Array:
+        """Return the world position (2,) [m] of a point of a placed body."""
         return np.asarray(self.centre[point.link] + turn_vector(point.local, self.theta[point.link]))
 
     def place(self, i: int) -> bool:
@@ -90,18 +98,25 @@ class _Placing:
         return True
 
     def _angle(self, i: int, first: str, known: dict[str, Array]) -> float | None:
-        """Return the angle [rad] of body i: from the file, else from a second known point, else from a slide; None if unknown."""
+        """Return the angle [rad] of body i: from the file, else from a second known point, else from a slide; None if unknown.
+
+        If a slide connects the body to a placed one, whole turns are added to come nearest to the angle that the slide gives.
+
+        Args:
+            first: name of a known point of the body.
+            known: name of a point of the body -> its world position (2,) [m].
+        """
         points = self.mechanism.links[i].points
-        near, angle = self._angle_by_partner(i), self.given.get(i)
+        partner_angle, angle = self._angle_by_partner(i), self.given.get(i)
         second = next((name for name in known if np.any(points[name] != points[first])), None)
         if angle is None and second is not None:
             own, drawn = points[second] - points[first], known[second] - known[first]
             angle = float(np.arctan2(drawn[1], drawn[0]) - np.arctan2(own[1], own[0]))
         elif angle is None:
-            angle = self._angle_by_line(i) if near is None else near
-        if angle is not None and near is not None:
+            angle = self._angle_by_line(i) if partner_angle is None else partner_angle
+        if angle is not None and partner_angle is not None:
             # points give angles up to whole turns, but a slide compares the angles of its links
-            angle += 2 * np.pi * round((near - angle) / (2 * np.pi))
+            angle += 2 * np.pi * round((partner_angle - angle) / (2 * np.pi))
         return angle
 
     def _angle_by_partner(self, i: int) -> float | None:
@@ -131,7 +146,7 @@ class _Placing:
         return None
 
     def _find(self, point: Point) -> Array | None:
-        """Return the world position (2,) [m] of a point: drawn, else that of a pin on a placed body; None if unknown."""
+        """Return the world position (2,) [m] of a point: that of the file, else that of a pin on a placed body; None if unknown."""
         if point.name in self.drawn:
             return self.drawn[point.name]
         shared = next((other for mine, other in self.pin_ends if mine.name == point.name and other.link in self.theta), None)

@@ -1,4 +1,4 @@
-"""Choose the coordinates that the start of a new file should hold: they determine the position that the joints leave free.
+"""Choose the coordinates that the start of a new file should prescribe: they determine the position where joints leave it free.
 
 The import of models and the studio use it.
 """
@@ -18,7 +18,7 @@ TABLES = {"angle": ("angles", "speeds"), "slide": ("slides", "slide_speeds"), "p
 
 @dataclass(frozen=True)
 class Candidate:
-    """Coordinates that a start may hold together.
+    """Coordinates whose values a start may prescribe, all of them at the same time.
 
     Attributes:
         kind: "angle" of a link, "slide", or "point" for x and y of a point.
@@ -37,7 +37,7 @@ class Candidate:
 
 
 def candidates(mechanism: Mechanism) -> list[Candidate]:
-    """List the coordinates that a start may hold: angles of links, slides, and one point of every link."""
+    """List the coordinates that a start may prescribe: angles of links, slides, and one point of every link."""
     world = Point(GROUND, np.zeros(2), "ground.")
     candidates = [Candidate("angle", link.name, [Angle(GROUND, k)]) for k, link in enumerate(mechanism.links)]
     candidates += [Candidate("slide", joint.name, [joint.motion]) for joint in mechanism.slides]
@@ -48,14 +48,15 @@ def candidates(mechanism: Mechanism) -> list[Candidate]:
 
 
 def choose_held(mechanism: Mechanism, q: Array, free: Array) -> list[Candidate]:
-    """Return candidates that together hold the position at q (n,); `free` (n, dof) has the directions that the joints leave free.
+    """Return candidates that together determine the position at q (n,).
 
+    The columns of `free` (n, dof) are the directions of motion that the joints leave free.
     In turn, the first candidate is chosen whose sensitivity to the remaining freedoms is at least GOOD times the largest.
     """
     offered = candidates(mechanism)
     rows = [np.array([gradient(x, q) for x in candidate.coordinates]) @ free for candidate in offered]
     chosen: list[Candidate] = []
-    remaining = np.eye(free.shape[1])  # columns: an orthonormal basis of the freedoms that are not yet held
+    remaining = np.eye(free.shape[1])  # columns: an orthonormal basis of the freedoms that no chosen candidate determines
     while remaining.shape[1]:
         # sensitivity: largest change of the candidate over unit motions in the remaining freedoms
         sensitivity = np.array([np.linalg.norm(x @ remaining, 2) for x in rows])

@@ -53,9 +53,9 @@ def project(
 
 
 def walk(advance: Callable[[float], None], shortest: float, longest: float = 1.0) -> None:
-    """Call `advance(share)` for shares of a way that rise to 1; halve the step after a failure, double it after a success.
+    """Call `advance(share)` with increasing shares of a path, the last of which is 1.
 
-    A step is at most `longest`.
+    The step from one share to the next is halved after a failure and doubled after a success; it is at most `longest`.
 
     Raises:
         ArithmeticError: from `advance`, if even a step of `shortest` fails.

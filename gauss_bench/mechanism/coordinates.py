@@ -44,6 +44,7 @@ class Entry(NamedTuple):
     m: Real
 
     def scale(self, factor: Real) -> "Entry":
+        """Return the gradient at this body of `factor` times the coordinate."""
         return Entry(self.frame, None if self.n is None else self.n * factor, self.m * factor)
 
 
@@ -72,35 +73,38 @@ class AlongState:
     """The coordinate x = n . (p_b - p_a) at a state; n is fixed in the body `axes`."""
 
     def __init__(self, direction: Direction, a: End, b: End):
+        """Store the direction n, with the body that carries it, and the points a and b."""
         self.axes, self.n = direction
         self.a, self.b = a, b
         self.gap = b.place - a.place
 
     @cached_property
     def value(self) -> Real:
+        """The value x [m]."""
         return dot(self.n, self.gap)
 
     @cached_property
     def entries(self) -> tuple[Entry, ...]:
-        """The gradient by body: at a, at b, and at the body that turns n."""
+        """The gradient of x by body: at the body of a, at that of b, and at the body that turns n."""
         at_a, at_b = _gap_entries(self.n, self.a, self.b)
         if self.axes.rests:
             return at_a, at_b
         # n turns with its body: dn/dtheta . gap = n x gap
         turn = wedge(self.n, self.gap)
         if self.axes.body == self.a.frame.body:
-            return Entry(at_a.frame, at_a.n, turn + at_a.m), at_b
-        return at_a, at_b, Entry(self.axes, None, turn)
+            return Entry(at_a.frame, n=at_a.n, m=turn + at_a.m), at_b
+        return at_a, at_b, Entry(self.axes, n=None, m=turn)
 
     @cached_property
     def rate(self) -> Real:
+        """The rate x' [m/s]."""
         return _gap_rate(self.n, self.a, self.b, self.entries)
 
     @cached_property
     def bias(self) -> Real:
-        """The bias of Along, seen from axes that turn with n.
+        """The bias of x: the part of x'' that comes from velocities alone [m/s^2], as seen in axes that turn with n.
 
-        With w_a, w_b and W the angular speeds of the bodies of a, b and n, it is
+        With w_a, w_b and W the angular speeds of the bodies of a, b and n, the bias is
 
             -(w_b - W)^2 n . r_b + (w_a - W)^2 n . r_a + 2 W n x (u_b - u_a) - W^2 n . (z_b - z_a)
 
@@ -129,18 +133,22 @@ class AngleState:
     bias: Real = 0.0
 
     def __init__(self, a: Frame, b: Frame):
+        """Store the two bodies."""
         self.a, self.b = a, b
 
     @property
     def value(self) -> Real:
+        """The angle [rad]."""
         return self.b.angle - self.a.angle
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        return Entry(self.a, None, -1.0), Entry(self.b, None, 1.0)
+        """The gradient by body."""
+        return Entry(self.a, n=None, m=-1.0), Entry(self.b, n=None, m=1.0)
 
     @property
     def rate(self) -> Real:
+        """The rate [rad/s]."""
         return self.b.omega - self.a.omega
 
 
@@ -148,50 +156,61 @@ class DistanceState:
     """The coordinate x = |p_b - p_a| at a state; members with half_square are those of x^2 / 2, which needs no square root.
 
     Attributes:
+        gap: the vector p_b - p_a.
         known: the value of x if it is known without a square root, as on a length constraint; else None.
     """
 
     def __init__(self, a: End, b: End, arithmetic: Arithmetic, known: Real = None):
+        """Store the points a and b, the functions of their kind of number, and the value of x if it is known."""
         self.a, self.b, self.gap = a, b, b.place - a.place
         self.arithmetic, self.known = arithmetic, known
 
     @cached_property
     def square(self) -> Real:
+        """x^2."""
         return dot(self.gap, self.gap)
 
     @cached_property
     def value(self) -> Real:
+        """The value x [m]."""
         return self.arithmetic.sqrt(self.square)
 
     @cached_property
     def inverse_square(self) -> Real:
+        """1 / x^2; 0 at x = 0."""
         return self.arithmetic.inverse(self.square if self.known is None else self.known * self.known)
 
     @cached_property
     def inverse(self) -> Real:
+        """1 / x; 0 at x = 0."""
         return self.arithmetic.sqrt(self.inverse_square) if self.known is None else self.arithmetic.inverse(self.known)
 
     @cached_property
     def half_square_entries(self) -> tuple[Entry, ...]:
+        """The gradient of x^2 / 2 by body."""
         return _gap_entries(self.gap, self.a, self.b)
 
     @cached_property
     def half_square_rate(self) -> Real:
+        """The rate of x^2 / 2."""
         return _gap_rate(self.gap, self.a, self.b, self.half_square_entries)
 
     @property
     def entries(self) -> tuple[Entry, ...]:
+        """The gradient of x by body."""
         return tuple(entry.scale(self.inverse) for entry in self.half_square_entries)
 
     @property
     def rate(self) -> Real:
+        """The rate x' [m/s]."""
         return self.half_square_rate * self.inverse
 
     @cached_property
     def bias(self) -> Real:
-        """The bias (gap . centripetal acceleration + (speed across the gap)^2) / x."""
+        """The bias of x [m/s^2]: (gap . difference of the centripetal accelerations + (relative speed across the gap)^2) / x."""
         gap, (a, arm_a), (b, arm_b) = self.gap, self.a, self.b
-        turning = wedge(gap, b.u - a.u) + b.omega * dot(gap, arm_b) - a.omega * dot(gap, arm_a)  # gap x (p_b' - p_a')
+        # cross product of the gap and the relative velocity, gap x (p_b' - p_a'): x times the relative speed across the gap
+        turning = wedge(gap, b.u - a.u) + b.omega * dot(gap, arm_b) - a.omega * dot(gap, arm_a)
         across = turning * self.inverse
         inward = _centripetal(b.omega, gap, arm_b) - _centripetal(a.omega, gap, arm_a)
         return (inward + across * across) * self.inverse
@@ -201,22 +220,27 @@ class WeightedState:
     """A weighted sum of coordinates at a state."""
 
     def __init__(self, terms: Sequence[tuple["State", float]]):
+        """Store the coordinates, each with its weight."""
         self.terms = terms
 
     @property
     def value(self) -> Real:
+        """The value of the sum."""
         return total([x.value * weight for x, weight in self.terms])
 
     @property
     def entries(self) -> tuple[Entry, ...]:
+        """The gradient of the sum by body; a body may occur several times."""
         return tuple(entry.scale(weight) for x, weight in self.terms for entry in x.entries)
 
     @property
     def rate(self) -> Real:
+        """The rate of the sum."""
         return total([x.rate * weight for x, weight in self.terms])
 
     @property
     def bias(self) -> Real:
+        """The bias of the sum."""
         return total([x.bias * weight for x, weight in self.terms])
 
 
@@ -224,7 +248,7 @@ State = AngleState | AlongState | DistanceState | WeightedState
 
 
 def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
-    """Return a coordinate at a state of the linkage; `known` is the value of a distance that is known without a square root."""
+    """Return a coordinate at a state of the linkage; `known` is the value of a distance if it is known without a square root."""
     match coordinate:
         case Angle(a, b):
             return AngleState(at.frame(a), at.frame(b))
@@ -239,15 +263,21 @@ def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
 
 
 def slip(coordinate: Slip, at: Placement) -> tuple[Entry, Real]:
-    """Return the gradient and the bias of a slip n . p' at a state; the direction n turns with the body of the point."""
+    """Return the gradient and the bias of a slip n . p' at a state; the direction n turns with the body of the point.
+
+    With p' = u + omega x r and n' = omega x n, the bias is n' . u: the terms of the arm r, which turns with n, cancel.
+    """
     point = coordinate.point
-    _, n = at.direction(point.link, coordinate.angle, True)
+    _, n = at.direction(point.link, coordinate.angle, across=True)
     frame, arm = at.end(point)
-    return Entry(frame, n, wedge(arm, n)), frame.omega * wedge(n, frame.u)
+    return Entry(frame, n, m=wedge(arm, n)), frame.omega * wedge(n, frame.u)
 
 
 def columns(entries: Sequence[Entry]) -> dict[int, Real]:
-    """Return the entries of a gradient as a dict: index in a state (n,) -> number; bodies at rest are left out."""
+    """Return a gradient, given by body, as a dict: index in a state (n,) -> number; bodies at rest are left out.
+
+    Each entry has a body's frame, and the factors of the velocity of its centre of mass (None if zero) and of its angular speed.
+    """
     sums: dict[int, Real] = {}
     for frame, n, m in entries:
         if frame.rests:
@@ -301,7 +331,10 @@ def strength(x: State, law: Law) -> Real:
 
 
 def push(x: State, law: Law) -> tuple[Entry, ...]:
-    """Return the generalised force of a law along its coordinate x, by body."""
+    """Return the generalised force of a law along its coordinate x, by body: force times gradient.
+
+    For a distance, these are the quotient force / x and the gradient of x^2 / 2 (see `strength`).
+    """
     force = strength(x, law)
     entries = x.half_square_entries if isinstance(x, DistanceState) else x.entries
     return tuple(entry.scale(force) for entry in entries)
@@ -343,9 +376,11 @@ class Placed(Placement):
     arithmetic = _ArrayArithmetic()
 
     def __init__(self, q: Array, v: Array | None = None):
+        """Store the states."""
         self.q, self.v = q, np.zeros_like(q) if v is None else v
 
     def body(self, body: int) -> tuple[list[Array], list[Array]]:
+        """Return the coordinates x, y, angle of a body and their rates, each an array (...)."""
         q, v = ([*np.moveaxis(x[..., slots(body)], -1, 0)] for x in (self.q, self.v))
         return q, v
 
@@ -407,8 +442,11 @@ def _stack(x: Vec, q: Array) -> Array:
     return np.stack([np.broadcast_to(part, q.shape[:-1]) for part in x.parts], axis=-1)
 
 
-def spread(mechanism: Mechanism, motion: Trajectory) -> Trajectory:
-    """Return the motion of every link of the file by its own centre of mass, given the motion (k, n) of the bodies."""
+def motion_of_links(mechanism: Mechanism, motion: Trajectory) -> Trajectory:
+    """Return the motion of every link of the file, at its own centre of mass, from the motion (k, n) of the bodies.
+
+    A body is a group of links that are welded to each other. Without welds every link is a body.
+    """
     if not mechanism.parts:
         return motion
     q, v, a = (np.empty((len(motion.t), SIZE * len(mechanism.parts))) for _ in range(3))

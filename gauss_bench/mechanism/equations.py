@@ -28,10 +28,13 @@ LEVELS = 3  # numbers of a law at a time: value, rate and second rate
 
 
 class Given(Placement):
-    """A placement that also provides held values and laws: as in the file, as open parameters, or as inputs of a program."""
+    """A placement that also provides the values at which joints hold coordinates, and the motion laws, in its kind of number.
 
-    def held(self, joint: str, place: int, value: Any) -> Real:
-        """Return the number for `value`, at which a joint holds the coordinate at position `place` of its own."""
+    These are the numbers of the file, open parameters, or inputs of a program.
+    """
+
+    def held(self, joint: str, index: int, value: Any) -> Real:
+        """Return `value` in this kind of number: the constant at which a joint holds its coordinate number `index`."""
         return value
 
     def law(self, law: MotionLaw) -> Motion:
@@ -59,11 +62,16 @@ class Row:
 
 
 def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Iterator[Row]:
-    """Yield all constraint rows; `on_constraints` takes the value of a driven distance from its law, without a square root."""
+    """Yield all constraint rows.
+
+    Args:
+        on_constraints: whether the state satisfies the constraints. A held distance then has the value at which it is held, so that
+            it is not computed with a square root.
+    """
     for joint in (*mechanism.joints, *mechanism.couplings):
         held: tuple[tuple[Coordinate, float], ...] = joint.held
-        for place, (coordinate, value) in enumerate(held):
-            constant = (at.held(joint.name, place, value), 0.0, 0.0)
+        for index, (coordinate, value) in enumerate(held):
+            constant = (at.held(joint.name, index, value), 0.0, 0.0)  # value, rate, second rate
             yield _row(joint.name, at, coordinate, constant, on_constraints)
     for driver in mechanism.drivers:
         yield _row(driver.name, at, driver.coordinate, at.law(driver.law), on_constraints)
@@ -73,10 +81,10 @@ def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Itera
 
 
 def _row(name: str, at: Given, coordinate: Coordinate, motion: Motion, on_constraints: bool) -> Row:
-    """Return the row that holds a coordinate at a given motion."""
+    """Return the row that holds a coordinate at a given motion; on the constraints the coordinate has the value of this motion."""
     value, rate, second = motion
     x = state(coordinate, at, value if on_constraints else None)
-    return Row(name, columns(x.entries), second - x.bias, x.value - value, -rate)
+    return Row(name, entries=columns(x.entries), gamma=second - x.bias, phi=x.value - value, phi_t=-rate)
 
 
 def generalise(at: Placement, load: Load) -> dict[int, Real]:
@@ -110,39 +118,48 @@ def energies(at: Placement, load: Load) -> tuple[Real, Real]:
 class Symbols(Given):
     """The bodies of a mechanism of n coordinates with symbols for numbers; it records equations and generates functions of them.
 
-    A motion law has LEVELS inputs of the generated function.
+    The inputs of a recorded program are q0, q1, ..., v0, v1, ..., and g0, g1, ...: LEVELS numbers of each motion law.
     """
 
     def __init__(self, n: int):
+        """Begin an empty program."""
         self.n, self.program = n, Program()
         self.arithmetic = self.program
         self.laws: list[MotionLaw] = []
 
     def body(self, body: int) -> tuple[list[Symbol], list[Symbol]]:
+        """Return symbols for x, y and angle of a body, and for their rates."""
         own = range(self.n)[slots(body)]
         return [self.program.input(f"q{k}") for k in own], [self.program.input(f"v{k}") for k in own]
 
     def numbers(self, value: Any) -> Vec:
+        """Return a vector (2,) of the file as constants of the program."""
         return Vec(*map(self.program.symbol, value))
 
-    def held(self, joint: str, place: int, value: Any) -> Symbol:
+    def held(self, joint: str, index: int, value: Any) -> Symbol:
+        """Return the value at which a joint holds a coordinate, as a constant of the program."""
         return self.program.symbol(value)
 
     def law(self, law: MotionLaw) -> tuple[Symbol, Symbol, Symbol]:
+        """Return three new inputs of the program: value, rate and second rate of a law."""
         first = LEVELS * len(self.laws)
         self.laws.append(law)
         return self.program.input(f"g{first}"), self.program.input(f"g{first + 1}"), self.program.input(f"g{first + 2}")
 
     def generate(self, *groups: Sequence[Symbol | Number]) -> Callable[[float | Array, Array, Array], list[Array]]:
-        """Generate a function of t (...), q and v (..., n) that returns each group of k symbols as an array (..., k)."""
+        """Generate a function of t (...), q and v (..., n) that returns each group of k symbols as an array (..., k).
+
+        It computes the inputs of the motion laws from t.
+        """
         inputs = [("q", self.n), ("v", self.n), ("g", LEVELS * len(self.laws))]
         function = GeneratedFunction(self.program, inputs, [[self.program.symbol(x) for x in group] for group in groups])
         laws = self.laws
 
-        def at(t: float | Array, q: Array, v: Array) -> list[Array]:
+        def evaluate(t: float | Array, q: Array, v: Array) -> list[Array]:
+            """Return the groups at time(s) t and state(s) q, v."""
             if not laws:
                 return function(q, v, q[..., :0])  # an empty array of levels
             levels = [np.asarray(x) for law in laws for x in law(t)]
             return function(q, v, np.stack([np.broadcast_to(x, q.shape[:-1]) for x in levels], axis=-1))
 
-        return at
+        return evaluate

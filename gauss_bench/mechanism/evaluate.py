@@ -1,6 +1,7 @@
 """Evaluate a mechanism at a state: constraint rows, the terms of its equations of motion, and its energy.
 
-Constraint rows are evaluated at one state q (n,) or a batch q (..., n), in doubles or in the longer type of the linkage.
+Constraint rows are evaluated at one state q (n,) or a batch q (..., n), in doubles, or in the longer type of number with which the
+linkage was built.
 """
 
 from collections.abc import Callable
@@ -52,10 +53,11 @@ class Constraints:
         constant: (m n,) the constant entries of J, row by row; 0 for an entry that varies.
         varying: (k,) indices of the varying entries in `constant`.
         symbols: the recorded equations, to which others can be added that share their operations.
-        listed: the varying entries of J, gamma, phi and phi_t as symbols.
+        listed: four lists of symbols: the varying entries of J, gamma, phi and phi_t.
     """
 
     def __init__(self, mechanism: Mechanism):
+        """Record all rows with symbols; constant entries of J are stored at once, for all others a function is generated later."""
         self.mechanism, self.n = mechanism, mechanism.n
         at = self.symbols = Symbols(mechanism.n)
         rows, symbol = list(equations.rows(mechanism, at)), at.program.symbol
@@ -68,7 +70,7 @@ class Constraints:
         for i, row in enumerate(rows):
             for k, value in row.entries.items():
                 entry = symbol(value)
-                if entry.number is None:
+                if entry.number is None:  # the entry varies with the state
                     places.append(i * self.n + k)
                     entries.append(entry)
                 else:
@@ -79,6 +81,7 @@ class Constraints:
 
     @cached_property
     def _function(self) -> Callable[..., list[Array]]:
+        """The generated function of t, q and v that returns the four lists of `listed`, each as an array (..., k)."""
         with RECORDING:
             return self.symbols.generate(*self.listed)
 
@@ -103,7 +106,8 @@ class Constraints:
 def list_determined(mechanism: Mechanism) -> list[str]:
     """List the names of the joints whose forces follow from the motion at the start, because no redundant row involves them.
 
-    Multipliers are determined up to the null space of J^T. A joint's force is determined if its two entries are zero in all of it.
+    Multipliers are determined up to the null space of J^T. A joint's force is determined if its two entries are zero in every
+    vector of this null space.
     """
     left, sizes, _ = np.linalg.svd(Constraints(mechanism)(0.0, mechanism.q0, mechanism.v0).J)
     rank = np.count_nonzero(sizes > RANK_TOLERANCE * sizes.max(initial=0.0))
@@ -124,6 +128,7 @@ class Evaluator:
     """
 
     def __init__(self, mechanism: Mechanism):
+        """Record the equations of a mechanism."""
         self.mechanism = mechanism
         self.constraints = Constraints(mechanism)
         self.applied = AppliedForces(mechanism)
@@ -133,11 +138,11 @@ class Evaluator:
 
     @cached_property
     def _terms(self) -> Callable[..., list[Array]]:
-        """The generated function of the varying entries of J, Q of steady forces, gamma, phi and phi_t."""
-        at = self.constraints.symbols
+        """The generated function of t, q and v: the varying entries of J, Q of steady forces, gamma, phi and phi_t."""
+        symbols = self.constraints.symbols
         entries, *others = self.constraints.listed
         with RECORDING:
-            return at.generate(entries, self.applied.add_steady(at), *others)
+            return symbols.generate(entries, self.applied.add_steady(symbols), *others)
 
     def terms(self, t: float, q: Array, v: Array) -> Terms:
         """Return the terms at one state q, v (n,) and time t [s]; Q is without friction, which depends on the multipliers."""
@@ -167,9 +172,9 @@ class Evaluator:
     def project(self, t: float, q: Array, v: Array, rank_tolerance: float = 1e-4) -> tuple[Array, Array]:
         """Return the nearest consistent state q, v (n,) at time t [s]: Gauss-Newton corrects q, then one linear system corrects v.
 
-        Singular values below `rank_tolerance` times the largest count as zero. Near a singular position, or if redundant rows
-        contradict each other by their drift, a correction along them would move the state far along the free motion. A state that
-        is not finite becomes NaN.
+        Singular values below `rank_tolerance` times the largest count as zero. Near a singular position, or if drift makes
+        redundant rows contradict each other, a correction along the directions of these small values would move the state far
+        along the free motion. A state that is not finite becomes NaN.
         """
         h = self.constraints.holonomic
         rows: Rows  # at the latest position; the correction of v uses them
@@ -181,6 +186,7 @@ class Evaluator:
             return rows.phi[:h], rows.J[:h]
 
         def shortest(J: Array, F: Array) -> Array:
+            """Return the minimum-norm correction."""
             return _shortest(J, F, rank_tolerance)
 
         q = project(q, residual, shortest, CORRECTIONS, _is_closed)
@@ -194,6 +200,7 @@ def evaluator_of(mechanism: Mechanism) -> Evaluator:
 
 
 def _is_closed(q: Array, F: Array, _: Array) -> bool:
+    """Tell whether the residual F at q is rounding."""
     return largest(F) <= ROUNDING * (1.0 + largest(q))
 
 

@@ -1,8 +1,8 @@
 """Applied forces of a linkage: generalised force Q, potential energy, and the power of forces without a potential.
 
-Each force is a sum of loads (`to_loads` in model.py): laws on scalar coordinates (formulas in `coordinates.py`) and constant forces
-at points. One function is generated for all of them, for a state q (n,) or a batch q (..., n). Dampers and forces that turn with a
-link have no potential but a power, which the energy balance of a trajectory integrates.
+Each force is a sum of loads (`to_loads` in model.py): laws on scalar coordinates (formulas in `coordinates.py`) and constant
+forces at points. One function is generated for all of them, for a state q (n,) or a batch q (..., n). Dampers and forces that turn
+with a link have no potential; the energy balance of a trajectory integrates their power instead.
 
 Dry friction is computed separately, because it depends on the loads of the joints and so on the accelerations. With N_k the load
 that pair k carries and s_k its relative speed, the friction is one more active force (Yuan and Ge, 2016, eq. 3):
@@ -39,6 +39,7 @@ class AppliedForces:
     """
 
     def __init__(self, mechanism: Mechanism):
+        """Separate the steady forces of a mechanism from those that vary."""
         self.mechanism = mechanism
         self.gravity = np.zeros(mechanism.n, dtype=mechanism.gravity.dtype)
         for place, link in zip(places(self.gravity), mechanism.links, strict=True):
@@ -56,6 +57,7 @@ class AppliedForces:
 
     @cached_property
     def _steady_force(self) -> Callable[..., list[Array]]:
+        """The generated function of Q (..., n) of gravity and all steady forces."""
         at = Symbols(self.mechanism.n)
         return at.generate(self.add_steady(at))
 
@@ -98,6 +100,7 @@ class _VaryingForce:
     """A force that varies: a factor of time and direction times a steady force."""
 
     def __init__(self, mechanism: Mechanism, force: Torque | PointForce, factor: Factor):
+        """Store the factor, and the same force without it as the only force of a copy of the mechanism."""
         steady = replace(force, factor=None)
         self.name, self.factor = force.name, factor
         self.size = float(np.linalg.norm(np.atleast_1d(steady.value).astype(float))) or 1.0
@@ -124,6 +127,7 @@ class JointFriction:
 
     Attributes:
         acting: each friction with the pair in which it acts.
+        places: for each entry of W (n, p) that is not zero, its row and column.
         rows: (p,) index of the first multiplier of each pair.
         pins: (p,) 1 for a pin, whose second multiplier is a force too; 0 for a slide, whose second multiplier is a moment.
         lever: (p,) mu times radius [m]; [-] for a slide.
@@ -135,6 +139,7 @@ class JointFriction:
     STALLED = 1e-11  # the same for engines that solve for lambda anew in each iteration, with rounding times the condition of J
 
     def __init__(self, mechanism: Mechanism):
+        """Find the pairs with friction, and generate the function of their relative speeds and the gradients of their motions."""
         first = {joint.name: 2 * k for k, joint in enumerate(mechanism.joints)}  # first row of each joint
         self.acting = [(f, pair) for f in mechanism.frictions if f.mu > 0 for pair in f.pairs]
         self.rows = np.array([first[pair.name] for _, pair in self.acting], dtype=int)
@@ -144,10 +149,12 @@ class JointFriction:
         at = Symbols(mechanism.n)
         motions = [state(pair.motion, at) for _, pair in self.acting]
         entries = [columns(x.entries) for x in motions]  # gradients of the relative motions
-        self.places = [(k, p) for p, gradient in enumerate(entries) for k in gradient]  # row and column of each entry in W
+        self.places = [(k, p) for p, gradient in enumerate(entries) for k in gradient]
+        # returns the relative speeds (..., p), and the entries of all gradients in the order of `places`
         self._function = at.generate([x.rate for x in motions], [x for gradient in entries for x in gradient.values()])
 
     def __bool__(self) -> bool:
+        """Tell whether a pair has friction."""
         return len(self.rows) > 0
 
     def directions(self, q: Array, v: Array) -> Array:

@@ -44,6 +44,7 @@ class End(NamedTuple):
 
     @property
     def place(self) -> Vec:
+        """The position of the point in the world [m]."""
         return self.arm if self.frame.rests else self.frame.z + self.arm
 
 
@@ -55,7 +56,7 @@ class Direction(NamedTuple):
 
 
 class Arithmetic(Protocol):
-    """Functions of a kind of number, beside the operators + - *."""
+    """Functions of a kind of number (floats, arrays, symbols), besides the operators + - *; `inverse` is 1 / x, and 0 at x = 0."""
 
     def sqrt(self, x: Real, /) -> Real: ...
     def sin(self, x: Real, /) -> Real: ...
@@ -84,6 +85,7 @@ class Placement:
 
     @cached_property
     def frames(self) -> dict[int, Frame]:
+        """The frames computed so far, by body; `frame` adds to them."""
         return {GROUND: REST}
 
     def frame(self, body: int) -> Frame:
@@ -116,4 +118,5 @@ class Placement:
         return self.vector(body, unit(angle, across))
 
     def end(self, point: Point) -> End:
+        """Return a point of the mechanism as the end of an arm from the centre of mass of its body."""
         return End(*self.vector(point.link, point.local))

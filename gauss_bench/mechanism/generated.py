@@ -33,10 +33,12 @@ class Symbol:
     __slots__ = ("number", "program", "text")
 
     def __init__(self, program: "Program", text: str, number: Number | None = None):
+        """Create a symbol; a program creates its own symbols by `symbol`, `input` and `record`."""
         self.program, self.text, self.number = program, text, number
 
     @property
     def zero(self) -> bool:
+        """Whether the symbol is the constant 0."""
         return self.number is not None and bool(self.number == 0)
 
     def __add__(self, other: "Symbol | Number") -> "Symbol":
@@ -68,6 +70,7 @@ class Symbol:
         return program.record(f"{self.text} - {other.text}", self, other)
 
     def __rsub__(self, other: Number) -> "Symbol":
+        """Return a constant less this symbol."""
         return self.program.symbol(other) - self
 
     def __mul__(self, other: "Symbol | Number") -> "Symbol":
@@ -105,7 +108,9 @@ class Line(NamedTuple):
 
 
 class Program:
-    """The recorded operations in order, each once; a program is the `Arithmetic` of its symbols.
+    """The recorded operations in order, each once.
+
+    A program is also the `Arithmetic` (frames.py) of its symbols: its methods sqrt, sin, cos and inverse record an operation.
 
     Attributes:
         constants: name -> number, for constants with more digits than a float.
@@ -114,6 +119,7 @@ class Program:
     """
 
     def __init__(self) -> None:
+        """Begin an empty program."""
         self.lines: list[Line] = []
         self.constants: dict[str, Number] = {}
         self.known: dict[str, Symbol] = {}
@@ -123,13 +129,15 @@ class Program:
         """Return x as a symbol of the program."""
         if isinstance(x, Symbol):
             return x
-        if float(x) == x:
+        if float(x) == x:  # exact in double precision: a literal
             return Symbol(self, f"({float(x)!r})" if x < 0 else repr(float(x)), x)
+        # a number of a longer type: a named constant, which the generated function gets beside its text
         name = f"c{len(self.constants)}"
         self.constants[name] = x
         return Symbol(self, name, x)
 
     def input(self, name: str) -> Symbol:
+        """Return the symbol of an input of the program."""
         return self.known.setdefault(name, Symbol(self, name))
 
     def inverse(self, a: Symbol | Number) -> Symbol:
@@ -140,6 +148,7 @@ class Program:
         return self.record(f"inverse({a.text})", a)
 
     def __getattr__(self, name: str) -> Callable[[Symbol | Number], Symbol]:
+        """Return the method for one of FUNCTIONS, such as `sin`, which records a call of it."""
         if name not in FUNCTIONS:
             raise AttributeError(name)
         return partial(self._apply, name)
@@ -181,7 +190,7 @@ class GeneratedFunction:
 
         Args:
             inputs: name and length of each argument, an array.
-            groups: symbols of each array that the function returns.
+            groups: for each array that the function returns, the symbols of its entries.
         """
         names = ", ".join(name for name, _ in inputs)
         # each list is unpacked into scalars q0, q1, ... : reading a local variable is faster than indexing
@@ -202,7 +211,7 @@ class GeneratedFunction:
         self._fits_floats = not program.constants  # named constants have more digits than a float
 
     def __call__(self, *inputs: Array) -> list[Array]:
-        """Return the groups (..., k) at inputs (..., n)."""
+        """Return an array (..., k) for each group of k symbols, from the values (..., n) of the inputs."""
         shape, dtype = inputs[0].shape[:-1], np.result_type(*(x.dtype for x in inputs))
         if self._fits_floats and dtype == np.float64 and math.prod(shape) < FEW:
             # math.sin(inf) raises, whereas np.sin(inf) below returns nan
@@ -217,7 +226,7 @@ class GeneratedFunction:
         return results
 
     def _state_by_state(self, shape: tuple[int, ...], inputs: Sequence[Array]) -> list[Array]:
-        """Return the groups (..., k) at few states of this shape (...), computed with floats one after the other."""
+        """Return the same as `__call__`, computed with floats for one state after the other; `shape` is the batch shape (...)."""
         if not shape:
             return [np.array(group) for group in self._of_floats(*(x.tolist() for x in inputs))]
         count = math.prod(shape)
@@ -229,11 +238,13 @@ class GeneratedFunction:
 
 
 def _function(code: CodeType, names: dict[str, Any]) -> Callable[..., tuple[tuple[Any, ...], ...]]:
+    """Return the function that a compiled text defines; `names` has the functions and constants that it uses."""
     exec(code, names)  # the code contains only names and numbers of `Program`, no text of a user
     return names["function"]  # type: ignore[no-any-return]
 
 
 def _inverse_of_float(x: float) -> float:
+    """Return 1 / x, and 0 for x = 0."""
     return 1.0 / x if x else 0.0
 
 

@@ -29,7 +29,11 @@ def line_values(mechanism: Mechanism, t: float | Array) -> Array:
 
 
 def with_lines(mechanism: Mechanism, values: Array, t: float | Array) -> Array:
-    """Return the p open numbers (..., p) of a program at times (...) [s]: `values` (p,) with `line_values` as the last of them."""
+    """Return all open parameters (..., p) of a program at times (...) [s].
+
+    Args:
+        values: (p,) the parameters, of which the last l, those of the straight lines, are replaced by `line_values` at these times.
+    """
     lines = line_values(mechanism, t)  # (..., l)
     given = values[: len(values) - lines.shape[-1]]
     return np.concatenate([np.broadcast_to(given, (*lines.shape[:-1], len(given))), lines], axis=-1)

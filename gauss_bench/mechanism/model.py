@@ -89,6 +89,7 @@ class Weighted:
 
     @property
     def unit(self) -> Literal["rad", "m"]:
+        """The unit of the first coordinate of the sum."""
         return self.terms[0][0].unit
 
 
@@ -97,13 +98,14 @@ Coordinate = Angle | Along | Distance | Weighted
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A coordinate under a name that reports print."""
+    """A coordinate with the name under which reports print it."""
 
     name: str
     coordinate: Coordinate
 
     @property
     def unit(self) -> Literal["rad", "m"]:
+        """The unit of the coordinate."""
         return self.coordinate.unit
 
 
@@ -212,6 +214,7 @@ class Prismatic:
 
     @property
     def joint(self) -> str:
+        """The name of the joint in the file, which a slide has itself."""
         return self.name
 
     @property
@@ -234,8 +237,12 @@ class Prismatic:
 Joint = Revolute | Prismatic
 
 
-def every_two(pairs: tuple[Joint, ...]) -> tuple[Joint, ...]:
-    """Return a pin for every two links of a joint; `pairs` are its pins between neighbours in the file's list, or its slide."""
+def pins_of_all_pairs(pairs: tuple[Joint, ...]) -> tuple[Joint, ...]:
+    """Return one pin for each pair of the links that a joint connects; a slide, or a pin through two links, is returned unchanged.
+
+    Args:
+        pairs: the joint's k - 1 pins between neighbours in the list of its k links in the file, or its slide.
+    """
     pins = [pair for pair in pairs if isinstance(pair, Revolute)]
     if len(pins) < 2:
         return pairs
@@ -253,10 +260,12 @@ class KnifeEdge:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: "Names") -> "KnifeEdge":
+        """Return the knife edge of a table of the file."""
         return cls(name, names.point(table["point"]), names.angle(table, "angle") + names.turn(table["point"]))
 
     @property
     def coordinate(self) -> Slip:
+        """The speed across the edge, which the constraint keeps at zero."""
         return Slip(self.point, self.angle)
 
 
@@ -264,9 +273,12 @@ class Coupling(Protocol):
     """A constraint that is not a joint: it holds scalar coordinates at constant values, as a pair of gears does."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """The name of the constraint in the file."""
+
     @property
-    def held(self) -> tuple[tuple[Coordinate, float], ...]: ...
+    def held(self) -> tuple[tuple[Coordinate, float], ...]:
+        """The coordinates that the constraint holds, with their values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,6 +320,7 @@ class PointForce:
         return cls(name, names.point(table["point"]), value, names.link(frame), read_factor(table))
 
     def to_loads(self) -> tuple["Load", ...]:
+        """Return the force itself, which is a load."""
         return (self,)
 
 
@@ -331,7 +344,7 @@ class Names(Protocol):
         """Return the pairs of a joint: its slide, or the pins between neighbours in its list of links."""
 
     def pairs_to_damp(self, joint: str, /) -> tuple[Joint, ...]:
-        """Return the pairs in which damping of a joint acts: every two of its links; in the first edition, neighbours only."""
+        """Return the pairs in which damping of a joint acts: all pairs of its links; in the first edition, neighbours only."""
 
     def pair(self, values: Any, /) -> Array:
         """Return two numbers of a table as an array (2,)."""
@@ -358,10 +371,12 @@ class Torque:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "Torque":
+        """Return the torque of a table of the file."""
         reaction = names.link(table.get("reaction", "ground"))
         return cls(name, names.link(table["link"]), reaction, names.number(table, "value"), read_factor(table))
 
     def to_loads(self) -> tuple[Load, ...]:
+        """Return a constant law on the angle of the link relative to that of the reaction."""
         return (Law(Angle(self.reaction, self.link), bias=self.value),)
 
 
@@ -383,10 +398,12 @@ class SpringDamper:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "SpringDamper":
+        """Return the spring and damper of a table of the file."""
         a, b = (names.point(x) for x in table["between"])
         return cls(name, a, b, *_linear_numbers(table, names))
 
     def to_loads(self) -> tuple[Load, ...]:
+        """Return a law on the distance of both points."""
         return (Law(Distance(self.a, self.b), self.k, self.c, self.rest),)
 
 
@@ -404,11 +421,13 @@ class AxisSpringDamper:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "AxisSpringDamper":
+        """Return the spring and damper of a table of the file; its origin is that of the world if the table has none."""
         origin = names.point(table["origin"]) if "origin" in table else names.world
         angle = names.angle(table, "angle") + names.turn(table.get("origin", "ground"))
         return cls(name, names.point(table["point"]), origin, angle, *_linear_numbers(table, names))
 
     def to_loads(self) -> tuple[Load, ...]:
+        """Return a law on the place of the point along the axis."""
         return (Law(Along(self.origin, self.point, self.angle), self.k, self.c, self.rest),)
 
 
@@ -425,11 +444,13 @@ class RotationalSpringDamper:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "RotationalSpringDamper":
+        """Return the spring and damper of a table of the file; its rest angle becomes that of the bodies of welded links."""
         a, b = (names.link(x) for x in table["links"])
         turn = names.turn(table["links"][1]) - names.turn(table["links"][0])
         return cls(name, a, b, names.number(table, "k"), names.number(table, "c"), names.angle(table, "rest") - turn)
 
     def to_loads(self) -> tuple[Load, ...]:
+        """Return a law on the angle of link b relative to link a."""
         return (Law(Angle(self.a, self.b), self.k, self.c, self.rest),)
 
 
@@ -443,9 +464,11 @@ class JointDamping:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "JointDamping":
+        """Return the damping of a table of the file."""
         return cls(name, names.pairs_to_damp(table["joint"]), names.number(table, "c"))
 
     def to_loads(self) -> tuple[Load, ...]:
+        """Return a law on the relative motion of each pair."""
         return tuple(Law(pair.motion, c=self.c) for pair in self.pairs)
 
 
@@ -469,6 +492,7 @@ class CoulombFriction:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "CoulombFriction":
+        """Return the dry friction of a table of the file."""
         numbers = (names.number({"radius": 1, **table}, key) for key in ("mu", "radius", "speed"))
         return cls(name, names.pairs(table["joint"]), *numbers)
 
@@ -482,7 +506,7 @@ def factor_of(force: Force) -> Factor | None:
 
 
 def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
-    """Return the loads of steady forces, laws on coordinates and forces at points.
+    """Return the loads of steady forces. A load is a law on a coordinate, or a force at a point.
 
     Raises:
         TypeError: a force varies, or has no method `to_loads`; the message names it.
@@ -506,6 +530,7 @@ class AngleDriver:
 
     @property
     def coordinate(self) -> Angle:
+        """The angle of the link."""
         return Angle(GROUND, self.link)
 
 
@@ -519,6 +544,7 @@ class SlideDriver:
 
     @property
     def coordinate(self) -> Along:
+        """The place of the block along the guide."""
         return self.joint.motion
 
 
@@ -533,6 +559,7 @@ class LengthDriver:
 
     @property
     def coordinate(self) -> Distance:
+        """The distance of both points."""
         return Distance(self.a, self.b)
 
 
@@ -599,7 +626,7 @@ class Mechanism:
     couplings: tuple[Coupling, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the kinds of all parts, because code that selects by kind would skip an unknown one, and freeze the arrays.
+        """Make the arrays read-only, and check the kinds of all parts: code that selects by kind would skip a part of unknown kind.
 
         Raises:
             TypeError: a part is of an unknown kind; the message names it.
@@ -621,10 +648,12 @@ class Mechanism:
 
     @property
     def pins(self) -> tuple[Revolute, ...]:
+        """The joints that are pins."""
         return tuple(joint for joint in self.joints if isinstance(joint, Revolute))
 
     @property
     def slides(self) -> tuple[Prismatic, ...]:
+        """The joints that are slides."""
         return tuple(joint for joint in self.joints if isinstance(joint, Prismatic))
 
     @property
@@ -666,6 +695,7 @@ class Mechanism:
 
     @property
     def n(self) -> int:
+        """Number of coordinates: x, y and angle of each body."""
         return 3 * len(self.links)
 
     @property
@@ -680,6 +710,7 @@ class Mechanism:
         return np.array([x for link in self.links for x in (link.mass, link.mass, link.inertia)])
 
     def link_name(self, index: int) -> str:
+        """Return the name of a body, or "ground"."""
         return "ground" if index == GROUND else self.links[index].name
 
     @property

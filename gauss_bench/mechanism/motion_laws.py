@@ -13,8 +13,9 @@ A force may be multiplied by two factors. The factor of time is one of
 
 A factor of time lists its kinks and jumps, so that an integrator can restart there. Between them it is a straight line or the sine.
 
-The factor of direction is 1 if the force moves along itself, and `share` if it moves against itself. With w the speed along the
-force (its power over its size), it changes smoothly between the two, as regularised dry friction does:
+The factor of direction is 1 if the point moves in the direction of the force, and `share` if it moves in the opposite direction.
+With w the speed along the force (its power over its size), the factor changes smoothly between these values, as regularised dry
+friction does:
 
     (1 + share) / 2 + (1 - share) / 2 tanh(w / speed)
 """
@@ -48,6 +49,7 @@ class MotionLaw:
     numbers: Mapping[str, Any] = field(default_factory=dict)
 
     def __call__(self, t: Any) -> Motion:
+        """Return value, rate and second rate at time(s) t [s]."""
         return self.motion(t)
 
     def __reduce__(self) -> tuple[Callable[..., "MotionLaw"], tuple[str, dict[str, Any]]]:
@@ -73,18 +75,21 @@ def constant(start: Any, speed: Any) -> MotionLaw:
 
 
 def sine(s: Any, pi: Any = np.pi) -> Motion:
-    """Return the cycloidal law at s in 0..1: its acceleration is a sine."""
+    """Return the cycloidal law and its first and second derivative at s in 0..1: its acceleration is a sine."""
     w = 2 * pi
     return s - np.sin(w * s) / w, 1 - np.cos(w * s), w * np.sin(w * s)
 
 
 def cosine(s: Any, pi: Any = np.pi) -> Motion:
-    """Return the harmonic law at s in 0..1: its acceleration is a cosine, which jumps at both ends."""
+    """Return the harmonic law and its first and second derivative at s: its acceleration is a cosine, which jumps at both ends."""
     return (1 - np.cos(pi * s)) / 2, pi / 2 * np.sin(pi * s), pi * pi / 2 * np.cos(pi * s)
 
 
 def poly345(s: Any, pi: Any = np.pi) -> Motion:
-    """Return the 3-4-5 polynomial 10 s^3 - 15 s^4 + 6 s^5 at s in 0..1."""
+    """Return the 3-4-5 polynomial 10 s^3 - 15 s^4 + 6 s^5 and its first and second derivative at s in 0..1.
+
+    `pi` is not used: all RISE_LAWS have the same arguments.
+    """
     return (
         s * s * s * (10 - 15 * s + 6 * s * s),
         30 * s * s * (1 - s) * (1 - s),
@@ -118,16 +123,20 @@ def clip(t: Any, low: Any, high: Any) -> tuple[Any, Any]:
 def table(start: Any, times: Array, angles: Array) -> MotionLaw:
     """Return `start` plus a cubic spline through angles [rad] (or lengths [m]) at times [s]; it rests at both ends and outside.
 
-    With curvatures k at the knots, and widths h and slopes d of the pieces, the first derivative is continuous if
+    With second derivatives k (curvatures) at the knots, widths h of the pieces and slopes d of their chords, the first derivative
+    is continuous if
 
         h_j-1 k_j-1 + 2 (h_j-1 + h_j) k_j + h_j k_j+1 = 6 (d_j - d_j-1),    where slopes beyond the ends are zero.
     """
-    h = times[1:] - times[:-1]
-    d = (angles[1:] - angles[:-1]) / h
+    h = times[1:] - times[:-1]  # widths of the pieces
+    d = (angles[1:] - angles[:-1]) / h  # slopes of the chords
     k = _solve_curvatures(h, d)
 
     def motion(t: Any) -> Motion:
-        """Return value, first and second derivative at t of the cubic on the piece that contains t."""
+        """Return value, first and second derivative at t of the cubic on the piece that contains t.
+
+        Outside the table the value is that of the nearest end, and the factor `moving` makes both derivatives zero.
+        """
         inside, moving = clip(t, times[0], times[-1])
         piece = np.searchsorted(times.astype(float), np.asarray(inside, dtype=float), side="right") - 1
         j = np.minimum(piece, len(h) - 1)  # the last time belongs to the last piece
@@ -169,13 +178,13 @@ class Wave:
 
 @dataclass(frozen=True)
 class Factor:
-    """A factor of time t (...) [s] and of the speed w (...) along the force.
+    """A factor of a force that depends on time t (...) [s] and on the speed w (...) along the force.
 
     Attributes:
-        kinks: times [s], in order, at which the factor of time jumps or its slope does.
+        kinks: times [s], in order, at which the factor of time or its slope jumps.
         lines: (level, slope [1/s]) of level + slope t before, between and after the kinks; at a kink the later line holds.
         wave: a sine in place of the lines, or None.
-        share: the factor of direction of a force that moves against itself.
+        share: the factor of direction while the point moves against the force.
         speed: speed of the transition between both directions [m/s or rad/s].
     """
 

@@ -26,7 +26,7 @@ def pair(number: Number, values: Any) -> Any:
 
 
 def radians(number: Number, degrees: float | Decimal) -> Any:
-    """Return an angle in degrees as radians, in the type."""
+    """Convert an angle in degrees to radians, as a number of the type."""
     return exact(number, degrees) * (number(PI) / number("180"))
 
 

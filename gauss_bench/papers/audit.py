@@ -1,10 +1,13 @@
-"""Measure every line of the three papers, as printed and as intended, and derive a verdict.
+"""Measure every checked statement of the three papers, as printed and as intended, and derive a verdict.
 
-The data file of a paper has the paper's statements, called lines, in their order. A line has two forms, printed and intended, and
-names the function that measures a form. A form is a function of the chapter's module in `forms`, or data: a number, a list, a
-table. If the chapter lists a measure under `over`, it is applied to each of those cases, and the worst decides. A measure compares
-a form with a reference that is computed without either form, so that the data file cannot decide the verdict. The file only gives
-the cause of an error; lines with the same cause count as one mistake.
+The data file of a paper lists the paper's statements (equations, numbers, claims) in their order; each is called a line. A line has
+two forms: the statement as printed, and as intended, that is corrected. In the data file, a form is a text, which names a function
+of the chapter's module in `forms`, or data: a number, a list or a table. (A form that is one text is given as a list of this text.)
+
+A line also names its measure: a function that returns the discrepancy of a form from a reference. The reference is computed from
+neither of the two forms, so that the data file cannot decide the verdict. If the chapter lists cases for a measure under `over`,
+the measure is evaluated for each case, and its worst value is used. The file gives the cause of an error; lines with the same
+cause count as one mistake.
 """
 
 import math
@@ -51,11 +54,11 @@ class Line:
     Attributes:
         texts: cells of the line's row that are copied from the file.
         verdict: the verdict that the file claims: "ok" if it names no cause, else the kind of that cause.
-        printed, intended: both forms; the same object if the line is right.
-        measure: function form -> discrepancy from the reference, >= 0.
+        printed, intended: the statement as printed and as intended; the same object if the line is right as printed.
+        measure: function that maps a form to its discrepancy from the reference, >= 0.
         tolerance: largest discrepancy of a right form.
-        example: function form -> number that a reader can check by hand; None if the line has no example.
-        truth: function that returns this number without the forms; None if the line has no example.
+        example: function that maps a form to a number that a reader can check by hand; None if the line has no example.
+        truth: function that computes the true value of this number from neither form; None if the line has no example.
     """
 
     texts: dict[str, str]
@@ -84,14 +87,14 @@ def read(name: str) -> Table:
 
 
 def lines_of(paper: Table) -> Iterator[Line]:
-    """Yield the lines of a paper's data file, with their forms and measures resolved to functions."""
+    """Yield the lines of a paper's data file, with functions in place of the names of forms and measures."""
     cited = f"{paper['authors']}: {paper['title']}. {paper['source']}. {paper['extract']}"
     for chapter in paper["chapter"]:
         module = f"forms.{chapter['forms']}"
         for entry in chapter["line"]:
             cause = paper["cause"][entry["cause"]] if "cause" in entry else {"kind": Verdict.OK}
             tolerance, example = paper["tolerance"][entry["tolerance"]], entry.get("example")
-            number = paper["number"][example["number"]] if example else {"text": ""}
+            number = paper["number"][example["number"]] if example else {"text": ""}  # what the example computes
             texts = {cell: entry.get(key, "") for cell, key in CELLS.items()} | {
                 "paper": paper["paper"],
                 "measured": chapter["measure"][entry["measure"]],
@@ -115,7 +118,11 @@ def lines_of(paper: Table) -> Iterator[Line]:
 
 
 def form_of(module: str, form: Any) -> Any:
-    """Return a form: data unchanged, or the function that a name denotes, in the chapter's module or at a path in `papers`."""
+    """Return the form that an entry of a data file stands for.
+
+    A text is the name of a function in the chapter's module `module`, or its path in `papers`; the form is this function. Any other
+    entry is data, and is the form itself.
+    """
     if not isinstance(form, str):
         return form
     path, _, name = form.rpartition(".")
@@ -123,7 +130,13 @@ def form_of(module: str, form: Any) -> Any:
 
 
 def measure_of(module: str, chapter: Table, entry: Table) -> Callable[[Any], float]:
-    """Return the function form -> worst discrepancy over the cases of a line; `on` in the line is one more argument."""
+    """Return the function that maps a form of a line to its largest discrepancy over the cases of the line's measure.
+
+    Args:
+        module: module of the chapter in `papers`.
+        chapter: table of the data file; its `over` names the function that lists the cases of a measure.
+        entry: table of the line; its `on`, if there is one, is passed to the measure as the last argument.
+    """
     measure, cases = form_of(module, entry["measure"]), chapter.get("over", {}).get(entry["measure"])
     on = [entry["on"]] if "on" in entry else []
     if cases is None:
@@ -145,7 +158,12 @@ def discrepancy(line: Line, form: Any) -> float:
 
 
 def list_faults(verdict: Verdict, printed: float, intended: float, tolerance: float) -> list[str]:
-    """List the contradictions between a line's claimed verdict and its measured discrepancies; empty if there is none."""
+    """List the contradictions between the verdict that the data file claims for a line, and measurement; empty if there is none.
+
+    Args:
+        printed, intended: discrepancy of the line as printed, and as intended.
+    """
+    # `not x <= tolerance` also is true if x is NaN
     faults = [] if intended <= tolerance else ["what is called right is not"]
     if verdict == Verdict.OK and not printed <= tolerance:
         faults.append("what is printed is not right")
@@ -157,8 +175,10 @@ def list_faults(verdict: Verdict, printed: float, intended: float, tolerance: fl
 def measure_line(line: Line) -> dict[str, Any]:
     """Measure a line and return its row of texts and numbers.
 
-    The row's `verdict` is "ok" if the printed form is right. Otherwise it is the file's verdict, or "wrong" if the file claims
-    "ok". `stands` tells whether measurement and file agree.
+    The row's `verdict` is "ok" if the line is right as printed. Otherwise it is the file's verdict, or "wrong" if the file claims
+    "ok". `printed_off` and `intended_off` are the discrepancies of the line as printed and as intended. `stands` tells whether
+    measurement and file agree, and `faults` gives the contradictions. `example_printed`, `example_intended` and `example_true` are
+    the values of the line's example by both forms and its true value, None if the line has no example.
     """
     printed = discrepancy(line, line.printed)
     intended = printed if line.intended is line.printed else discrepancy(line, line.intended)

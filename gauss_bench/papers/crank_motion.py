@@ -54,7 +54,7 @@ class CrankMotion:
     formula: str = TRUE
 
     def positions(self, theta: Any) -> tuple[Seven, Seven, Seven]:
-        """Return q, dq/dtheta, d2q/dtheta2 at crank angles of any shape: seven entries each, of that shape.
+        """Return q, dq/dtheta and d2q/dtheta2 at crank angles theta [rad]: seven entries each, which have the shape of theta.
 
         For a single float `math` is used, which is faster than numpy, because an integrator calls this a million times.
         """
@@ -62,7 +62,7 @@ class CrankMotion:
         l1, l2, one = self.l1, self.l2, 0 * theta + 1.0
         s1, c1 = library.sin(theta), library.cos(theta)
         s2 = -l1 / l2 * s1
-        c2 = library.sqrt(1 - s2 * s2)
+        c2 = library.sqrt(1 - s2 * s2)  # s2, c2: sine and cosine of the rod's angle th2
         p = -l1 * c1 / (l2 * c2)  # d th2 / d th
         pp = (l1 * s1 / l2 + s2 * p * p) / c2  # d2 th2 / d th2
         x, y = l1 * c1, l1 * s1  # the pin A
@@ -80,7 +80,10 @@ class CrankMotion:
         return (0.0, -m1 * self.gravity, self.torque, 0.0, -m2 * self.gravity, 0.0, push)
 
     def acceleration(self, theta: Any, w: Any) -> Any:
-        """Return the crank's acceleration [rad/s^2] by `formula`, of the shape of theta and w."""
+        """Return the crank's acceleration w' [rad/s^2] by `formula`, for crank angles theta and speeds w of any shape.
+
+        W and R are those of the module's docstring: W is M, 1 / M or 1, and R is Q or Q / M, for the diagonal M.
+        """
         q, d, e = self.positions(theta)
         force = inertia = 0.0  # d . (R - W e w^2) and d . W d
         for m, Q, di, ei in zip(self.mass, self.forces(q[6], d[6] * w), d, e, strict=True):
@@ -91,16 +94,21 @@ class CrankMotion:
         return force / inertia
 
     def static_torque(self, theta: Any) -> Any:
-        """Return the generalised force [N m] of gravity, spring and torque at rest, of the shape of theta."""
+        """Return the generalised force [N m] of gravity, spring and torque on the crank at rest, at angles theta of any shape."""
         q, d, _ = self.positions(theta)
         return sum(di * Q for di, Q in zip(d, self.forces(q[6], 0.0), strict=True))
 
     def run(
         self, t_end: float, start: tuple[float, float] = (0.0, 0.0), rtol: float = RTOL, event: Event | None = None
     ) -> "CrankRun":
-        """Integrate from `start` (angle [rad], speed [rad/s]) to t_end [s], or until the event."""
+        """Integrate from `start` (angle [rad], speed [rad/s]) to t_end [s], or until the event.
+
+        Raises:
+            ArithmeticError: the integrator fails.
+        """
 
         def rate(t: float, y: Array) -> list[float]:
+            """Return the rates of angle and speed."""
             theta, w = float(y[0]), float(y[1])
             return [w, self.acceleration(theta, w)]
 

@@ -88,7 +88,8 @@ def residual(q: Number) -> Number:
 
 
 def jacobian(q: Number) -> Number:
-    """Return the Jacobian (6, 7) of eq. (22), with the right entry (6, 6)."""
+    """Return the Jacobian (6, 7) of eq. (22), with entry (6, 6) corrected, where the paper prints a sine instead of a cosine."""
+    # the sines and cosines are multiplied by the length of the crank, and by half that of the rod
     s1, c1 = L1 * np.sin(q[2]), L1 * np.cos(q[2])
     s2, c2 = L2 / 2 * np.sin(q[5]), L2 / 2 * np.cos(q[5])
     return np.array(
@@ -104,7 +105,7 @@ def jacobian(q: Number) -> Number:
 
 
 def bias(q: Array, v: Array) -> Array:
-    """Return the right-hand side (6,) of J a = g, eq. (23), with rows 3, 5 and 6 corrected."""
+    """Return the right-hand side g (6,) of J a = g, eq. (23), with rows 3, 5 and 6 corrected: the paper squares accelerations."""
     x1, y1 = L1 * np.cos(q[2]) * v[2] ** 2, L1 * np.sin(q[2]) * v[2] ** 2
     x2, y2 = L2 / 2 * np.cos(q[5]) * v[5] ** 2, L2 / 2 * np.sin(q[5]) * v[5] ** 2
     return np.array([-x1 / 2, -y1 / 2, x1 + x2, y1 + y2, x2, y2])

@@ -37,8 +37,9 @@ VALUES = (
 
 
 def list_published_values(mechanism: Mechanism, reference: Reference) -> list[dict[str, Any]]:
-    """Return a row for each printed value: both values, their difference, and error bar and floor of the certified one.
+    """Return a row for each printed value: printed and certified value, their difference, and error bar and floor of the latter.
 
+    The floor is the change of the certified value if the numbers of the linkage change by rounding, a relative 1e-16.
     The reference must end at the time of the published values.
     """
     linkage, scenario, t = SQUEEZER

@@ -57,7 +57,10 @@ def reproduction() -> dict[str, Any]:
 
 
 def running(motion: CrankMotion) -> Values:
-    """Return the numbers of the steady turning to which the printed data lead."""
+    """Return the characteristic values of the steady rotation that the crank reaches with the paper's printed data.
+
+    Most are computed with two tolerances, of which the difference is their uncertainty.
+    """
     fine, coarse = regime(motion), regime(motion, COARSE * RTOL)
     values: Values = {key: (value, abs(value - coarse[key])) for key, value in fine.items()}
     exact = {"taken": fine["taken"], "swept": integrate_slope(motion), "balance": balance_speed(motion)}
@@ -65,9 +68,13 @@ def running(motion: CrankMotion) -> Values:
 
 
 def statics(motion: CrankMotion) -> Values:
-    """Return the extreme torques of weight and spring, and the angles at which the crank can rest."""
+    """Return the extreme torques [N m] of weight and spring, their crank angles, and the angles [rad] at which the crank can rest.
+
+    Keys that end in "printed" are for the paper's torque, those that end in "idle" for no torque.
+    """
     values: Values = {}
     for key, extreme in zip(("force_least", "force_most"), torque_range(motion), strict=True):
+        # the torque is flat at an extreme, so that the angle is found only to the root of rounding
         values |= {key: (extreme.torque, None), f"{key}_at": (extreme.theta, 1e-8)}
     for tag, torque in (("printed", motion.torque), ("idle", 0.0)):
         for place in equilibria(replace(motion, torque=torque)):
@@ -76,12 +83,22 @@ def statics(motion: CrankMotion) -> Values:
 
 
 def settling(motion: CrankMotion) -> Values:
-    """Return the bounds of torque and damper within which the crank comes to rest from the printed start."""
+    """Return the bounds of the torque and of the damping within which the crank comes to rest from the start that the paper gives.
+
+    Keys: settles_above, settles_below: between these torques [N m] the crank comes to rest; settles_above_lowest, ..._highest: the
+    least and largest value of the first for other inertias (CORNERS); damping: above it [N s/m] the crank comes to rest with the
+    paper's torque; rest_at_X: the angle [rad] at which the crank rests with the torque X, one of TORQUES.
+
+    Args:
+        motion: the motion with the paper's data.
+    """
     low, high = torque_range(motion)
 
     def with_torque(torque: float) -> CrankMotion:
+        """Return the motion with another torque."""
         return replace(motion, torque=torque)
 
+    # a crank comes to rest without a torque, and runs on under twice the torque that overcomes weight and spring at every angle
     others = [find_bound(partial(with_inertias, motion, *corner), 0.0, 2 * -high.torque, CORNER_WIDTH) for corner in CORNERS]
     values: Values = {
         "settles_above": find_bound(with_torque, 0.0, 2 * -high.torque),
@@ -94,7 +111,7 @@ def settling(motion: CrankMotion) -> Values:
 
 
 def with_inertias(motion: CrankMotion, crank: float, rod: float, torque: float) -> CrankMotion:
-    """Return the motion with these multiples of a uniform bar's inertia for crank and rod, and another torque."""
+    """Return the motion with another torque [N m], and with other inertias of crank and rod, as multiples of a uniform bar's."""
     factors = (1.0, 1.0, crank, 1.0, 1.0, rod, 1.0)
     return replace(motion, mass=tuple(m * k for m, k in zip(motion.mass, factors, strict=True)), torque=torque)
 
@@ -122,7 +139,12 @@ def formulas(motion: CrankMotion) -> Values:
 
 
 def claims(motion: CrankMotion) -> dict[str, bool]:
-    """Return claim -> whether it holds, for the paper's claims about the example and one claim of this report."""
+    """Return claim -> whether it is true; the paper claims all but the last, which is a claim of this report.
+
+    Keys: stops: the mechanism stops in the end; decreases: amplitude and speed of the slider decrease, which is so if and only if
+    it stops; formula: eq. (16) gives the true acceleration at the start; dissipative: without the torque the crank comes to rest;
+    rests: there is a stable equilibrium; any_inertia: with none of INERTIAS of crank and rod does the crank come to rest.
+    """
     stops = settles(motion)
     wrong, true = (replace(motion, formula=formula).acceleration(0.0, 0.0) for formula in (EQ_16, TRUE))
     return {

@@ -89,13 +89,13 @@ def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
 
 
 def find_bound(make: Callable[[float], CrankMotion], settled: float, running: float, width: float = WIDTH) -> tuple[float, float]:
-    """Return the bound between a value with which the crank comes to rest and one with which it runs on, and its uncertainty.
+    """Return the threshold of a parameter between motions that come to rest and those that run on, and its uncertainty.
 
-    The uncertainty is half the bracket of the bisection, plus the change of the bound under a finer integration.
+    The uncertainty is half the bracket of the bisection, plus the change of the threshold under a finer integration.
 
     Args:
-        make: value -> motion.
-        settled, running: values with which the crank comes to rest, and runs on.
+        make: value of the parameter -> motion.
+        settled, running: value with which the crank comes to rest, and value with which it runs on.
         width: relative width of the last bracket.
 
     Raises:

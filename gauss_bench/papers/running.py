@@ -24,9 +24,9 @@ POINTS = 4096  # in a turn, for the mean of a smooth periodic function: exact to
 
 
 def integrate_slope(motion: CrankMotion) -> float:
-    """Return the integral of (dx3/dtheta)^2 over a turn [m^2]."""
+    """Return the integral of (dx3/dtheta)^2 over a turn [m^2]; x3 is the place of the slider."""
     theta = np.arange(POINTS) * TURN / POINTS
-    slope = motion.positions(theta)[1][6]
+    slope = motion.positions(theta)[1][6]  # dx3/dtheta
     return float((slope**2).mean() * TURN)
 
 
@@ -43,6 +43,7 @@ def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float]:
     """
 
     def angle_left(t: float, y: Array) -> float:
+        """Return the angle [rad] that is left until the turn is complete."""
         return TURN - abs(float(y[0]))
 
     angle_left.terminal = True  # type: ignore[attr-defined]
@@ -53,12 +54,19 @@ def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float]:
 
 
 def turn(motion: CrankMotion, w: float, rtol: float = RTOL, samples: int = 2) -> Array:
-    """Integrate a turn that starts at theta = 0 with speed w [rad/s]; return |w|, time and lost energy (3, samples)."""
+    """Integrate a turn that starts at theta = 0 with speed w [rad/s].
+
+    Return speed |w| [rad/s], time [s] and energy lost in the damper [J] at equally spaced crank angles, as an array (3, samples).
+
+    Raises:
+        ArithmeticError: the crank does not complete the turn.
+    """
     direction = float(np.sign(w))
 
     def rate(s: float, y: Array) -> list[float]:
+        """Return the derivatives of speed, time and lost energy by the angle s."""
         theta, u = float(direction * s), float(y[0])
-        slope = motion.positions(theta)[1][6]
+        slope = motion.positions(theta)[1][6]  # dx3/dtheta, of the slider with the damper c
         return [direction * motion.acceleration(theta, direction * u) / u, 1 / u, motion.c * slope**2 * u]
 
     start, places = [abs(w), 0.0, 0.0], np.linspace(0.0, TURN, samples)
@@ -69,7 +77,7 @@ def turn(motion: CrankMotion, w: float, rtol: float = RTOL, samples: int = 2) ->
 
 
 def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
-    """Return the numbers of the steady turning to which a start from rest leads.
+    """Return the characteristic values of the steady rotation that the crank reaches after a start from rest.
 
     Keys: mean, slowest and fastest crank speed of a steady turn, signed [rad/s]; its period [s]; energy taken from the torque and
     lost in the damper [J]; first_speed [rad/s] and first_time [s] at the end of the first turn from rest; steady_after, the time
@@ -105,17 +113,19 @@ def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
 
 
 def approach(motion: CrankMotion, w: float, steady: float, rtol: float) -> float:
-    """Return the time [s] from the end of the first turn to the first turn that starts within STEADY of the steady speed.
+    """Return the time [s] from the end of the first turn until a turn begins with nearly the steady speed: within STEADY of it.
 
-    Speeds w, at the end of the first turn, and steady [rad/s] are those of the crank.
+    Args:
+        w: speed of the crank at the end of the first turn, with its sign [rad/s].
+        steady: size of the speed with which a steady turn begins [rad/s].
 
     Raises:
-        ArithmeticError: no turn starts so.
+        ArithmeticError: none of TURNS turns begins with nearly the steady speed.
     """
     t, direction, u = 0.0, float(np.sign(w)), abs(w)
     for _ in range(TURNS):
         if abs(u / steady - 1) < STEADY:
             return t
-        end = turn(motion, direction * u, rtol)[:, -1]
-        t, u = t + float(end[1]), float(end[0])
+        speed, duration, _ = turn(motion, direction * u, rtol)[:, -1]
+        t, u = t + float(duration), float(speed)
     raise ArithmeticError(f"the speed of the crank is not steady after {TURNS} turns")

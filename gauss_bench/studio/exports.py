@@ -8,7 +8,7 @@ from gauss_bench.api.history import observe, table, turn
 from gauss_bench.engines import MissingExtra
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS
-from gauss_bench.mechanism.coordinates import spread
+from gauss_bench.mechanism.coordinates import motion_of_links
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.shown import film
@@ -43,7 +43,7 @@ def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, A
             if kind == "csv":
                 return {"name": f"{name}.csv", "text": table(curves(mechanism, x))}
             caption = Caption(mechanism.name, mechanism.scenario, "", mechanism.duration, float(x.t[-1]))
-            gif = film(".gif", caption, curves(mechanism, x), mechanism.whole, spread(mechanism, x))
+            gif = film(".gif", caption, curves(mechanism, x), mechanism.whole, motion_of_links(mechanism, x))
             return {"name": f"{name}.gif", "base64": base64.b64encode(gif).decode("ascii")}
         case str() if kind in KINDS:
             return _export_model(text, reading, kind, name)
@@ -52,7 +52,7 @@ def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, A
 
 def curves(mechanism: Mechanism, x: Trajectory) -> History:
     """Return the angles of all links and the places of observed points over time, with their rates."""
-    whole, links = mechanism.whole, spread(mechanism, x)
+    whole, links = mechanism.whole, motion_of_links(mechanism, x)
     return History(x.t, (*turn(whole, links, range(len(whole.links))), *observe(whole, links)))
 
 

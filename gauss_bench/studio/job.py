@@ -28,7 +28,7 @@ def release(request: Mapping[str, Any], send: Send) -> None:
         request: the message that `dynamics.release` makes, with the `path` of the file.
     """
     from gauss_bench.api.simulate import simulate
-    from gauss_bench.mechanism.coordinates import spread
+    from gauss_bench.mechanism.coordinates import motion_of_links
     from gauss_bench.studio.motion import pose_motion
 
     first = None
@@ -49,7 +49,7 @@ def release(request: Mapping[str, Any], send: Send) -> None:
             continue
         chosen = choose_frames(x.t)
         send(event | {"times": x.t[chosen], "poses": pose_motion(result.model, x.q[chosen])})
-        links = spread(result.model, x).q
+        links = motion_of_links(result.model, x).q
         if first is None:
             first = x.t, links, result.model.whole
         else:

@@ -15,7 +15,7 @@ from gauss_bench.kinematics.errors import MotionError
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.linkage.references import items
-from gauss_bench.mechanism.coordinates import acceleration, position, spread, velocity
+from gauss_bench.mechanism.coordinates import acceleration, motion_of_links, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.studio.autosave import temporary_file
@@ -93,7 +93,7 @@ def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, di
         Refused, LinkageError, ChoiceError: the drawing cannot be moved.
     """
     mechanism, x, stopped = move(text, reading, message)
-    links, first = spread(mechanism, x), mechanism.drivers[0]
+    links, first = motion_of_links(mechanism, x), mechanism.drivers[0]
     q, v, a, points = links.q, links.v, links.a, mechanism.whole.observed_points
     reply = {
         "scenario": mechanism.scenario,

@@ -25,7 +25,7 @@ from gauss_bench.linkage.load import document_faults, load_document
 from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.linkage.schema import SECOND
 from gauss_bench.linkage.sketch import sketch
-from gauss_bench.mechanism.coordinates import position, spread
+from gauss_bench.mechanism.coordinates import motion_of_links, position
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.studio.document import Document, split_path
@@ -103,7 +103,7 @@ def of_links(mechanism: Mechanism, q: Array) -> Array:
     """Return the positions of the file's links at positions q (..., n) of the mechanism's bodies; welded links are one body."""
     if not mechanism.parts:
         return q
-    return spread(mechanism, Trajectory(np.zeros(1), q, 0 * q, 0 * q, 0)).q
+    return motion_of_links(mechanism, Trajectory(np.zeros(1), q, 0 * q, 0 * q, 0)).q
 
 
 def poses(mechanism: Mechanism, q: Array) -> dict[str, list[float]]:

@@ -3,7 +3,7 @@
 from typing import Any
 
 from gauss_bench.linkage.errors import LinkageError
-from gauss_bench.mechanism.coordinates import spread
+from gauss_bench.mechanism.coordinates import motion_of_links
 from gauss_bench.report.site.view import INTERVALS, VIEW, TooLarge, pack_view
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.studio.errors import Refused
@@ -25,7 +25,7 @@ def share_view(text: str, reading: Reading) -> dict[str, Any]:
     try:
         driven, x, note = move(text, reading, {"samples": INTERVALS})
         if len(x.t):
-            mechanism, q, end = driven, spread(driven, x).q, float(x.t[-1])
+            mechanism, q, end = driven, motion_of_links(driven, x).q, float(x.t[-1])
     except (Refused, LinkageError, ChoiceError) as error:
         note = str(error)  # share the drawing without a motion
     try:

@@ -9,7 +9,7 @@ from gauss_bench.api.kinematics import table as motion_table
 from gauss_bench.api.simulate import Simulation
 from gauss_bench.api.telling import Answer, tell
 from gauss_bench.atomic import write_bytes
-from gauss_bench.mechanism.coordinates import spread
+from gauss_bench.mechanism.coordinates import motion_of_links
 from gauss_bench.report.drawings.animation import animate
 from gauss_bench.report.drawings.curves import curves
 from gauss_bench.report.drawings.drawing import draw
@@ -46,7 +46,8 @@ def draw_run(result: Simulation, files: Files) -> None:
         elif name == "plot":
             contents[path] = picture(path.suffix, sentences, shown)
         else:
-            contents[path] = film(path.suffix, sentences, shown, result.model.whole, spread(result.model, result.trajectory))
+            links = motion_of_links(result.model, result.trajectory)
+            contents[path] = film(path.suffix, sentences, shown, result.model.whole, links)
     write(contents)
 
 

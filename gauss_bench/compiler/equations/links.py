@@ -240,9 +240,9 @@ class Links(Given):
     def number(self, name: str) -> Node:
         return self.parameters.node(self.graph, name)
 
-    def held(self, joint: str, place: int, value: float) -> Node:
+    def held(self, joint: str, index: int, value: float) -> Node:
         name = f"joints.{joint}.offset"
-        return self.number(name) if place == 0 and name in self.parameters.all else self.graph.constant(float(value))
+        return self.number(name) if index == 0 and name in self.parameters.all else self.graph.constant(float(value))
 
     def law(self, law: MotionLaw) -> Motion:
         try:

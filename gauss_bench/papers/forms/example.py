@@ -1,5 +1,8 @@
 """Yuan & Ge (2016), eqs. (17) to (24), and their discrepancies from motions of the linkage file.
 
+All equation numbers in this file are those of the paper; `residual`, `jacobian` and others of `crank_slider` are its equations. The
+argument `form` of a measure is the formula or number that is tested, as printed or as corrected.
+
 The last measures concern data that the example leaves out: inertias, gravity and an integrator. The printed form has other values
 for these data, and its discrepancy is the change that they cause.
 """
@@ -44,51 +47,61 @@ def power_off(s: ExampleState, f: Array | float, a: Array) -> float:
 
 
 def bias_off(f: float, s: ExampleState) -> float:
-    """Measure eq. (20) with the same f in every row, by the power that is left over."""
+    """Return the relative power that eq. (20), M a + f = Q - J^T lambda, leaves unexplained if every row has the same f."""
     return power_off(s, f, s.a)
 
 
 def order_off(order: list[int], s: ExampleState) -> float:
-    """Measure an order of the coordinates, by the power that is left over if the accelerations have this order."""
+    """Return the relative power that eq. (20) leaves unexplained if the accelerations stand in this order of the coordinates."""
     return power_off(s, 0.0, s.a[order])
 
 
 def forces_off(form: Callable[[Array, Array], Array], s: ExampleState) -> float:
+    """Compare the applied forces of eq. (19), a function of q and v, with those of the linkage file."""
     return float(np.abs(form(s.q, s.v) - s.Q).max() / np.abs(s.Q).max())
 
 
 def positions_off(form: Callable[[Number], Number], s: ExampleState) -> float:
+    """Return the largest residual of eq. (21), a function of q, at a true position."""
     return float(np.abs(form(s.q)).max()) / DIMENSION
 
 
 def jacobian_off(form: Callable[[Number], Number], s: ExampleState) -> float:
-    """Compare all entries of a Jacobian except (6, 6) with the derivatives of (21)."""
+    """Return the largest difference of a Jacobian, a function of q, from the derivatives of eq. (21), but for entry (6, 6).
+
+    The paper prints this entry wrongly; it is a line of its own.
+    """
     difference = np.abs(form(s.q) - gradient(crank_slider.residual, s.q))
     difference[5, 5] = 0.0
     return float(difference.max())
 
 
 def entry(form: dict[str, Any], q: Array) -> float:
-    """Return entry (6, 6) as a form has it: a function of an angle, times `factor` l2/2."""
+    """Return one version of entry (6, 6) of the Jacobian (22): factor * l2/2 * of(q[angle]).
+
+    Args:
+        form: `of` is "sin" or "cos", `angle` the index of the angle (that of the rod if missing), `factor` 1 if missing.
+    """
     return float(form.get("factor", 1) * L2 / 2 * getattr(np, form["of"])(q[form.get("angle", 5)]))
 
 
 def entry_off(form: dict[str, Any], s: ExampleState) -> float:
-    """Compare entry (6, 6) with the derivative of (21), relative to l2/2."""
+    """Compare one version of entry (6, 6) of the Jacobian with the derivative of eq. (21), relative to l2/2."""
     return float(abs(entry(form, s.q) - gradient(crank_slider.residual, s.q)[5, 5]) / (L2 / 2))
 
 
 def row_off(squared: list[str], s: ExampleState, rows: list[int]) -> float:
-    """Return the largest residual of some rows (counted from 1) of J a = g at a reference motion.
+    """Return the largest residual of some rows (counted from 1) of J a = g at a reference motion, relative to its accelerations.
 
-    J has the derivatives of (21), and g squares the level of the motion that `squared` names.
+    J has the derivatives of eq. (21), and g of eq. (23) contains the squares of angular velocities if `squared` is ["v"]. In some
+    rows the paper prints squares of accelerations, ["a"].
     """
     off = crank_slider.bias(s.q, getattr(s, *squared)) - gradient(crank_slider.residual, s.q) @ s.a
     return float(np.abs(off)[[row - 1 for row in rows]].max() / np.abs(s.a).max())
 
 
 def crank_with_entry(form: dict[str, Any]) -> float:
-    """Return the crank's acceleration at the start by equations with this entry (6, 6)."""
+    """Return the crank's initial acceleration [rad/s^2] if entry (6, 6) of the Jacobian is that of `form` (see `entry`)."""
     s, zero = states()[0], np.zeros(6)
     J = crank_slider.jacobian(s.q)
     J[5, 5] = entry(form, s.q)
@@ -96,23 +109,32 @@ def crank_with_entry(form: dict[str, Any]) -> float:
 
 
 def start_off(form: list[float]) -> float:
-    """Return the residual of (21) at a start or its distance from the linkage file's start, relative to the size."""
+    """Return the error of a start q (7,) at rest, divided by DIMENSION.
+
+    It is the largest of the residual of eq. (21), of the distance from the linkage file's start, and of the velocities there.
+    """
     own, start = linkage(), np.array(form)
     residual = np.abs(crank_slider.residual(start)).max()
     return float(max(residual, np.abs(start - own.q0[list(KEPT)]).max(), np.abs(own.v0).max())) / DIMENSION
 
 
 def figures_off(form: list[int]) -> float:
-    """Count the figures from first to last that do not show the crank's centre, and the figures that do but are missing.
+    """Return by how many figures the range [first, last] differs from figures 2 to 5, which show the motion of the crank's centre.
 
-    Figures 2 to 5 show displacement and velocity of the centre in x and y; figure 1 is the drawing.
+    Figures in the range that do not show the centre count, and so do figures outside the range that show it. Figures 2 to 5 show
+    displacement and velocity of the centre in x and y; figure 1 is the drawing.
     """
     first, last = form
     return float(len({2, 3, 4, 5} ^ set(range(first, last + 1))))
 
 
 def accelerate(p: Problem, bars: Sequence[float] = (1.0, 1.0), gravity: float = GRAVITY) -> float:
-    """Return the crank's acceleration with multiples `bars` of the inertias of uniform bars, and with a gravity [m/s^2]."""
+    """Return the crank's acceleration [rad/s^2] in a problem with other data.
+
+    Args:
+        bars: inertias of crank and rod, as multiples of those of uniform bars.
+        gravity: acceleration of gravity [m/s^2].
+    """
     M, Q = p.M.copy(), p.Q.copy()
     M[2, 2], M[5, 5] = bars[0] * I1, bars[1] * I2
     Q[1], Q[4] = -M1 * gravity, -M2 * gravity
@@ -120,12 +142,12 @@ def accelerate(p: Problem, bars: Sequence[float] = (1.0, 1.0), gravity: float = 
 
 
 def data_off(form: dict[str, Any], p: Problem) -> float:
-    """Return the relative change of the crank's acceleration by data that the paper leaves out."""
+    """Return the relative change of the crank's acceleration with the data `form`, which the paper does not give (`accelerate`)."""
     return float(abs(accelerate(p, **form) / p.a[CRANK] - 1))
 
 
 def crank_with(form: dict[str, Any]) -> float:
-    """Return the crank's acceleration at the start with these data."""
+    """Return the crank's initial acceleration [rad/s^2] with the data `form`, which the paper leaves out."""
     return accelerate(crank_problems()[0], **form)
 
 
@@ -138,6 +160,7 @@ def euler(motion: CrankMotion) -> float:
 
 
 def high_order(motion: CrankMotion) -> float:
+    """Return the crank angle [rad] at time SHOWN by an integrator of order 8."""
     return float(motion.run(SHOWN).theta[-1])
 
 
@@ -148,4 +171,5 @@ def reference_motion() -> Reference:
 
 
 def integrator_off(form: Callable[[CrankMotion], float]) -> float:
+    """Return the error of the crank angle [rad] at time SHOWN that an integrator computes."""
     return abs(form(motion_of(linkage())) - float(reference_motion().q[-1, CRANK]))

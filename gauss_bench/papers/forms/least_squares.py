@@ -5,7 +5,10 @@
     G = 1/2 |A h - b|^2,    A = M^(1/2) N,    b = -(M^(1/2) J^- g + M^(-1/2) (f - Q))                       (9)-(11)
     h = A^- b + (I - A^- A) w,    a = J^- g + N A^- b                                                      (12)-(14)
 
-J^- is any matrix with J J^- J = J unless another inverse is named; the Moore-Penrose inverse is one of them.
+J^- is any matrix with J J^- J = J unless another inverse is named; the Moore-Penrose inverse J^+ is one of them.
+
+Equation numbers are those of the paper. The argument `form` of a measure is the formula, exponent or inverse that is tested, as
+printed or as corrected.
 """
 
 from collections.abc import Callable
@@ -30,6 +33,7 @@ def power(M: Array, exponent: float) -> Array:
 
 
 def pinv(A: Array) -> Array:
+    """Return the Moore-Penrose inverse; singular values below RCOND times the largest count as zero."""
     return np.linalg.pinv(A, rcond=RCOND)
 
 
@@ -41,15 +45,17 @@ def some_inverse(A: Array, rng: np.random.Generator) -> Array:
 
 
 def moore_penrose(A: Array, rng: np.random.Generator) -> Array:
+    """Return the Moore-Penrose inverse; `rng` is not used, and makes the arguments those of `some_inverse`."""
     return pinv(A)
 
 
 def projector(p: Problem) -> Array:
-    """N = I - J^+ J."""
+    """Return N = I - J^+ J, which projects accelerations on those with J a = 0."""
     return np.eye(p.n) - pinv(p.J) @ p.J
 
 
 def gauss_function(p: Problem, a: Number) -> Number:
+    """Return Gauss's function G at accelerations a, eq. (1)."""
     r = p.M @ a + p.f - p.Q
     return np.asarray(r @ np.linalg.solve(p.M, r) / 2)
 
@@ -67,65 +73,77 @@ def slope(p: Problem, G: Callable[[Number], Number], a: Array) -> float:
 
 
 def stationary(form: Callable[[Problem, Number], Number], p: Problem) -> float:
-    """Return the slope of a form of Gauss's function at the true accelerations."""
+    """Return the slope, which should be 0, of a formula for Gauss's function at the true accelerations."""
     return slope(p, lambda a: form(p, a), p.a)
 
 
 def same_function(form: Callable[[Problem, Number], Number], x: Trial) -> float:
-    """Compare a form with Gauss's function at random accelerations."""
+    """Compare a formula for Gauss's function with eq. (1) at random accelerations."""
     a = x.rng.normal(size=x.p.n)
     return abs(float(form(x.p, a) / gauss_function(x.p, a)) - 1)
 
 
 def stationary_with(form: Callable[[Problem, Number, Array], Number], x: Trial) -> float:
-    """Return the slope of a form at the true accelerations, with random constraint forces that do work."""
+    """Return the slope, which should be 0, of eq. (3) at the true accelerations with random constraint forces that do work.
+
+    `form(p, a, extra)` is Gauss's function with constraint forces `extra`. In the true motion they act like applied forces.
+    """
     p, extra = x.p, x.rng.normal(size=x.p.n)
     true = solve_problem(p.M, p.f, p.Q + extra, p.J, p.g, p.rank).a
     return slope(p, lambda a: form(p, a, extra), true)
 
 
-Rate = Callable[[Number, Number], Number]
+Rate = Callable[[Number, Number], Number]  # function of q and v: the rates J v of the constraints, which a motion keeps at zero
 
 
 def differentiate(rate: Rate, q: Array, v: Array) -> Array:
-    """Return g of J a = g: minus the derivative of rate(q, v) in time at constant v."""
+    """Return g of J a = g: minus the time derivative of rate(q, v) = J v at constant v."""
     return -derivative(lambda x: rate(x, v), q, v)
 
 
 def list_motions() -> list[tuple[Rate, Array, Array, Array]]:
-    """Return constraint rates (function, q, v, a) at reference motions: of the crank-slider, and of a knife edge on a circle."""
+    """Return reference motions: rates of the constraints as a function of q and v, and q, v, a at an instant.
+
+    They are motions of the crank-slider, and one of a knife edge that moves on a circle.
+    """
 
     def slider(q: Number, v: Number) -> Number:
+        """Return the constraint rates (6,) of the crank-slider."""
         return np.asarray(crank_slider.jacobian(q) @ v)
 
     def blade(q: Number, v: Number) -> Number:
+        """Return the velocity (1,) of the knife edge, which is at x, y with the angle theta, across its direction."""
         return np.array([np.cos(q[2]) * v[1] - np.sin(q[2]) * v[0]])
 
-    radius, speed, theta = 0.7, 3.0, 0.4
+    radius, omega, theta = 0.7, 3.0, 0.4  # [m], [rad/s], [rad] of the circular motion
     along, across = np.array([np.cos(theta), np.sin(theta)]), np.array([-np.sin(theta), np.cos(theta)])
-    turn = np.array([0.0, 0.0, theta]), np.append(radius * speed * along, speed), np.append(radius * speed**2 * across, 0.0)
-    return [(slider, s.q, s.v, s.a) for s in crank_slider.states()[1:]] + [(blade, *turn)]
+    on_circle = np.array([0.0, 0.0, theta]), np.append(radius * omega * along, omega), np.append(radius * omega**2 * across, 0.0)
+    moving = crank_slider.states()[1:]  # without the start, which is at rest
+    return [(slider, s.q, s.v, s.a) for s in moving] + [(blade, *on_circle)]
 
 
 def bias_left(form: Callable[[Rate, Array, Array], Array], motion: tuple[Rate, Array, Array, Array]) -> float:
-    """Compare a form of the right-hand side g with J a of a reference motion from `list_motions`."""
+    """Compare g, computed by a formula from the constraint rates, q and v, with J a of a reference motion from `list_motions`."""
     rate, q, v, a = motion
     return relative(form(rate, q, v), gradient(lambda x: rate(q, x), v) @ a)
 
 
 def general_solution(p: Problem, J_inverse: Array, h: Array) -> Array:
-    """Return the accelerations of eq. (8)."""
+    """Return the accelerations of eq. (8), a = J^- g + (I - J^- J) h, for any vector h (n,)."""
     return J_inverse @ p.g + (np.eye(p.n) - J_inverse @ p.J) @ h
 
 
 def every_solution(form: Callable[[Problem, Array, Array], Array], x: Trial) -> float:
-    """Measure whether a form gives only solutions of J a = g, and gives the solution a for h = a."""
+    """Return the larger error of two: that every h gives a solution of J a = g, and that h = a gives the solution a itself.
+
+    `form(p, X, h)` returns accelerations, with X a generalised inverse of J and h (n,) any vector, as eq. (8) does.
+    """
     p, X = x.p, some_inverse(x.p.J, x.rng)
     a = form(p, X, x.rng.normal(size=p.n))
     return worst([np.abs(p.J @ a - p.g).max() / np.abs(p.J @ p.a).max(), relative(form(p, X, p.a), p.a)])
 
 
-Inverse = Callable[[Array, np.random.Generator], Array]
+Inverse = Callable[[Array, np.random.Generator], Array]  # returns a generalised inverse of a matrix
 
 
 def least_squares_residual(A: Array, x: Array, b: Array) -> float:
@@ -134,7 +152,10 @@ def least_squares_residual(A: Array, x: Array, b: Array) -> float:
 
 
 def contradicting_rows(form: Inverse, x: Trial) -> float:
-    """Return the least-squares residual of (8) for redundant rows whose right-hand sides contradict each other by a tenth."""
+    """Return the least-squares residual of eq. (8) for redundant rows whose right-hand sides contradict each other by a tenth.
+
+    `form` is the generalised inverse in eq. (8).
+    """
     p, rng = x.p, x.rng
     noisy = replace(p, g=p.g + 0.1 * np.abs(p.g).max() * rng.normal(size=len(p.g)))
     a = general_solution(noisy, form(p.J, rng), rng.normal(size=p.n))
@@ -152,31 +173,39 @@ def vector(p: Problem, exponent: float = 0.5) -> Array:
 
 
 def matrix_off(exponent: float, p: Problem) -> float:
-    """Compare A with the factor of h in (2) after inserting (8): M^(-1/2) M N."""
+    """Compare A with this exponent of M with the factor of h that eq. (2) has after eq. (8) is inserted: M^(-1/2) M N."""
     return relative(matrix(p, exponent), power(p.M, -0.5) @ p.M @ projector(p))
 
 
 def vector_off(exponent: float, p: Problem) -> float:
-    """Compare b with minus the terms without h in (2) after inserting (8): M^(-1/2) (M J^- g + f - Q)."""
+    """Compare b with this exponent of M with minus the terms without h that eq. (2) has after eq. (8) is inserted.
+
+    These terms are M^(-1/2) (M J^- g + f - Q).
+    """
     return relative(vector(p, exponent), power(p.M, -0.5) @ (p.Q - p.f - p.M @ pinv(p.J) @ p.g))
 
 
 def acceleration(p: Problem, exponents: tuple[float, float] = (0.5, 0.5)) -> Array:
-    """Return the accelerations of eq. (14) without w, with these exponents of M in A and b."""
-    return bracket(p, np.zeros(p.n), exponents)
+    """Return the accelerations of eq. (14) for w = 0, with these exponents of M in A and b."""
+    return accelerations_with_w(p, np.zeros(p.n), exponents)
 
 
 def pair_off(exponents: tuple[float, float], p: Problem) -> float:
+    """Return the relative error of the accelerations of eq. (14) with these exponents of M in A and b."""
     return relative(acceleration(p, exponents), p.a)
 
 
 def half_square(A: Array, b: Array, h: Array) -> float:
+    """Return |A h - b|^2 / 2."""
     r = A @ h - b
     return float(r @ r / 2)
 
 
 def square_off(form: Callable[[Array, Array, Array], float], x: Trial) -> float:
-    """Compare a form of |A h - b|^2 / 2 with Gauss's function of the accelerations that h gives."""
+    """Return the relative difference of form(A, b, h) = |A h - b|^2 / 2 from Gauss's function, for a random vector h (n,).
+
+    Gauss's function is taken at the accelerations that eq. (8) gives with h.
+    """
     p, h = x.p, x.rng.normal(size=x.p.n)
     G = gauss_function(p, general_solution(p, pinv(p.J), h))
     return abs(form(matrix(p), vector(p), h) / float(G) - 1)
@@ -188,24 +217,27 @@ def unit_dependence(acceleration_of: Callable[[Problem], Array], p: Problem) -> 
 
 
 def pair_unit_dependence(exponents: tuple[float, float], p: Problem) -> float:
+    """Return `unit_dependence` of eq. (14) with these exponents of M in A and b."""
     return unit_dependence(lambda x: acceleration(x, exponents), p)
 
 
 def sides(A: Array, b: Array, h: Array) -> AB:
+    """Return both sides of A h = b, eq. (12) as printed."""
     return A @ h, b
 
 
 def normal_sides(A: Array, b: Array, h: Array) -> AB:
+    """Return both sides of the normal equations A^T A h = A^T b, eq. (12) as intended."""
     return A.T @ A @ h, A.T @ b
 
 
 def sides_off(form: Callable[[Array, Array, Array], AB], p: Problem) -> float:
-    """Return the difference of both sides of an equation at the minimum h = a."""
+    """Return the relative difference of both sides of an equation for h at the minimum, where h = a is a solution."""
     return relative(*form(matrix(p), vector(p), p.a))
 
 
 def minimum_missed(form: Inverse, x: Trial) -> float:
-    """Return the least-squares residual |A^T (A h - b)| of (12), with a form of the inverse of A and a random w."""
+    """Return the least-squares residual |A^T (A h - b)| of the h of eq. (13), for a random w and with `form` as inverse of A."""
     p, A, b = x.p, matrix(x.p), vector(x.p)
     X = form(A, x.rng)
     h = X @ b + (np.eye(p.n) - X @ A) @ x.rng.normal(size=p.n)
@@ -213,36 +245,45 @@ def minimum_missed(form: Inverse, x: Trial) -> float:
 
 
 def expand(p: Problem, w: Array) -> Array:
-    """Return the accelerations of eq. (14), its bracket multiplied out."""
+    """Return the accelerations of eq. (14) for a vector w (n,), with its brackets multiplied out."""
     A, b = matrix(p), vector(p)
     N, X = projector(p), pinv(A)
     return np.asarray(pinv(p.J) @ p.g + N @ X @ b + N @ w - N @ X @ A @ w)
 
 
 def last_member_alone(p: Problem, w: Array) -> Array:
+    """Return the last term of eq. (14), to which the accelerations are equal as printed."""
     A = matrix(p)
     return np.asarray(projector(p) @ pinv(A) @ A @ w)
 
 
-def bracket(p: Problem, w: Array, exponents: tuple[float, float] = (0.5, 0.5)) -> Array:
-    """Return the accelerations of eq. (14) with w, with these exponents of M in A and b."""
+def accelerations_with_w(p: Problem, w: Array, exponents: tuple[float, float] = (0.5, 0.5)) -> Array:
+    """Return the accelerations a = J^+ g + N (A^+ b + (I - A^+ A) w) of eq. (14).
+
+    Args:
+        w: (n,) any vector.
+        exponents: exponents of M in A and in the first term of b.
+    """
     A, b = matrix(p, exponents[0]), vector(p, exponents[1])
     X = pinv(A)
     return np.asarray(pinv(p.J) @ p.g + projector(p) @ (X @ b + (np.eye(p.n) - X @ A) @ w))
 
 
 def with_any_w(form: Callable[[Problem, Array], Array], x: Trial) -> float:
-    """Compare the accelerations of a form with the reference, for a random w ten times as large."""
+    """Compare the accelerations of a formula with the reference, for a random w ten times as large as the accelerations."""
     return relative(form(x.p, 10 * np.abs(x.p.a).max() * x.rng.normal(size=x.p.n)), x.p.a)
 
 
 def crank_at_start(acceleration_of: Callable[[Problem], Array]) -> float:
+    """Return the crank's initial acceleration [rad/s^2] in the paper's example, by a formula for accelerations."""
     return float(acceleration_of(crank_problems()[0])[CRANK])
 
 
 def true_crank_at_start() -> float:
+    """Return the crank's true initial acceleration [rad/s^2] in the paper's example."""
     return float(crank_slider.states()[0].a[CRANK])
 
 
 def crank_by_pair(exponents: tuple[float, float]) -> float:
+    """Return the crank's initial acceleration [rad/s^2] by eq. (14) with these exponents of M in A and b."""
     return crank_at_start(lambda p: acceleration(p, exponents))

@@ -2,7 +2,17 @@
 
     vector unit A(phi, s),   Jacobian unit J = dA/d(phi, s),   Jacobian-rate unit J' = dJ/dt
 
-J is compared with the derivatives of the printed A, J' with that of the printed J in time, and A with `kinematics.link_units`.
+J is compared with the derivatives of the printed A, J' with the time derivative of the printed J, and A with that of
+`kinematics.link_units`.
+
+A unit describes how a loop passes a link, from its entry to its exit. The kinds of links and paths of table 1 are
+
+    RRR1           a link with three pins: from the first to the second (length l)
+    RRR1 second    the same link: from the first pin to the third (length l', turned by alpha)
+    RP1            a link with a pin and the block of a slide, whose axis passes the pin at the distance e
+    RP2            a link with a pin and the guide of a slide, whose axis passes the pin at the distance e; s is the place along it
+
+The paper prints column 1 of J' of RP2 with the rate of phi in its last term, where the rate of s must stand.
 """
 
 from collections.abc import Callable
@@ -37,54 +47,60 @@ class Pose:
     e: float
 
 
-Units = tuple[Number, ...]  # A (2,), J (2, 1 or 2), and J' unless it is measured by columns
+Units = tuple[Number, ...]  # A (2,), J (2, 1 or 2) with columns for phi and s, and J' unless each column of J' is a line of its own
 
 
 @cache
 def poses() -> tuple[Pose, ...]:
+    """Return random poses of links of random dimensions."""
     rng = np.random.default_rng(SEED)
     return tuple(Pose(*rng.uniform(0.2, 2.0, size=8)) for _ in range(POSES))
 
 
 def bar(length: float, phi: Any, rate: float) -> Units:
+    """Return A, J and J' of a bar between two pins."""
     s, c = length * np.sin(phi), length * np.cos(phi)
     return np.array([c, s]), np.array([[-s], [c]]), np.array([[-rate * c], [-rate * s]])
 
 
 def first_bar(p: Pose) -> Units:
+    """Return A, J and J' of RRR1."""
     return bar(p.l, p.phi, p.phi_rate)
 
 
 def second_bar(p: Pose) -> Units:
+    """Return A, J and J' of the second path of RRR1."""
     return bar(p.l2, p.phi + p.alpha, p.phi_rate)
 
 
 def block(p: Pose) -> Units:
+    """Return A, J and J' of RP1."""
     s, c = p.e * np.sin(p.phi), p.e * np.cos(p.phi)
     return np.array([-s, c]), np.array([[-c], [-s]]), np.array([[p.phi_rate * s], [-p.phi_rate * c]])
 
 
 def guide(p: Pose) -> Units:
-    """Return A and J of the unit RP2; its J' is measured by columns."""
+    """Return A and J of RP2; `column_1` and `column_2` are its J'."""
     s, c = np.sin(p.phi), np.cos(p.phi)
     A = np.array([p.e * s + p.s * c, -p.e * c + p.s * s])
     return A, np.array([[p.e * c - p.s * s, c], [p.e * s + p.s * c, s]])
 
 
 def column_1(p: Pose, last: str) -> Array:
-    """Return column 1 of J' of RP2; `last` names the rate of a Pose in its last term."""
+    """Return column 1 of J' of RP2, with this rate in its last term: "s_rate", or "phi_rate" as the paper prints it."""
     s, c, rate = np.sin(p.phi), np.cos(p.phi), getattr(p, last)
     along = -p.e * p.phi_rate * s - p.s * p.phi_rate * c - rate * s
     return np.array([along, p.e * p.phi_rate * c - p.s * p.phi_rate * s + rate * c])
 
 
 def column_2(p: Pose) -> Array:
+    """Return column 2 of J' of RP2."""
     return np.array([-p.phi_rate * np.sin(p.phi), p.phi_rate * np.cos(p.phi)])
 
 
 def own_vector(p: Pose, kind: str) -> Array:
-    """Return the suite's own vector unit of a path from a pin at the link's origin."""
-    ends = {
+    """Return the suite's own vector unit A (2,) of a path of this kind, from a pin at the link's origin."""
+    ends = {  # the element at the end of the path: pair, node, kind, place in the link's frame, direction and name of a slide
         "RRR1": Element("b", "b", PIN, complex(p.l)),
         "RRR1 second": Element("b", "b", PIN, p.l2 * np.exp(1j * p.alpha)),
         "RP1": Element("b", "b", BLOCK, 1j * p.e),
@@ -100,7 +116,11 @@ def along(function: Callable[[Pose], Number], p: Pose, phi: float, s: float) -> 
 
 
 def unit_off(form: Callable[[Pose], Units], p: Pose, kind: str) -> float:
-    """Compare A of a form with the suite's own, and J and J' (if the form has it) with exact derivatives."""
+    """Return the largest error of the units that `form` prints for a kind of path.
+
+    A is compared with the suite's own, J with the exact derivatives of A along phi and s, and J' (if `form` returns it) with the
+    exact time derivative of J.
+    """
     A, J, *J_rate = form(p)
     slopes = [along(lambda x: form(x)[0], p, *way) for way in ((1.0, 0.0), (0.0, 1.0))[: J.shape[1]]]
     rate = along(lambda x: form(x)[1], p, p.phi_rate, p.s_rate)
@@ -109,60 +129,71 @@ def unit_off(form: Callable[[Pose], Units], p: Pose, kind: str) -> float:
 
 
 def true_rate(p: Pose) -> Array:
+    """Return the exact J' (2, 2) of RP2."""
     return along(lambda x: guide(x)[1], p, p.phi_rate, p.s_rate)
 
 
 def column_1_off(last: list[str], p: Pose) -> float:
+    """Return the error of column 1 of J' of RP2, with the rate [name] in its last term."""
     return float(np.abs(column_1(p, *last) - true_rate(p)[:, 0]).max())
 
 
 def column_2_off(form: Callable[[Pose], Array], p: Pose) -> float:
+    """Return the error of a formula for column 2 of J' of RP2."""
     return float(np.abs(form(p) - true_rate(p)[:, 1]).max())
 
 
 def difference_off(factor: float, p: Pose) -> float:
-    """Compare `factor` (phi' - s') [sin phi; -cos phi] with the error of column 1 as printed."""
+    """Compare `factor` (phi' - s') [sin phi; -cos phi] with what column 1 of J' of RP2 lacks as printed."""
     claimed = factor * (p.phi_rate - p.s_rate) * np.array([np.sin(p.phi), -np.cos(p.phi)])
     return float(np.abs(claimed - (true_rate(p)[:, 0] - column_1(p, "phi_rate"))).max())
 
 
 @cache
 def shaper_turn() -> tuple[tuple[Pose, Array, Array], ...]:
-    """Return for 24 instants of a driven turn of the shaper, whose lever is RP2 with e = 0, three things.
+    """Return three things for each of 24 instants of a driven turn of the shaper.
 
-    They are the pose of the lever, the acceleration (2,) of the block, and the true phi'' and s'' (2,).
+    They are the pose of the lever, the acceleration (2,) of the block in the lever's guide, and the true phi'' and s'' (2,) of the
+    lever's angle and of the block's place along it. The lever is a link RP2 with e = 0.
     """
     mechanism = load("shaper", "driven")
     links = {link.name: 3 * i for i, link in enumerate(mechanism.links)}
     motion, turn = MinimalCoordinate(mechanism), []
     for t in np.linspace(0.0, 1.0, 24, endpoint=False):
         q, v, a = (x[0] for x in motion.state_at(t))
-        at, lever = links["block"], links["lever"] + 2
-        arm, speed, push = q[at : at + 2] - mechanism.ground_points["O1"], v[at : at + 2], a[at : at + 2]
+        at, angle = links["block"], links["lever"] + 2  # indices of the block's x and of the lever's angle
+        # of the block, relative to the lever's pin on the ground
+        arm, speed, acceleration = q[at : at + 2] - mechanism.ground_points["O1"], v[at : at + 2], a[at : at + 2]
         s = float(np.hypot(*arm))
         s_rate = float(arm @ speed / s)
-        s_second = float((arm @ push + speed @ speed - s_rate**2) / s)
-        turn.append((Pose(q[lever], s, v[lever], s_rate, 0.0, 0.0, 0.0, 0.0), push, np.array([a[lever], s_second])))
+        s_second = float((arm @ acceleration + speed @ speed - s_rate**2) / s)
+        pose = Pose(q[angle], s, v[angle], s_rate, l=0.0, l2=0.0, alpha=0.0, e=0.0)
+        turn.append((pose, acceleration, np.array([a[angle], s_second])))
     return tuple(turn)
 
 
 def lever(last: list[str], pose: Pose, acceleration: Array) -> Array:
-    """Return [phi'', s''] of J [phi'', s''] = a - J' [phi', s']; `last` is that of `column_1`."""
+    """Solve J [phi'', s''] = a - J' [phi', s'] for [phi'', s''] of the lever, where a is the acceleration of the block.
+
+    `last` has the name of the rate in the last term of column 1 of J' (see `column_1`).
+    """
     J_rate = np.stack([column_1(pose, *last), column_2(pose)], axis=1)
     return np.asarray(np.linalg.solve(guide(pose)[1], acceleration - J_rate @ [pose.phi_rate, pose.s_rate]))
 
 
 def lever_off(last: list[str]) -> float:
-    """Return the largest error of phi'' or of s'' over the turn, relative to the largest of each."""
-    computed = np.array([lever(last, pose, push) for pose, push, _ in shaper_turn()])
+    """Return the largest error of the lever's phi'' or s'' over the turn, each relative to its largest; `last` as for `lever`."""
+    computed = np.array([lever(last, pose, acceleration) for pose, acceleration, _ in shaper_turn()])
     true = np.array([x for *_, x in shaper_turn()])
     return worst([relative(computed[:, k], true[:, k]) for k in (0, 1)])
 
 
 def lever_at_start(last: list[str]) -> float:
-    pose, push, _ = shaper_turn()[0]
-    return float(lever(last, pose, push)[0])
+    """Return phi'' of the lever at the first instant [rad/s^2]; `last` as for `lever`."""
+    pose, acceleration, _ = shaper_turn()[0]
+    return float(lever(last, pose, acceleration)[0])
 
 
 def true_lever_at_start() -> float:
+    """Return the true phi'' of the lever at the first instant [rad/s^2]."""
     return float(shaper_turn()[0][2][0])

@@ -6,6 +6,9 @@
 They are tested on built-in linkages, with matrices from `kinematics` and true rates from the motion in the crank angle. The four
 matrices of the paper's six-bar (section 1.2.5; loops a-b-c-d and d-e-f-g, phi = [phi2, phi3, phi5, s], q = [phi1]) are written
 as printed. The paper does not give its dimensions, and those of the linkage file are used.
+
+phi are the unknown variables, q the known inputs. Each link that a loop passes contributes a Jacobian unit J_i (see `link_units`),
+and the matrices U_i and K_i say which unknowns and which inputs its columns belong to. Equation numbers are those of the paper.
 """
 
 from collections.abc import Callable, Sequence
@@ -55,20 +58,23 @@ class DrivenLinkage:
 
     @property
     def unknowns(self) -> int:
+        """The number of unknown variables."""
         return len(self.equations.unknown)
 
     @property
     def matrices(self) -> Matrices:
+        """The matrices J, B of the loop equations and their rates."""
         return self.equations.at(self.x, self.rate)
 
 
 @cache
 def list_driven() -> tuple[DrivenLinkage, ...]:
-    return tuple(turning(load(name, "cycloid"), t) for name in DRIVEN for t in TIMES)
+    """Return the linkages DRIVEN at each of TIMES, with their cranks driven by a cycloidal law."""
+    return tuple(driven_linkage_at(load(name, "cycloid"), t) for name in DRIVEN for t in TIMES)
 
 
-def turning(mechanism: Mechanism, t: float) -> DrivenLinkage:
-    """Return a linkage at time t of its driven scenario."""
+def driven_linkage_at(mechanism: Mechanism, t: float) -> DrivenLinkage:
+    """Return the loop equations of a driven linkage at time t [s], with values and true rates of their variables."""
     q, v, a = (x[0] for x in MinimalCoordinate(mechanism).state_at(t))
     equations = LoopEquations(replace(mechanism, q0=q))
     slides = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
@@ -79,27 +85,32 @@ def turning(mechanism: Mechanism, t: float) -> DrivenLinkage:
             second.append(a[3 * variable.link + 2])
         else:
             rate.append(float(coordinates.rate(slides[variable.name].motion, q, v)))
-            second.append(np.nan)
+            second.append(np.nan)  # not needed: see `accelerations_off`
     return DrivenLinkage(equations, equations.start(), np.array(rate), np.array(second))
 
 
 def velocities(m: Matrices, q_rate: Array) -> Array:
+    """Return phi' by eq. (4)."""
     return np.asarray(np.linalg.solve(m.J, -m.B @ q_rate))
 
 
-def velocities_off(form: Callable[[Matrices, Array], Array], t: DrivenLinkage) -> float:
-    return relative(form(t.matrices, t.rate[t.unknowns :]), t.rate[: t.unknowns])
+def velocities_off(form: Callable[[Matrices, Array], Array], linkage: DrivenLinkage) -> float:
+    """Return the relative error of phi' as `form` computes it from the matrices and the rates of the inputs."""
+    return relative(form(linkage.matrices, linkage.rate[linkage.unknowns :]), linkage.rate[: linkage.unknowns])
 
 
-def accelerations_off(last: list[str], t: DrivenLinkage) -> float:
-    """Return the largest relative error of angular accelerations by eq. (5); `last` names the matrix in its last term.
+def accelerations_off(last: list[str], linkage: DrivenLinkage) -> float:
+    """Return the largest relative error of the angular accelerations by eq. (5).
 
-    Slides are left out, since they follow from the same rows.
+    The accelerations of slides follow from the same rows and are not compared.
+
+    Args:
+        last: name of the matrix in the last term of eq. (5): ["J_rate"], or ["J"] as the paper prints it.
     """
-    n, m = t.unknowns, t.matrices  # variables: n unknowns, then inputs
-    left = m.B @ t.second[n:] + m.B_rate @ t.rate[n:] + getattr(m, *last) @ t.rate[:n]
-    angles = ~np.isnan(t.second[:n])
-    return relative(np.linalg.solve(m.J, -left)[angles], t.second[:n][angles])
+    n, m = linkage.unknowns, linkage.matrices  # `rate` and `second` have n unknowns, then the inputs
+    left = m.B @ linkage.second[n:] + m.B_rate @ linkage.rate[n:] + getattr(m, *last) @ linkage.rate[:n]
+    angles = ~np.isnan(linkage.second[:n])
+    return relative(np.linalg.solve(m.J, -left)[angles], linkage.second[:n][angles])
 
 
 Parts = tuple[Array, Array]
@@ -108,90 +119,106 @@ Laws = dict[str, Callable[[Array], Array]]
 
 
 def assemble(units: Sequence[Array], U: Sequence[Array], K: Sequence[Array]) -> Parts:
-    """Return J_l and B_l of one loop, from the Jacobian units of its paths and their effect factors."""
+    """Return J_l and B_l of one loop by eq. (11), from the Jacobian units of its links and their matrices U and K."""
     return sum(J @ u for J, u in zip(units, U, strict=True)), sum(J @ k for J, k in zip(units, K, strict=True))  # type: ignore[return-value]
 
 
-def loops_of(t: DrivenLinkage) -> list[tuple[list[Array], list[Array], list[Array]]]:
-    """Return for every loop the Jacobian units, U and K of its paths."""
-    equations, loops = t.equations, []
-    theta = equations.turning @ t.x + equations.phase
+def loops_of(linkage: DrivenLinkage) -> list[tuple[list[Array], list[Array], list[Array]]]:
+    """Return for every loop three lists, with an item for each link that it passes: Jacobian units, and matrices U and K.
+
+    U and K of a link are the columns of its factors for the unknown variables and for the inputs.
+    """
+    equations, loops = linkage.equations, []
+    theta = equations.turning @ linkage.x + equations.phase
     for ways in equations.ways:
-        units = [p.way.units(theta[p.way.link], 0.0, t.x[p.slides], t.rate[p.slides]).J for p in ways]
+        units = [p.way.units(theta[p.way.link], 0.0, linkage.x[p.slides], linkage.rate[p.slides]).J for p in ways]
         factors = [np.asarray(p.factors) for p in ways]
-        loops.append((units, [f[:, : t.unknowns] for f in factors], [f[:, t.unknowns :] for f in factors]))
+        loops.append((units, [f[:, : linkage.unknowns] for f in factors], [f[:, linkage.unknowns :] for f in factors]))
     return loops
 
 
-def assembly_off(form: Callable[..., Parts], t: DrivenLinkage) -> float:
-    """Return the residual of (4) at the true rates, relative to its terms."""
-    loops = [np.hstack(form(*loop)) for loop in loops_of(t)]  # J and B of each, side by side
-    return worst([float(np.abs(x @ t.rate).max() / (np.abs(x) @ np.abs(t.rate)).max()) for x in loops])
+def assembly_off(form: Callable[..., Parts], linkage: DrivenLinkage) -> float:
+    """Return the residual of eq. (4) at the true rates, relative to its terms; `form` assembles J_l and B_l as `assemble` does."""
+    loops = [np.hstack(form(*loop)) for loop in loops_of(linkage)]  # J and B of each, side by side
+    return worst([float(np.abs(x @ linkage.rate).max() / (np.abs(x) @ np.abs(linkage.rate)).max()) for x in loops])
 
 
-def stack_off(transposed: bool, t: DrivenLinkage) -> float:
-    """Return the relative error of the velocities from (4) with the stacked blocks of all loops.
+def stack_off(transposed: bool, linkage: DrivenLinkage) -> float:
+    """Return the relative error of the velocities by eq. (4) with the stacked blocks J_l and B_l of all loops.
 
-    The blocks are stacked one below the other, or side by side and transposed. If the stack has wrong numbers of rows and columns,
-    the share of too many or too few is returned.
+    The blocks are stacked one below the other or, if `transposed`, side by side, and the stack is transposed. If J or B then has
+    the wrong number of rows or columns, the number of rows and columns too many or too few is returned, divided by the right one.
     """
-    parts = [assemble(*loop) for loop in loops_of(t)]
+    parts = [assemble(*loop) for loop in loops_of(linkage)]
     J, B = (np.hstack(blocks).T if transposed else np.vstack(blocks) for blocks in zip(*parts, strict=True))
-    rows, columns = 2 * len(parts), t.unknowns
+    rows, columns = 2 * len(parts), linkage.unknowns
     misfit = abs(J.shape[0] - rows) + abs(J.shape[1] - columns) + abs(B.shape[0] - rows) + abs(B.shape[1] - 1)
     if misfit:
         return float(misfit / (2 * rows + columns + 1))
-    return relative(np.linalg.lstsq(J, -B @ t.rate[columns:], rcond=None)[0], t.rate[:columns])
+    return relative(np.linalg.lstsq(J, -B @ linkage.rate[columns:], rcond=None)[0], linkage.rate[:columns])
 
 
 def ones_off(form: list[list[str]]) -> float:
-    """Return the share of rows without exactly one 1, in U, K or both side by side, as each list of the form says."""
+    """Return the share of rows of matrices that do not consist of one 1 and zeros.
+
+    Each list in `form` names the matrices that are set side by side before their rows are tested: ["U"], ["K"] or ["U", "K"].
+    """
     right = []
-    for t in list_driven():
-        for _, Us, Ks in loops_of(t):
+    for linkage in list_driven():
+        for _, Us, Ks in loops_of(linkage):
             for U, K in zip(Us, Ks, strict=True):
                 for names in form:
                     M = np.hstack([{"U": U, "K": K}[name] for name in names])
+                    # whether the only entry that is not zero is 1
                     right += [(row != 0).sum() == 1 and row.max(initial=0.0) == 1 for row in M]
     return 1 - float(np.mean(right))
 
 
-def columns_off(form: list[int], t: DrivenLinkage) -> float:
-    """Compare the number of columns of a unit with a claim, given by factors on its turning angle, its guides and its blocks."""
+def columns_off(form: list[int], linkage: DrivenLinkage) -> float:
+    """Return the largest error of a claimed number of columns of a Jacobian unit.
+
+    The claim is form[0] (1 if the link turns, else 0) + form[1] (number of guides) + form[2] (number of blocks). The guides and
+    blocks are counted among the two elements at which the loop enters and leaves the link.
+    """
     errors = []
-    for p in chain.from_iterable(t.equations.ways):
+    for p in chain.from_iterable(linkage.equations.ways):
         kinds = [p.way.enter.kind, p.way.leave.kind]
         guides = sum(kind in MOVING for kind in kinds)
-        unit = p.way.units(0.0, 0.0, t.x[p.slides], t.rate[p.slides])
+        unit = p.way.units(0.0, 0.0, linkage.x[p.slides], linkage.rate[p.slides])
         errors.append(count_off(form, (int(p.way.turns), guides, kinds.count("block")), unit.J.shape[1]))
     return worst(errors)
 
 
 @cache
 def graphs() -> tuple[LinkageGraph, ...]:
+    """Return the graphs of all built-in linkages with joints and without knife edges."""
     mechanisms = [load(name) for name in built_in()]
     return tuple(find_graph(m) for m in mechanisms if m.joints and not m.knife_edges)
 
 
 def counted() -> list[LoopEquations]:
+    """Return the loop equations of the linkages COUNTED in their driven scenarios."""
     return [LoopEquations(load(name, "driven")) for name in COUNTED]
 
 
 def unknowns_off(form: list[int], equations: LoopEquations) -> float:
-    """Compare the number of unknowns with a claim, a * loops + b * redundant constraints with `form` = [a, b]."""
+    """Return the error of a claimed number of unknowns, a * loops + b * redundant constraints with `form` = [a, b]."""
     return count_off(form, (len(equations.ways), equations.mechanism.redundant), len(equations.unknown))
 
 
 def incidence(graph: LinkageGraph, oriented: bool) -> Array:
-    """Return the incidence matrix of links, the frame last, and pairs, as networkx counts."""
+    """Return the incidence matrix as networkx computes it, with a row for each link (the frame last) and a column for each pair.
+
+    An entry is 1 if the pair is on the link; if `oriented`, it is -1 at one of the two links.
+    """
     links, edges = [*range(graph.links), GROUND], [(*pair.links, pair.name) for pair in graph.pairs]
     return np.asarray(nx.incidence_matrix(nx.MultiGraph(edges), links, edges, oriented).toarray())
 
 
 def loop_count_off(form: list[int], graph: LinkageGraph) -> float:
-    """Compare the number of loops with a claim, a * pairs + b * links + c with `form` = [a, b, c].
+    """Return the error of a claimed number of loops, a * pairs + b * links + c with `form` = [a, b, c].
 
-    The number of loops is the dimension of the space of cycles: the number of pairs minus the rank of the incidence matrix.
+    The true number of loops is the dimension of the space of cycles: the number of pairs minus the rank of the incidence matrix.
     """
     matrix = incidence(graph, oriented=True)
     links, pairs = matrix.shape
@@ -222,16 +249,25 @@ def cyclic(loop: str) -> frozenset[frozenset[str]]:
 
 
 def loops_off(form: dict[str, list[str]]) -> float:
-    """Count the loops (linkage -> loops as texts "joint-joint-...") that either the form or the suite does not have."""
-    missing = 0
+    """Count the loops that only one of the two has: the paper or the suite.
+
+    Args:
+        form: linkage -> the paper's loops, each as a text "joint-joint-...".
+    """
+    differences = 0
     for name, loops in form.items():
         own = {cyclic(str(loop)) for loop in find_graph(load(name)).loops}
-        missing += len(own ^ {cyclic(loop) for loop in loops})
-    return float(missing)
+        differences += len(own ^ {cyclic(loop) for loop in loops})
+    return float(differences)
 
 
 def six_bar_blocks(phi: Array, rate: Array) -> Blocks:
-    """Return J, J', B, B' of the six-bar as printed; phi and rate (4,) are those of the angles of links 1, 2, 3, 5."""
+    """Return J (4, 4), J', B (4, 1) and B' of eqs. (4) and (5) for the six-bar, as printed in section 1.2.5 of the paper.
+
+    Args:
+        phi, rate: (4,) angles phi1, phi2, phi3, phi5 and their rates. phi1 is the input; the columns of J are for phi2, phi3, phi5
+            and the slide s.
+    """
     l1, l2, l3, l3s, l5 = LENGTHS
     arms = np.array([l1, l2, l3s, l3, l5])
     angle, speed = phi[[0, 1, 2, 2, 3]] + np.array([0, 0, ALPHA, 0, 0]), rate[[0, 1, 2, 2, 3]]
@@ -244,15 +280,19 @@ def six_bar_blocks(phi: Array, rate: Array) -> Blocks:
 
 
 def six_bars() -> list[DrivenLinkage]:
-    return [t for t in list_driven() if t.equations.mechanism.name == "six_bar"]
+    """Return the six-bar of `list_driven` at each of TIMES."""
+    return [linkage for linkage in list_driven() if linkage.equations.mechanism.name == "six_bar"]
 
 
-def blocks_off(form: Callable[[Array, Array], Blocks], t: DrivenLinkage) -> float:
-    """Return the largest difference from the suite's matrices; each loop may have the opposite sense."""
-    equations, m, errors = t.equations, t.matrices, []
-    names = [equations.column[i] for i in (0, 1, 2, 3)]
-    order = [*names[1:], len(equations.unknown) - 1]
-    printed = np.hstack(form(t.x[names], t.rate[names]))
+def blocks_off(form: Callable[[Array, Array], Blocks], linkage: DrivenLinkage) -> float:
+    """Return the largest difference of J, J', B, B' of the six-bar from the suite's; each loop may have the opposite sense.
+
+    `form` computes them from angles and rates, as `six_bar_blocks` does.
+    """
+    equations, m, errors = linkage.equations, linkage.matrices, []
+    columns = [equations.column[i] for i in (0, 1, 2, 3)]  # of phi1, phi2, phi3, phi5
+    order = [*columns[1:], len(equations.unknown) - 1]  # the paper's unknowns: without the input phi1, the slide last
+    printed = np.hstack(form(linkage.x[columns], linkage.rate[columns]))
     own = np.hstack([m.J[:, order], m.J_rate[:, order], m.B, m.B_rate])
     for rows in (slice(0, 2), slice(2, 4)):
         errors.append(min(float(np.abs(printed[rows] - sense * own[rows]).max()) for sense in (1.0, -1.0)))
@@ -260,10 +300,12 @@ def blocks_off(form: Callable[[Array, Array], Blocks], t: DrivenLinkage) -> floa
 
 
 def straight() -> Laws:
+    """Return a straight line for each law of motion: the paper names the laws and prints no formula."""
     return dict.fromkeys(LAWS, lambda u: u)
 
 
 def textbook() -> Laws:
+    """Return the laws of motion of textbooks, as functions of the share u of the rise time."""
     return {
         "sine": lambda u: u - np.sin(2 * np.pi * u) / (2 * np.pi),
         "cosine": lambda u: (1 - np.cos(np.pi * u)) / 2,

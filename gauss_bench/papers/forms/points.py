@@ -4,6 +4,8 @@
     |B - O1| = L_O1B,   |C - B| = L_BC,   (X_A - X_B)/(Y_A - Y_B) = (X_O1 - X_B)/(Y_O1 - Y_B)                         (2)
 
 Points are complex numbers. Link 4 is link 3 as far as B, so that th4 = th3; th6 and th7 are the frame's and the slide's directions.
+The lever turns about O1 and carries B; the block A slides on it and is driven by the crank about O2; the rod joins B to the ram C.
+The argument `form` of a measure is the equation, the data or the number that is tested, as printed or as corrected.
 """
 
 from collections.abc import Callable, Sequence
@@ -49,6 +51,7 @@ class Shaper:
 
 @cache
 def load_shaper() -> Mechanism:
+    """Load the linkage file of the shaper in its driven scenario."""
     return load("shaper", "driven")
 
 
@@ -74,6 +77,7 @@ def shapers() -> tuple[Shaper, ...]:
 
 
 def cross(a: complex, b: complex) -> float:
+    """Return the cross product of two vectors, a_x b_y - a_y b_x."""
     return (a.conjugate() * b).imag
 
 
@@ -87,6 +91,7 @@ def sides(x: Shaper) -> tuple[complex, complex]:
 
 
 def loops_off(form: Callable[[Shaper], tuple[complex, complex]], x: Shaper) -> float:
+    """Return the largest residual of the loops (1), relative to the length of the lever."""
     return max(map(abs, form(x))) / x.lever
 
 
@@ -100,35 +105,46 @@ def lengths(x: Shaper) -> tuple[float, float]:
 
 
 def lengths_off(form: Callable[[Shaper], tuple[float, float]], x: Shaper) -> float:
+    """Return the largest residual of the first two equations (2), relative to the square of the lever's length."""
     return max(map(abs, form(x))) / x.lever**2
 
 
 def basic_off(form: list[str]) -> float:
-    """Return the range over a turn of a coordinate (point, axis) that is claimed to be constant, relative to the stroke."""
+    """Return the range, relative to the stroke, that a coordinate has over a turn of the crank; it is claimed to be constant.
+
+    Args:
+        form: name of the point, and "real" for its x or "imag" for its y.
+    """
     point, axis = form
     values = [getattr(getattr(x, point), axis) for x in shapers()]
     return float(np.ptp(values) / np.ptp([x.C.real for x in shapers()]))
 
 
 def collinear_off(form: list[str], x: Shaper) -> float:
-    """Return the sine of the angle at the first of three points that are claimed to be in line."""
+    """Return the sine of the angle at the first of the three points named in `form`, which are claimed to lie on one line."""
     a, b, c = (getattr(x, name) for name in form)
     return float(abs(cross(b - a, c - a)) / (abs(b - a) * abs(c - a)))
 
 
 def quotient(O1: complex, A: complex, B: complex) -> float:
+    """Return the residual of the third equation (2) as printed: it divides by zero if the lever is horizontal."""
     return (A.real - B.real) / (A.imag - B.imag) - (O1.real - B.real) / (O1.imag - B.imag)
 
 
 def product(O1: complex, A: complex, B: complex) -> float:
+    """Return the residual of the third equation (2) as a cross product of unit vectors, which is defined in every position."""
     return cross(A - B, O1 - B) / (abs(A - B) * abs(O1 - B))
 
 
-Line3 = Callable[[complex, complex, complex], float]
+Line3 = Callable[[complex, complex, complex], float]  # residual of the third equation (2), O1, A and B on one line
 
 
 def line_off(form: Line3) -> float:
-    """Return the largest residual at true positions, with the drawing turned so that the lever is nearly parallel to an axis."""
+    """Return the largest residual of the third equation (2) at true positions with the lever nearly parallel to an axis.
+
+    There the quotient as printed is ill-conditioned. At four positions of the turn, the whole drawing is turned until the lever is
+    NEAREST to 0.5 rad from each axis.
+    """
     near = np.geomspace(NEAREST, 0.5, 12)
     errors = []
     for x in shapers()[:: POSITIONS // 4]:
@@ -141,21 +157,28 @@ def line_off(form: Line3) -> float:
 
 
 def search_off(form: Line3) -> float:
-    """Return the share of positions at which Newton's method, starting 5 degrees before, does not find B.
+    """Return the share of positions at which Newton's method, started at the position before, does not find B.
 
-    The shaper stands as drawn, with its lever near the vertical, and lies on its side, with its lever near the horizontal.
+    `form` is the third equation (2). Positions are 5 degrees of the crank apart. The shaper is tested as drawn, with its lever near
+    the vertical, and turned onto its side, with its lever near the horizontal.
     """
     return sum(count_lost(form, [x.turn(angle) for x in shapers()]) for angle in (0.0, np.pi / 2)) / (2 * POSITIONS)
 
 
 def count_lost(form: Line3, places: Sequence[Shaper]) -> int:
-    """Count the positions of a turn at which the search fails."""
+    """Count the positions of a turn at which Newton's method, started at the position before, does not find B.
+
+    It solves |B - O1| = lever and the third equation (2) as `form` for the two coordinates of B.
+    """
     failed = 0
     for before, x in zip(places, [*places[1:], places[0]], strict=True):
 
-        def residual(p: Array, x: Shaper = x) -> tuple[Array, Array]:
-            def equations(u: Array) -> Array:
-                B = complex(u[0], u[1])
+        def residual(p: Array, x: Shaper = x) -> tuple[Array, Array]:  # the default keeps the x of this iteration
+            """Return the residuals (2,) and their Jacobian (2, 2), by central differences, at the coordinates p (2,) of B."""
+
+            def equations(place: Array) -> Array:
+                """Return the residuals of both equations with B at a place (2,)."""
+                B = complex(place[0], place[1])
                 return np.array([(abs(B - x.O1) / x.lever) ** 2 - 1, form(x.O1, x.A, B)])
 
             steps = 1e-7 * np.eye(2)
@@ -177,7 +200,8 @@ def from_before() -> float:
 def starts_off(form: Callable[[], float]) -> float:
     """Return the share of random starts from which the worse of Gauss-Newton and Levenberg-Marquardt misses the assembly.
 
-    A form returns the largest distance [m] of the starts from the assembly.
+    `form` returns the largest distance [m] of the random starts from the assembly.
     """
-    searches = basins(load_shaper(), [form()], STARTS, SEED)
+    radius = form()
+    searches = basins(load_shaper(), [radius], STARTS, SEED)
     return worst([1 - basin.right for basin in searches if basin.method != "newton_raphson"])

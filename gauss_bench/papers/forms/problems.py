@@ -44,27 +44,33 @@ class Problem:
 
     @property
     def n(self) -> int:
+        """The number of coordinates."""
         return len(self.M)
 
     @property
     def rank(self) -> int:
+        """The number of independent constraint rows."""
         return int(np.linalg.matrix_rank(self.J))
 
     @property
     def terms(self) -> Terms:
-        """The same problem as the terms of a formulation of the suite."""
+        """The problem in the terms M, J, Q, gamma that the suite's formulations solve: f is subtracted from Q."""
         zero = np.zeros(len(self.J))
         return Terms(self.M, self.J, self.Q - self.f, self.g, zero, zero)
 
 
 def solve_problem(M: Array, f: Array, Q: Array, J: Array, g: Array, independent: int) -> Problem:
-    """Solve a problem; the first `independent` rows of J are independent, and the others follow from them."""
+    """Solve M a + J^T lambda = Q - f, J a = g for a and lambda, and return the problem together with its solution.
+
+    The first `independent` rows of J are independent and determine a; the others are combinations of them.
+    """
     zero = np.zeros(independent)
     a = lagrange(Terms(M, J[:independent], Q - f, g[:independent], zero, zero)).a
     return Problem(M, f, Q, J, g, a, multipliers_of(M, f, Q, J, a))
 
 
 def multipliers_of(M: Array, f: Array, Q: Array, J: Array, a: Array) -> Array:
+    """Return the shortest multipliers (m,) with J^T lambda = Q - f - M a."""
     return np.asarray(np.linalg.lstsq(J.T, Q - f - M @ a, rcond=1e-10)[0])
 
 
@@ -79,7 +85,7 @@ def random_problem(rng: np.random.Generator, n: int, m: int, repeated: int = 0) 
 
 @cache
 def random_problems() -> tuple[Problem, ...]:
-    """Return random problems of all SIZES, EACH of each; some have redundant but consistent rows."""
+    """Return random problems, EACH of them for every entry of SIZES; some have redundant but consistent rows."""
     rng = np.random.default_rng(SEED)
     return tuple(random_problem(rng, *size) for size in SIZES for _ in range(EACH))
 
@@ -95,6 +101,7 @@ def crank_problems() -> tuple[Problem, ...]:
 
 
 def all_problems() -> tuple[Problem, ...]:
+    """Return the random problems and those of the paper's example."""
     return (*random_problems(), *crank_problems())
 
 
@@ -106,15 +113,18 @@ class Trial(NamedTuple):
 
 
 def random_trials() -> list[Trial]:
+    """Return a trial of each random problem."""
     rng = np.random.default_rng(SEED)
     return [Trial(p, rng) for p in random_problems()]
 
 
 def redundant_trials() -> list[Trial]:
+    """Return a trial of each random problem with redundant rows."""
     return [x for x in random_trials() if len(x.p.J) > x.p.rank]
 
 
 def all_trials() -> list[Trial]:
+    """Return a trial of each problem."""
     rng = np.random.default_rng(SEED)
     return [Trial(p, rng) for p in all_problems()]
 

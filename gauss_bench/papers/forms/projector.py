@@ -24,54 +24,62 @@ Accelerations = Callable[[Problem], Array]
 
 
 def rank_off(form: list[int], p: Problem) -> float:
-    """Return the error of a claimed rank of N, given by factors on the number of coordinates, that of rows, and the rows' rank."""
+    """Return the error of a claimed rank of N: `form` has factors of the numbers of coordinates, rows and independent rows."""
     sizes = np.linalg.svd(projector(p), compute_uv=False)  # a projector's singular values are 0 or at least 1
     return count_off(form, (p.n, len(p.J), p.rank), int((sizes > 0.5).sum()))
 
 
 def reverse_order(p: Problem) -> Array:
+    """Return the inverse of A by eq. (15) as printed, with the Moore-Penrose inverse of N."""
     return pinv(projector(p)) @ power(p.M, -0.5)
 
 
 def normal_inverse(p: Problem) -> Array:
+    """Return the Moore-Penrose inverse of A = M^(1/2) N from the normal equations: (N M N)^+ M^(1/2)."""
     N = projector(p)
     return pinv(N @ p.M @ N) @ power(p.M, 0.5)
 
 
 def inverse_off(form: Accelerations, p: Problem) -> float:
-    """Compare a form with the Moore-Penrose inverse of A by its singular values."""
+    """Compare a formula for the inverse of A = M^(1/2) N with the Moore-Penrose inverse, which is computed by singular values."""
     return relative(form(p), pinv(power(p.M, 0.5) @ projector(p)))
 
 
 def free_motion(p: Problem) -> Array:
+    """Return the accelerations M^-1 (Q - f) of the system without its constraints: (16) with N N^-1 = I."""
     return np.asarray(np.linalg.solve(p.M, p.Q - p.f))
 
 
 def euclidean(p: Problem) -> Array:
+    """Return the accelerations of eq. (16) with Moore-Penrose inverses."""
     return yuan_ge_eq16(p.terms).a
 
 
 def final_of_14(p: Problem) -> Array:
+    """Return the accelerations of eq. (14), corrected."""
     return gauss_pinv(p.terms).a
 
 
 def accelerations_off(form: Accelerations, on: str = "") -> float:
-    """Compare a form's accelerations with the reference on all problems, or on those of a special kind."""
+    """Compare the accelerations of a formula with the reference on all problems, or on those of a kind (`special_problems`)."""
     return worst([relative(form(p), p.a) for p in (special_problems(on) if on else all_problems())])
 
 
 def constraints_off(form: Accelerations, p: Problem) -> float:
-    """Return the residual of (6) for a form's accelerations, relative to its terms."""
+    """Return the residual of the constraints J a = g, eq. (6), at the accelerations of a formula, relative to its terms."""
     return float(np.abs(p.J @ form(p) - p.g).max() / (np.abs(p.J) @ np.abs(form(p))).max())
 
 
 def predict(p: Problem) -> Array:
-    """Return a_true - a_(16) as predicted above: -N M^-1 J^T lambda."""
+    """Return -N M^-1 J^T lambda: the predicted difference of the true accelerations from those of eq. (16)."""
     return -projector(p) @ np.linalg.solve(p.M, p.J.T @ p.multipliers)
 
 
 def difference_off(factor: float, p: Problem) -> float:
-    """Compare `factor` times the predicted a_true - a_(16) with the true one, relative to the largest acceleration involved."""
-    wrong = euclidean(p)
+    """Compare `factor` times the predicted difference a_true - a_(16) with the actual difference.
+
+    The result is relative to the largest acceleration involved: the true one, that of eq. (16), or the one without constraints.
+    """
+    wrong = euclidean(p)  # a_(16)
     scale = max(np.abs(wrong).max(), np.abs(p.a).max(), np.abs(free_motion(p)).max())
     return float(np.abs(factor * predict(p) - (p.a - wrong)).max() / scale)
