@@ -32,7 +32,7 @@ from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import VANISHES, ExpressionGraph, Node, sum_of
 from gauss_bench.terms import Array
 
-Right = dict[int, Node]  # index -> entry of a sparse vector
+Sparse = dict[int, Node]  # index -> entry of a sparse vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +84,12 @@ class Factors:
         """All pivots by which the code divides."""
         return self.pivots if self.rest is None else (*self.pivots, *self.rest.factors.guarded)
 
-    def solve(self, b: Right) -> Right:
+    def solve(self, b: Sparse) -> Sparse:
         """Solve A x = b: b by row, x by column, zeros left out of both."""
-        y: Right = {}
+        y: Sparse = {}
         for p in self.pivots:
             _put(y, p.row, self._reduce(b.get(p.row), self.steps[p.row], y), p.inverse if p.row_divided else None)
-        x: Right = {}
+        x: Sparse = {}
         if self.rest is not None:
             for r in self.rest.rows:
                 _put(y, r, self._reduce(b.get(r), self.steps[r], y), None)
@@ -99,7 +99,7 @@ class Factors:
             _put(x, p.column, right, None if p.row_divided else p.inverse)
         return x
 
-    def _reduce(self, b: Node | None, steps: list[RowOperation], y: Right) -> Node | None:
+    def _reduce(self, b: Node | None, steps: list[RowOperation], y: Sparse) -> Node | None:
         """Apply the operations of one row to an entry of the right-hand side; y are the entries of the pivots' rows."""
         products: list[tuple[Node, Node | None]] = []
         for step in steps:
@@ -119,7 +119,7 @@ class Squared:
     S: "Matrix"
     factors: Factors
 
-    def solve(self, y: Right) -> Right:
+    def solve(self, y: Sparse) -> Sparse:
         """Solve S x = y, x by column."""
         parts: dict[int, list[Node]] = {}
         for (r, c), e in self.S.items():
@@ -137,7 +137,7 @@ def _less(b: Node | None, products: Iterable[tuple[Node, Node | None]]) -> Node 
     return terms[0].graph.total(terms) if terms else None
 
 
-def _put(where: Right, key: int, x: Node | None, factor: Node | None) -> None:
+def _put(where: Sparse, key: int, x: Node | None, factor: Node | None) -> None:
     """Enter x times a factor (None for 1) under a key, unless it is zero."""
     if x is not None and not x.zero:
         where[key] = x if factor is None else x * factor
