@@ -211,7 +211,7 @@ NOTHING = Function((), (), ())  # stands for a function that a program lacks
 class Program:
     """Straight-line functions of one mechanism under one formulation, for one choice of independent coordinates.
 
-    Their arguments are the time t, positions q and velocities v (n,), and parameters p (n_p,): numbers of the linkage that are given
+    Their arguments are the time t, positions q and velocities v (n,), and parameters p (n_p,): numbers of the linkage that are set
     at run time. Guards (k,) are pivots: a function may be used at a state if abs(guard) >= threshold for all its guards. A program
     of accelerations alone lacks the functions after `acceleration`.
 
