@@ -62,8 +62,8 @@ class Loss:
 class Tracker:
     """Computes the motion of a linkage, for samples of its inputs, on from its start.
 
-    Arrays `levels` (k, 3, K) are values, rates and second rates of K inputs at k samples. Arrays `rows` (k, R) receive q, v and a of
-    each sample, R = 3n.
+    Arrays `levels` (k, 3, K) are values, rates and second rates of K inputs at k samples. Arrays `rows` (k, R) receive q, v and a
+    of each sample, R = 3n.
 
     Attributes:
         q, u: closed position (n,) and inputs (K,) at the start.
