@@ -77,12 +77,12 @@ class Terms:
 
     @property
     def gamma(self) -> Sparse:
-        """Sparse-hand side of J a = gamma, row -> node."""
+        """Right-hand side of J a = gamma, row -> node."""
         return {r: row.gamma for r, row in enumerate(self.rows) if not row.gamma.zero}
 
     @property
     def driven(self) -> Sparse:
-        """Sparse-hand side -phi_t of J v = -phi_t, row -> node."""
+        """Right-hand side -phi_t of J v = -phi_t, row -> node."""
         return {r: -row.phi_t for r, row in enumerate(self.rows) if not row.phi_t.zero}
 
 

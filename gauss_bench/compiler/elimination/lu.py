@@ -202,6 +202,7 @@ class _Entry:
     __slots__ = ("_missing", "_values", "generic", "largest", "terms")
 
     def __init__(self, node: Node):
+        """Begin with one summand."""
         self.terms, self.generic = [node], node.generic
         x, y, z = node.generic
         self.largest = abs(x), abs(y), abs(z)
@@ -258,7 +259,7 @@ class _Sizes(NamedTuple):
     """Sizes of a row's entries at the trusted samples, with each column divided by its largest entry at the beginning.
 
     Attributes:
-        largest: (samples,) size of the row's largest entry.
+        largest: (trusted samples,) size of the row's largest entry.
         relative: column -> smallest size of the entry in it relative to `largest`, over the samples.
         usable: column -> whether the entry in it is small at no sample.
         steady: column -> whether the entry in it is usable and has the same sign at all samples.
@@ -283,6 +284,7 @@ class _Markowitz:
     """
 
     def __init__(self, graph: ExpressionGraph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search):
+        """Begin the factorisation of the given rows and columns of A; other entries are ignored."""
         self.graph, self.search = graph, search
         self.random = np.random.default_rng(search.seed)
         self.trusted = np.ones(graph.samples, bool)
@@ -332,7 +334,7 @@ class _Markowitz:
         return NormalEquations(rows, columns, S, lu(self.graph, normal, columns, columns, Search(self.search.seed)))
 
     def _choose(self) -> tuple[int, int, Array]:
-        """Return row and column of a pivot, and the size (samples,) of the largest entry of its row.
+        """Return row and column of a pivot, and the size (trusted samples,) of the largest entry of its row.
 
         The pivot is usable at all samples. If there is no such pivot, it is usable at as many samples as possible; at run time its
         threshold excludes the other states.
@@ -362,7 +364,7 @@ class _Markowitz:
         self.trusted, self.sizes = best, {}
 
     def _find_pivot(self, steady_only: bool = False) -> tuple[int, int, Array] | None:
-        """Return row and column of the cheapest pivot, and the size (samples,) of its row's largest entry; None if none is usable.
+        """Return row and column of the cheapest pivot, and the sizes of its row's largest entry; None if none is usable.
 
         First a pivot that has the same sign at all trusted samples is sought among few rows and columns, then among more of them.
         If there is none, the sign may change in a second search of this kind, unless `steady_only` excludes it.
@@ -438,7 +440,7 @@ class _Markowitz:
         (`crossed`), p (row) - entry (pivot's row). If the pivot's row is divided by p at once, entry / p is not needed.
 
         Args:
-            largest: (samples,) size of the largest entry in row r.
+            largest: (trusted samples,) size of the largest entry in row r; its median gives the pivot's threshold.
         """
         row = {k: e.node() for k, e in self.rows.pop(r).items()}
         pivot = row.pop(c)  # `row` keeps the other entries of the pivot's row, by column

@@ -190,7 +190,7 @@ class Tracker:
             motion = loop_motion(replace(self.driven, q0=q.copy(), drivers=tuple(drivers)), np.array([1.0]))
         except MotionError as error:
             kind = "singular position" if isinstance(error, SingularPosition) else "limit of motion"
-            reason = str(error).rpartition(": ")[2]  # without the name of the linkage
+            reason = str(error).rpartition(": ")[2]  # the message names the place, then the reason
             return Loss(sample=0, kind=kind, inputs=error.inputs, text=reason)  # the caller knows the sample
         return np.concatenate([motion.q[0], motion.v[0], motion.a[0]])
 
