@@ -165,6 +165,7 @@ class Gauss:
 
     @cached_property
     def _motions(self) -> Motions:
+        """The basis of the free motions, with N^T N factorised."""
         return Motions.of(self.terms, self.independent, self.N, self.search)
 
     def acceleration(self, gamma: Sparse) -> Sparse:
@@ -320,6 +321,7 @@ class Lagrange:
 
     @cached_property
     def _motions(self) -> Motions:
+        """The basis of the free motions, with N^T N factorised."""
         return Motions.of(self.terms, self.independent, self._free_motions, self.search)
 
     def _coordinates(self, unknowns: Sparse) -> Sparse:

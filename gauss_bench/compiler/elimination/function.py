@@ -69,10 +69,12 @@ class Function:
 
     @property
     def operations(self) -> int:
+        """Number of instructions that compute something, all but inputs and constants."""
         return sum(x.operation not in ("INPUT", "CONST") for x in self.instructions)
 
     @property
     def divisions(self) -> int:
+        """Number of divisions and reciprocals."""
         return sum(x.operation in ("DIV", "INV") for x in self.instructions)
 
     def angles(self, argument: int) -> set[int]:
@@ -203,6 +205,7 @@ def function(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None) ->
     own_uses = cache(lambda: uses(ends))  # for nodes that are not in `shared`
 
     def is_used_once(x: Node) -> bool:
+        """Tell whether a node has a single use, so that its user may absorb it; with None for `shared`, none has."""
         return shared is not None and (shared[x.index] if x.index in shared else own_uses()[x.index]) == 1
 
     chosen: dict[int, tuple[Node, str, tuple[Node, ...]]] = {}  # index of a node -> node, operation, operands

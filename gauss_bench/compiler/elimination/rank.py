@@ -61,6 +61,7 @@ class RankDecision:
 
     @cached_property
     def evaluator(self) -> Evaluator:
+        """The interpreted evaluation of M, J, Q and gamma."""
         return Evaluator(self.mechanism)
 
     def acceleration(self, t: float, q: Array, v: Array, damped: bool = False) -> Array:
@@ -96,6 +97,7 @@ class RankDecision:
         """
 
         def acceleration(t: float, q: Array, v: Array) -> Array:
+            """Return the acceleration with Baumgarte's terms, if there are any."""
             return self.acceleration(t, q, v, damped=True)
 
         # stages at the end of the step are evaluated just before it, so that a force that jumps there still has its old value
