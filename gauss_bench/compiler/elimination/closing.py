@@ -83,9 +83,11 @@ class Driven(Links):
     rates: Sequence[Node] | None = None
 
     def law(self, law: MotionLaw) -> Motion:
+        """Return the given value, rate and second rate of the driver with this law."""
         return self.levels[int(law.name)]
 
     def rate(self, k: int) -> Node:
+        """Return the rate of coordinate k."""
         return super().rate(k) if self.rates is None else self.rates[k]
 
 
