@@ -1,13 +1,15 @@
-"""Functions that close a linkage at one sample of its inputs: the rows of joints and inputs, solved for all coordinates.
+"""Functions that close the loops of a linkage for one sample of its inputs, and give rates, second rates and the next guess.
 
-The inputs u are drivers with rates w and second rates b, so that J is square. The next sample is at u + g:
+The inputs u are the values of drivers, with rates w and second rates b. The constraint equations phi = 0 of joints and drivers are
+as many as the coordinates q, so that their Jacobian J is square; gamma is the right-hand side of J q'' = gamma. The next sample is
+at u + g. z is a correction of q; d and e are the first and second derivatives of q by a single input:
 
     correction     J z = -phi(q, u)
     one input      J d = 1,  J e = gamma(q, d),     q' = d w,  q'' = d b + e w^2,     the next guess is q + g (d + g e / 2)
     several        J q' = w,  J q'' = b + gamma(q, q');     the next guess is q + q' + q'' / 2, with g for w and 0 for b
 
-The pivots of J are the guards: their product is its determinant, whose sign distinguishes assemblies. Pivots are chosen at sampled
-positions in the assembly in which the linkage starts.
+The pivots of J are the guards: their product is the determinant of J, whose sign distinguishes the assembly modes of the linkage.
+Pivots are chosen at sampled positions of the assembly mode in which the linkage starts.
 """
 
 from collections.abc import Sequence
@@ -35,13 +37,13 @@ from gauss_bench.terms import Array
 
 @dataclass(frozen=True, eq=False)
 class ClosingProgram:
-    """The functions that close one linkage at given inputs.
+    """The functions that close one linkage at given inputs, in the letters of the module's docstring.
 
     Attributes:
         driven: the linkage, with its inputs as drivers.
-        correction: function (q, u) -> z (n).
-        motion: function (q, u, w, b, g) -> guards, which must not change their signs; the step (n) to the guess at the next sample;
-            q, v, a (3n).
+        correction: function (q, u) -> Newton's correction z (n).
+        motion: function (q, u, w, b, g) of a closed position q -> three results: the guards, which must not change their signs; the
+            step (n) from q to the guess at the next sample; q, v, a (3n).
     """
 
     driven: Mechanism
@@ -65,51 +67,60 @@ class ClosingProgram:
 
     @property
     def width(self) -> int:
-        """Number of values that are stored at each sample, q, v and a."""
+        """Number of values that are stored at each sample: 3n, for q, v and a."""
         return len(self.motion.outputs[2])
 
 
 class Driven(Links):
-    """The links at a sample, where drivers have given values instead of laws of time.
+    """Positions and velocities of the links as expressions; drivers have given values in them, and not motion laws of time.
 
     Attributes:
-        levels: value, rate and second rate of each driver; the name of a driver's law is the driver's index.
-        rates: rates of all coordinates if they are known already, else None.
+        levels: value, rate and second rate of each driver; the name of a driver's law is the driver's index in `levels`.
+        rates: rates (n,) of all coordinates if they are known already; with None they are inputs of the graph.
     """
 
     levels: Sequence[Motion]
     rates: Sequence[Node] | None = None
 
     def law(self, law: MotionLaw) -> Motion:
+        """Return the given value, rate and second rate of the driver with this law."""
         return self.levels[int(law.name)]
 
     def rate(self, k: int) -> Node:
+        """Return the rate of coordinate k."""
         return super().rate(k) if self.rates is None else self.rates[k]
 
 
 def closing_program(mechanism: Mechanism) -> ClosingProgram:
-    """Generate the program for a linkage with as many drivers, its inputs, as degrees of freedom.
+    """Generate the program of a linkage whose drivers, the inputs, are as many as its degrees of freedom.
 
     Raises:
-        KernelError: no usable pivots.
+        KernelError: no usable pivots, or a start at a singular position.
     """
-    known = study(replace(mechanism, drivers=()) if mechanism.dof == 1 else mechanism)  # positions all over the motion
+    # without its driver a linkage of one degree of freedom is sampled over its whole motion, not only where its driver moves it
+    known = study(replace(mechanism, drivers=()) if mechanism.dof == 1 else mechanism)
     correction, motion = _Equations(mechanism, known).solve()
-    n, K = mechanism.n, len(mechanism.drivers)
+    n, K = mechanism.n, len(mechanism.drivers)  # u, w, b, g: value, rate, second rate and step of each input
     closing = function((("q", n), ("u", K)), correction, None)
     return ClosingProgram(mechanism, closing, function((("q", n), ("u", K), ("w", K), ("b", K), ("g", K)), motion, None))
 
 
 class _Equations:
-    """The constraint rows of a driven linkage before elimination, at samples of the assembly in which it starts.
+    """The constraint rows of a driven linkage as expressions, before elimination.
+
+    The expressions have values at sampled positions of the assembly mode in which the linkage starts.
 
     Attributes:
-        kept: indices of the rows that are eliminated, those of joints and then one for each driver.
-        drop: the choice of redundant rows.
-        levels: four tuples of one node per input: value u, rate w, second rate b, and the change g from the last position.
+        kept: indices of the rows that are eliminated: rows of joints, then one row for each driver.
+        drop: the redundant rows that are left out, and how they are added to kept rows.
+        u, w, b, g: one node per input, for its value, rate, second rate, and step to the next sample.
+        zeros: the constant 0, once per input.
+        rows: the kept rows for inputs u at rest.
     """
 
     def __init__(self, driven: Mechanism, known: Study):
+        """Write the rows of a linkage at the positions of `known`, the analysis of the linkage in which dropped rows are chosen."""
+        # a law is named by the index of its driver, so that `Driven.law` finds the given values of the driver
         numbered = (replace(d, law=MotionLaw(str(k), d.law.motion)) for k, d in enumerate(driven.drivers))
         self.driven, self.drop = replace(driven, drivers=tuple(numbered)), known.drops[0]
         self.parameters = open_parameters(driven, ())
@@ -119,31 +130,39 @@ class _Equations:
         u = np.array([value(d.coordinate, q) for d in driven.drivers])
         self.graph = graph = ExpressionGraph(len(q))
         self.state = State("t", "q", "v", np.zeros(len(q)), q, np.random.default_rng(0).normal(size=q.shape))
-        self.levels = [
+        # w, b and g have arbitrary values near 1 at the samples, which differ so that no terms cancel by accident
+        self.u, self.w, self.b, self.g = (
             tuple(graph.input(letter, k, x if letter == "u" else 1.0 + 0.1 * np.sin(x + place), 1.0) for k, x in enumerate(u))
             for place, letter in enumerate("uwbg")
-        ]
+        )
         zero = graph.constant(0.0)
         self.zeros = (zero,) * len(u)
         self.rows = self._rows(self.zeros, self.zeros)
 
     def _same_assembly(self, q: Array) -> Array:
-        """Return the positions of q (k, n) that are not nearly singular and at which det J has the same sign as at the start."""
+        """Return the positions among q (k, n) that are not nearly singular and at which det J has the same sign as at the start.
+
+        J is made square: redundant rows are dropped, after the multiple of each that `drop.shares` names is added to a kept row.
+
+        Raises:
+            KernelError: the start is at a singular position.
+        """
         J = Constraints(self.driven)(0.0, np.concatenate([self.driven.q0[None], q]), np.zeros((1 + len(q), q.shape[1]))).J
         square = J[:, self.kept]
-        for at, row, factor in self.drop.shares:
-            square[:, self.kept.index(at)] += factor * J[:, row]
-        sizes, signs = np.linalg.svd(square, compute_uv=False), np.linalg.slogdet(square)[0]  # (1 + k, n), (1 + k,)
-        regular = sizes[:, -1] / sizes[:, 0]
+        for kept_row, dropped_row, factor in self.drop.shares:
+            square[:, self.kept.index(kept_row)] += factor * J[:, dropped_row]
+        # singular values (1 + k, n) and signs of det J (1 + k,); the first position is the start
+        sizes, signs = np.linalg.svd(square, compute_uv=False), np.linalg.slogdet(square)[0]
+        regular = sizes[:, -1] / sizes[:, 0]  # 0 at a singular position
         if regular[0] < REGULAR:
             raise KernelError(f"{self.driven.name}: the start is at a singular position")
         same: Array = q[(signs[1:] == signs[0]) & (regular[1:] > SINGULAR * np.median(regular))]
         return same
 
     def _links(self, rates: Sequence[Node], seconds: Sequence[Node], v: Sequence[Node] | None = None) -> Driven:
-        """Return the links for rates and second rates of the inputs, and rates v of all coordinates if they are known."""
+        """Return the links for inputs of value u with these rates and second rates; v: rates (n,) of all coordinates, if known."""
         links = Driven(self.graph, self.driven, self.parameters, self.state)
-        links.levels, links.rates = list(zip(self.levels[0], rates, seconds, strict=True)), v
+        links.levels, links.rates = list(zip(self.u, rates, seconds, strict=True)), v
         return links
 
     def _rows(self, rates: Sequence[Node], seconds: Sequence[Node], v: Sequence[Node] | None = None) -> list[Row]:
@@ -151,30 +170,31 @@ class _Equations:
         return keep_rows(self.graph, rows_of(self._links(rates, seconds, v)), self.kept, self.drop)
 
     def solve(self) -> tuple[list[list[Node]], list[list[Node]]]:
-        """Return the results of `ClosingProgram.correction` and of `ClosingProgram.motion`, each as lists of nodes."""
+        """Eliminate; return the results of `ClosingProgram.correction` and those of `ClosingProgram.motion`, as lists of nodes."""
         graph, n = self.graph, self.driven.n
         jacobian = {(r, c): e for r, row in enumerate(self.rows) for c, e in row.entries.items()}
         factors = lu(graph, jacobian, range(n), range(n), Search(), squares=True)
 
-        def solve(right: Sequence[Node]) -> list[Node]:
+        def solve_rows(right: Sequence[Node]) -> list[Node]:
             """Return the solution (n) of J x = right."""
             return vector(graph, factors.solve({r: x for r, x in enumerate(right) if not x.zero}), n)
 
         def follow(rates: Sequence[Node], seconds: Sequence[Node]) -> tuple[list[Node], list[Node]]:
             """Return rates (n) and second rates (n) of all coordinates, for those of the inputs."""
-            v = solve([-row.phi_t for row in self._rows(rates, seconds)])
-            return v, solve([row.gamma for row in self._rows(rates, seconds, v)])
+            v = solve_rows([-row.phi_t for row in self._rows(rates, seconds)])
+            return v, solve_rows([row.gamma for row in self._rows(rates, seconds, v)])
 
-        _, w, b, g = self.levels
+        w, b, g = self.w, self.b, self.g
         if len(w) == 1:
-            d, e = follow((graph.constant(1.0),), self.zeros)
+            d, e = follow((graph.constant(1.0),), self.zeros)  # first and second derivatives of q (n) by the input
             advance = [g[0] * (x + g[0] * (y * 0.5)) for x, y in zip(d, e, strict=True)]
             square = w[0] * w[0]
             v, a = [x * w[0] for x in d], [x * b[0] + y * square for x, y in zip(d, e, strict=True)]
         else:
+            # the step by Taylor's series, as if the inputs moved at the constant rates g for one unit of time
             advance = [x + y * 0.5 for x, y in zip(*follow(g, self.zeros), strict=True)]
             v, a = follow(w, b)
-        z = solve([-row.phi for row in self.rows if row.phi is not None])
+        z = solve_rows([-row.phi for row in self.rows if row.phi is not None])
         links = self._links(self.zeros, self.zeros, v)
         q, guards = [links.coordinate(k) for k in range(n)], [x for x, _ in guarded(factors)]
         return [z], [guards, advance, [*q, *v, *a]]

@@ -1,5 +1,7 @@
 """Accelerations, corrections and multipliers of a linkage under two formulations, by the same elimination.
 
+J (m, n) is the Jacobian of the constraint rows, gamma the right-hand side of J a = gamma, M the mass matrix, Q the force.
+
 Gauss: J = [Jd Ju], where u are the n - m independent coordinates and d the others. One factorisation of Jd, which is m x m, gives
 
     a = a0 + N h,    a0 = (Jd^-1 gamma; 0),    N = (-Jd^-1 Ju; 1),    (N^T M N) h = N^T (Q - M a0)
@@ -9,18 +11,22 @@ Lagrange: the n + m equations
     [ M  J^T ] [   a    ]   [   Q   ]
     [ J   0  ] [ lambda ] = [ gamma ]
 
-Newton's correction of a residual r is the shortest in metres and radians, as in the interpreted formulations. Under Gauss, first
+The columns of N are the free motions: a basis of the velocities v with J v = 0.
+
+Newton's correction dx of a residual r is the shortest in metres and radians, as in the interpreted formulations. Under Gauss, first
 the dependent coordinates alone are corrected, Jd x = -r; then the part of x along the free motions is subtracted,
 
     dx = x - N (N^T N)^-1 N^T x
 
-Under Lagrange x is the solution of the same equations with the right-hand side (0, -r). This x is the shortest in the mass metric,
-which moves light links more; without its part along N it is the same dx. The free motions N are the solutions for unit forces
-along the independent coordinates, with right-hand sides (e_k, 0). If there are several, the same equations with unit masses cost
-less and give dx directly; they also work where an independent coordinate is at rest for a moment.
+Under Lagrange x is the solution of Lagrange's equations above with the right-hand side (0, -r). This x has the least norm in the
+mass metric, in which light links move more. If the part of x along N is subtracted as above, the result is the same dx. Under
+Lagrange the free motions are the solutions for unit forces along the independent coordinates, with right-hand sides (e_k, 0). If
+there are several free motions, Lagrange's equations with unit masses cost less and give dx directly; they can also be solved where
+an independent coordinate is at rest for a moment.
 
-The nearest velocities v' with J v' + phi_t = 0 follow from N without a residual. With vp any velocities that satisfy the rows, y
-the speeds along N that reproduce the independent coordinates of v, and w = v - vp - N y the error of the other coordinates,
+The velocities v' nearest to v with J v' + phi_t = 0 follow from N without a residual. Let vp be any velocities that satisfy the
+rows, y the speeds along N for which vp + N y equals v in the independent coordinates, and w = v - vp - N y the error in the other
+coordinates. Then
 
     v' = vp + N (y + (N^T N)^-1 N^T w)
 
@@ -31,7 +37,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from gauss_bench.compiler.elimination.lu import Factors, Matrix, Right, Search, lu
+from gauss_bench.compiler.elimination.lu import Factors, Matrix, Search, Sparse, lu
 from gauss_bench.compiler.elimination.partition import ENOUGH, USABLE, Drop, Study, conditions
 from gauss_bench.compiler.equations.constraints import combine, rate_of, rows_of
 from gauss_bench.compiler.equations.forces import energy, generalised_force
@@ -42,14 +48,14 @@ from gauss_bench.mechanism.equations import Row
 from gauss_bench.mechanism.lines import line_names, line_values
 from gauss_bench.mechanism.model import Mechanism
 
-Guard = tuple[Node, float]  # a pivot, and the size below which it must not be used
+Guard = tuple[Node, float]  # a pivot, and its threshold: where its absolute value is smaller, the program must not be used
 
 REACH = 12  # number of neighbours in a long sum among which a pair with a known sum is sought
 
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """The equations of motion as expressions.
+    """The equations of motion as expressions, the terms M, J, Q and gamma of the module's docstring.
 
     Attributes:
         mass: (n,) diagonal of M.
@@ -61,7 +67,7 @@ class Terms:
     graph: ExpressionGraph
     mass: tuple[Node, ...]
     rows: Sequence[Row]
-    Q: Right
+    Q: Sparse
     mixed: bool = False
 
     @property
@@ -70,57 +76,63 @@ class Terms:
         return {(r, c): e for r, row in enumerate(self.rows) for c, e in row.entries.items()}
 
     @property
-    def gamma(self) -> Right:
+    def gamma(self) -> Sparse:
         """Right-hand side of J a = gamma, row -> node."""
         return {r: row.gamma for r, row in enumerate(self.rows) if not row.gamma.zero}
 
     @property
-    def driven(self) -> Right:
+    def driven(self) -> Sparse:
         """Right-hand side -phi_t of J v = -phi_t, row -> node."""
         return {r: -row.phi_t for r, row in enumerate(self.rows) if not row.phi_t.zero}
 
 
 @dataclass(frozen=True, eq=False)
 class Motions:
-    """A basis of the free motions.
+    """A basis N of the free motions, which are the velocities v with J v = 0.
 
     Attributes:
-        N: the motions, each coordinate -> node; each moves exactly one independent coordinate.
+        N: the columns of the basis, each as a dict coordinate -> node; column k moves independent coordinate k and no other one.
         lengths: factors of N^T N.
     """
 
     graph: ExpressionGraph
     independent: tuple[int, ...]
-    N: list[Right]
+    N: list[Sparse]
     lengths: Factors
 
     @classmethod
-    def of(cls, terms: Terms, independent: tuple[int, ...], N: list[Right], search: Search) -> "Motions":
-        """Build the basis, with N^T N factorised."""
+    def of(cls, terms: Terms, independent: tuple[int, ...], N: list[Sparse], search: Search) -> "Motions":
+        """Build the basis from its columns N, and factorise N^T N."""
         return cls(terms.graph, independent, N, _metric(terms.graph, N, [terms.graph.constant(1.0)] * len(terms.mass), search))
 
-    def _shares(self, x: Right) -> Right:
-        """Return (N^T N)^-1 N^T x, index of a free motion -> node."""
+    def _amounts(self, x: Sparse) -> Sparse:
+        """Return (N^T N)^-1 N^T x, the amounts of the free motions in x, as a dict from the index of a free motion to a node."""
         products = [self.graph.total([N[j] * y for j, y in x.items() if j in N]) for N in self.N]
         return self.lengths.solve(_without_zeros(enumerate(products)))
 
-    def across(self, change: Right) -> Right:
-        """Return a change of coordinates without its part along the free motions."""
-        shares = self._shares({j: -x for j, x in change.items()})
-        moved = sorted(set().union(change, *self.N))
-        parts = {j: [*_at(change, j), *_parts(self.N, shares, j)] for j in moved}
-        return _without_zeros((j, self.graph.total(x)) for j, x in parts.items())
+    def remove_free_part(self, x: Sparse) -> Sparse:
+        """Return x - N (N^T N)^-1 N^T x: an increment x of the coordinates without its part along the free motions."""
+        amounts = self._amounts({j: -e for j, e in x.items()})
+        moved = sorted(set().union(x, *self.N))
+        parts = {j: [*_entry(x, j), *_summands(self.N, amounts, j)] for j in moved}
+        return _without_zeros((j, self.graph.total(terms)) for j, terms in parts.items())
 
-    def nearest(self, v: Sequence[Node], driven: Right) -> Right:
-        """Return the velocities nearest to v (n,) that satisfy the rows; `driven` are any velocities vp that satisfy them."""
+    def nearest(self, v: Sequence[Node], driven: Sparse) -> Sparse:
+        """Return the velocities nearest to v (n,) that satisfy the rows: v' = vp + N (y + (N^T N)^-1 N^T w).
+
+        Args:
+            v: velocities that need not satisfy the rows.
+            driven: any velocities vp that satisfy them, coordinate -> node.
+        """
         graph, off = self.graph, {j: x - driven[j] if j in driven else x for j, x in enumerate(v)}  # off = v - vp
-        speeds = {k: off[u] / N[u] for k, (u, N) in enumerate(zip(self.independent, self.N, strict=True))}  # y
+        # y: motion k alone moves independent coordinate u, so that vp + N y equals v in it
+        speeds = {k: off[u] / N[u] for k, (u, N) in enumerate(zip(self.independent, self.N, strict=True))}
         others = [j for j in off if j not in self.independent]
-        # more = (N^T N)^-1 N^T w, with w = 0 in the independent coordinates
-        more = self._shares({j: graph.total([off[j], *(-x for x in _parts(self.N, speeds, j))]) for j in others})
-        nearest = {u: graph.total([v[u], *_parts(self.N, more, u)]) for u in self.independent}
-        speeds = {k: y + more[k] if k in more else y for k, y in speeds.items()}
-        nearest |= {j: graph.total([*_at(driven, j), *_parts(self.N, speeds, j)]) for j in others}
+        # correction = (N^T N)^-1 N^T w, where w = v - vp - N y vanishes in the independent coordinates
+        correction = self._amounts({j: graph.total([off[j], *(-x for x in _summands(self.N, speeds, j))]) for j in others})
+        nearest = {u: graph.total([v[u], *_summands(self.N, correction, u)]) for u in self.independent}
+        speeds = {k: y + correction[k] if k in correction else y for k, y in speeds.items()}
+        nearest |= {j: graph.total([*_entry(driven, j), *_summands(self.N, speeds, j)]) for j in others}
         return _without_zeros(sorted(nearest.items()))
 
 
@@ -128,100 +140,113 @@ class Gauss:
     """Elimination under Gauss's principle, with n - m unknowns.
 
     Attributes:
-        factors: those of Jd.
-        N: the free motions, one for each independent coordinate.
+        factors: the factors of Jd.
+        N: the free motions (velocities v with J v = 0), one for each independent coordinate, each a dict coordinate -> node.
         reduced: factors of N^T M N.
-        guards, correcting: guards of the acceleration, and further ones of corrections.
-        directions: free motions, and further guards that they need.
+        guards: pivots that must not be small where the acceleration is evaluated, with their thresholds.
+        correcting: additional guards of corrections; there are none.
+        directions: the free motions, and the additional guards of their evaluation; there are none.
     """
 
     def __init__(self, terms: Terms, independent: Sequence[int], search: Search):
+        """Factorise Jd and N^T M N; `search` has the settings by which pivots are chosen."""
         self.terms, self.independent = terms, tuple(independent)
         J, n = terms.jacobian, len(terms.mass)
         dependent = [c for c in range(n) if c not in self.independent]
         self.factors = lu(terms.graph, J, range(len(terms.rows)), dependent, search, terms.mixed)
         one = terms.graph.constant(1.0)
+        # column k of N: independent coordinate k moves with speed 1, and the dependent ones as J N = 0 demands
         self.N = [self.factors.solve({r: -e for (r, c), e in J.items() if c == k}) | {k: one} for k in self.independent]
         self.search = search
         self.reduced = _metric(terms.graph, self.N, terms.mass, search)
+        # N^T M N and N^T N are positive definite: only the pivots of Jd need guards
         self.guards, self.correcting = guarded(self.factors), list[Guard]()
         self.directions = self.N, list[Guard]()
 
     @cached_property
     def _motions(self) -> Motions:
+        """The basis of the free motions, with N^T N factorised."""
         return Motions.of(self.terms, self.independent, self.N, self.search)
 
-    def acceleration(self, gamma: Right) -> Right:
-        """Return a, coordinate -> node, for a right-hand side of J a = gamma."""
+    def acceleration(self, gamma: Sparse) -> Sparse:
+        """Return the accelerations for a right-hand side of J a = gamma, as a dict coordinate -> node without zeros."""
         graph = self.terms.graph
         # a = a0 + N h with (N^T M N) h = N^T (Q - M a0), Yuan and Ge (2016), eqs (8)-(9)
         a0 = self.factors.solve(gamma)
-        b = [graph.total(_work(self.terms, N, a0), pairs=REACH) for N in self.N]
+        b = [graph.total(_reduced_force(self.terms, N, a0), pairs=REACH) for N in self.N]
         h = self.reduced.solve(_without_zeros(enumerate(b)))
-        a = [graph.total([*_parts(self.N, h, j), *_at(a0, j)]) for j in range(len(self.terms.mass))]
+        a = [graph.total([*_summands(self.N, h, j), *_entry(a0, j)]) for j in range(len(self.terms.mass))]
         return _without_zeros(enumerate(a))
 
-    def correction(self, residual: Right) -> Right:
+    def correction(self, residual: Sparse) -> Sparse:
         """Return the shortest change of the coordinates that cancels a residual, row -> node."""
-        return self._motions.across(self.factors.solve({r: -x for r, x in residual.items()}))
+        return self._motions.remove_free_part(self.factors.solve({r: -x for r, x in residual.items()}))
 
-    def velocity(self, v: Sequence[Node]) -> Right:
+    def velocity(self, v: Sequence[Node]) -> Sparse:
         """Return the nearest velocities to v (n,) that satisfy the rows."""
         return self._motions.nearest(v, self.factors.solve(self.terms.driven))
 
-    def multipliers(self, gamma: Right) -> Right:
-        """Return lambda, row -> node, for a right-hand side of J a = gamma."""
+    def multipliers(self, gamma: Sparse) -> Sparse:
+        """Return the multipliers of the kept rows for a right-hand side of J a = gamma, as a dict row -> node."""
         a, terms = self.acceleration(gamma), self.terms
         # the dependent columns determine lambda: Jd^T lambda = (Q - M a)_d
-        forces: Right = {}
+        forces: Sparse = {}
         for c in range(len(terms.mass)):
             if c not in self.independent:
                 inertial = [-(terms.mass[c] * a[c])] if c in a else []
-                forces[c] = terms.graph.total([*_at(terms.Q, c), *inertial])
+                forces[c] = terms.graph.total([*_entry(terms.Q, c), *inertial])
         transposed = {(c, r): e for (r, c), e in terms.jacobian.items() if c in forces}
         return lu(terms.graph, transposed, forces, range(len(terms.rows)), Search(), terms.mixed).solve(forces)
 
 
-def _without_zeros(entries: Iterable[tuple[int, Node]]) -> Right:
+def _without_zeros(entries: Iterable[tuple[int, Node]]) -> Sparse:
     """Return a sparse vector with the entries (index, node) that are not zero."""
     return {j: x for j, x in entries if not x.zero}
 
 
-def _at(x: Right, j: int) -> list[Node]:
+def _entry(x: Sparse, j: int) -> list[Node]:
     """Return entry j of a sparse vector as a list, which is empty if the entry is absent."""
     return [x[j]] if j in x else []
 
 
-def _parts(motions: Sequence[Right], amounts: Right, j: int) -> list[Node]:
-    """Return the summands of coordinate j in the sum of motions times their amounts."""
+def _summands(motions: Sequence[Sparse], amounts: Sparse, j: int) -> list[Node]:
+    """Return the summands of coordinate j in sum_k motions_k amounts_k, without those that are zero."""
     return [N[j] * amounts[k] for k, N in enumerate(motions) if j in N and k in amounts]
 
 
-def _metric(graph: ExpressionGraph, motions: Sequence[Right], weights: Sequence[Node], search: Search) -> Factors:
-    """Factorise N^T W N, for motions N and a diagonal W of weights."""
+def _metric(graph: ExpressionGraph, motions: Sequence[Sparse], weights: Sequence[Node], search: Search) -> Factors:
+    """Factorise N^T W N, where the columns of N are motions (coordinate -> node), and W is a diagonal of weights (n,)."""
     unknowns = range(len(motions))
     A: Matrix = {}
     for k in unknowns:
         for l in range(k + 1):
             products = {j: x * motions[l][j] for j, x in motions[k].items() if j in motions[l]}
             A[k, l] = A[l, k] = graph.total(_weigh(graph, weights, products), pairs=REACH)
-    return lu(graph, A, unknowns, unknowns, Search(search.seed))
+    return lu(graph, A, unknowns, unknowns, Search(search.seed))  # by the plain rule: other settings are for the larger J
 
 
-def _weigh(graph: ExpressionGraph, weights: Sequence[Node], products: Right) -> list[Node]:
-    """Return the summands of sum_j weight_j product_j, after adding products of equal weight.
+def _weigh(graph: ExpressionGraph, weights: Sequence[Node], products: Sparse) -> list[Node]:
+    """Return the summands of sum_j weight_j product_j, where products of equal weight are added before they are weighted.
 
-    So the parts of a sine and a cosine in x and y of a link on a ground pin become constant.
+    For a link on a ground pin, for example, the products of x and y are r^2 sin^2 and r^2 cos^2. Both have the mass as weight, and
+    their sum is the constant r^2.
+
+    Args:
+        weights: (n,) weight of each coordinate.
+        products: coordinate -> node.
     """
-    together: dict[int, list[Node]] = {}
+    of_weight: dict[int, list[Node]] = {}  # index of the weight's node -> products with this weight
     for j, x in sorted(products.items()):
-        together.setdefault(weights[j].index, []).append(x)
+        of_weight.setdefault(weights[j].index, []).append(x)
     by_index = {w.index: w for w in weights}
-    return [by_index[w] * graph.total(x, pairs=REACH) for w, x in together.items()]
+    return [by_index[w] * graph.total(x, pairs=REACH) for w, x in of_weight.items()]
 
 
-def _work(terms: Terms, N: Right, a0: Right) -> list[Node]:
-    """Return the summands of N^T (Q - M a0) for one motion N; a constant force such as gravity is combined with a0."""
+def _reduced_force(terms: Terms, N: Sparse, a0: Sparse) -> list[Node]:
+    """Return the summands of N^T (Q - M a0) for one motion N.
+
+    For constant Q_j and M_j, as under gravity, M_j (Q_j / M_j - a0_j) is formed, so that `_weigh` can add what has the same mass.
+    """
     inertial, others = {}, []
     for j, x in N.items():
         mass, Q = terms.mass[j], terms.Q.get(j)
@@ -236,50 +261,58 @@ def _work(terms: Terms, N: Right, a0: Right) -> list[Node]:
 
 
 class Lagrange:
-    """Elimination of Lagrange's equations, with n + m unknowns; unknown n + r is the multiplier of row r.
+    """Elimination of Lagrange's equations, with n + m unknowns: the accelerations, and as unknown n + r the multiplier of row r.
 
     Attributes:
-        factors: those of the equations with the mass matrix.
-        single: whether corrections use one free motion, because there is only one and its coordinate moves at every sample.
-        guards: guards of the acceleration.
+        factors: factors of [M J^T; J 0].
+        single: whether `factors` serve for corrections too. This needs at most one free motion, whose independent coordinate moves
+            at every sample; otherwise the equations with unit masses are factorised for corrections.
+        guards: pivots that must not be small where the acceleration is evaluated, with their thresholds.
     """
 
     def __init__(self, terms: Terms, independent: Sequence[int], search: Search, moving: bool):
+        """Factorise the equations.
+
+        Args:
+            independent: indices of the independent coordinates; they only select the free motions.
+            search: the settings by which pivots are chosen.
+            moving: whether the independent coordinates determine the velocities at every sample.
+        """
         self.terms, self.n, self.independent, self.search = terms, len(terms.mass), tuple(independent), search
         self.factors = self._factors(terms.mass)
         self.single = moving and len(self.independent) <= 1
         self.guards = guarded(self.factors)
 
     def _factors(self, mass: Sequence[Node]) -> Factors:
-        """Factorise [M J^T; J 0] with masses (n,)."""
+        """Factorise [M J^T; J 0] with the diagonal M of `mass` (n,)."""
         A: Matrix = {(i, i): x for i, x in enumerate(mass)}
         for (r, c), e in self.terms.jacobian.items():
             A[self.n + r, c] = A[c, self.n + r] = e
         size = self.n + len(self.terms.rows)
         return lu(self.terms.graph, A, range(size), range(size), self.search)
 
-    def _solve(self, gamma: Right) -> Right:
-        """Return accelerations and multipliers, unknown -> node."""
+    def _solve(self, gamma: Sparse) -> Sparse:
+        """Return accelerations and multipliers for a right-hand side of J a = gamma, index of an unknown -> node."""
         return self.factors.solve(self.terms.Q | {self.n + r: x for r, x in gamma.items()})
 
-    def acceleration(self, gamma: Right) -> Right:
-        """Return a, coordinate -> node, for a right-hand side of J a = gamma."""
+    def acceleration(self, gamma: Sparse) -> Sparse:
+        """Return the accelerations for a right-hand side of J a = gamma, as a dict coordinate -> node without zeros."""
         return self._coordinates(self._solve(gamma))
 
     @cached_property
     def _units(self) -> Factors:
-        """Factors of the equations with unit masses."""
+        """Factors of [1 J^T; J 0], the equations with unit masses."""
         return self._factors([self.terms.graph.constant(1.0)] * self.n)
 
     @cached_property
-    def _free_motions(self) -> list[Right]:
-        """Free motions, each caused by a unit force along one independent coordinate."""
+    def _free_motions(self) -> list[Sparse]:
+        """Free motions, coordinate -> node: the accelerations that a unit force along one independent coordinate causes."""
         one = self.terms.graph.constant(1.0)
         return [self._coordinates(self.factors.solve({k: one})) for k in self.independent]
 
     @cached_property
     def _mobility(self) -> Factors:
-        """Factors of the matrix with the movement of each independent coordinate (row) in each free motion (column)."""
+        """Factors of the mobility matrix: how far each free motion (column) moves each independent coordinate (row)."""
         unknowns, motions = range(len(self.independent)), self._free_motions
         A: Matrix = {}
         for k, N in enumerate(motions):
@@ -288,56 +321,63 @@ class Lagrange:
 
     @cached_property
     def _motions(self) -> Motions:
+        """The basis of the free motions, with N^T N factorised."""
         return Motions.of(self.terms, self.independent, self._free_motions, self.search)
 
-    def _coordinates(self, unknowns: Right) -> Right:
-        """Return the unknowns that belong to coordinates."""
+    def _coordinates(self, unknowns: Sparse) -> Sparse:
+        """Return the unknowns without the multipliers."""
         return {k: x for k, x in unknowns.items() if k < self.n}
 
-    def correction(self, residual: Right) -> Right:
+    def correction(self, residual: Sparse) -> Sparse:
         """Return the shortest change of the coordinates that cancels a residual, row -> node."""
         right = {self.n + r: -x for r, x in residual.items()}
         if self.single:
-            return self._motions.across(self._coordinates(self.factors.solve(right)))
-        return self._coordinates(self._units.solve(right))
+            return self._motions.remove_free_part(self._coordinates(self.factors.solve(right)))
+        return self._coordinates(self._units.solve(right))  # with unit masses the solution is the shortest by itself
 
-    def velocity(self, v: Sequence[Node]) -> Right:
+    def velocity(self, v: Sequence[Node]) -> Sparse:
         """Return the nearest velocities to v (n,) that satisfy the rows."""
         if self.single:
+            # any velocities that satisfy the rows: J v = -phi_t stands in rows n + r
             driven = self.factors.solve({self.n + r: x for r, x in self.terms.driven.items()})
             return self._motions.nearest(v, self._coordinates(driven))
+        # otherwise correct v by the residual J v + phi_t
         rates = [self.terms.graph.total([*(e * v[c] for c, e in row.entries.items()), row.phi_t]) for row in self.terms.rows]
         change = self.correction(_without_zeros(enumerate(rates)))
         return {j: x + change[j] if j in change else x for j, x in enumerate(v)}
 
     @property
     def correcting(self) -> list[Guard]:
-        """Guards of corrections, besides those of the acceleration."""
+        """Guards that corrections need besides those of the acceleration."""
         return guarded(self._mobility if self.single else self._units)
 
-    def multipliers(self, gamma: Right) -> Right:
-        """Return lambda, row -> node, for a right-hand side of J a = gamma."""
+    def multipliers(self, gamma: Sparse) -> Sparse:
+        """Return the multipliers of the kept rows for a right-hand side of J a = gamma, as a dict row -> node."""
         return {k - self.n: x for k, x in self._solve(gamma).items() if k >= self.n}
 
     @property
-    def directions(self) -> tuple[list[Right], list[Guard]]:
-        """Free motions that each move one independent coordinate, and further guards that they need."""
+    def directions(self) -> tuple[list[Sparse], list[Guard]]:
+        """Free motions (coordinate -> node) that each move a single independent coordinate, and the guards they need in addition.
+
+        A single free motion is the acceleration by a unit force; of several, each moves its coordinate with speed 1.
+        """
         graph, motions, factors = self.terms.graph, self._free_motions, self._mobility
         if len(motions) == 1:
             return motions, guarded(factors)
         alone = []
-        # unit forces along independent coordinates move all of them: combine the motions so that each moves one
+        # a unit force along one independent coordinate moves the others too: column k of the inverse mobility has the amounts of
+        # the motions in that combination which moves independent coordinate k alone
         for amounts in [factors.solve({k: graph.constant(1.0)}) for k in range(len(motions))]:
             sums = []
             for j in range(self.n):
-                sums.append(graph.total([motions[k][j] * x for k, x in amounts.items() if j in motions[k]]))
+                sums.append(graph.total([motions[l][j] * x for l, x in amounts.items() if j in motions[l]]))
             alone.append(_without_zeros(enumerate(sums)))
         return alone, guarded(factors)
 
 
 def guarded(factors: Factors) -> list[Guard]:
     """Return the pivots that vary with the state, each once and without a constant factor, and their thresholds."""
-    guards: dict[int, Guard] = {}
+    guards: dict[int, Guard] = {}  # index of a node -> guard; of two multiples of one node the larger threshold counts
     for p in factors.guarded:
         if p.node.number is None:
             factor, base = factor_out(p.node)
@@ -346,9 +386,9 @@ def guarded(factors: Factors) -> list[Guard]:
     return list(guards.values())
 
 
-# Factor on the thresholds of pivots if every choice of rows to drop is singular somewhere: digits are lost long before pivots
-# become small, and programs with other choices serve there.
-STEADY = 100.0
+# Factor on the thresholds of pivots if the kept rows are nearly dependent at some sample: digits are lost long before pivots become
+# small, and programs that drop other rows are used there.
+CAUTION = 100.0
 FORMULATIONS = ("auto", "gauss", "lagrange")
 
 
@@ -366,7 +406,7 @@ def refuse(mechanism: Mechanism, formulation: str) -> None:
 
 @dataclass(frozen=True)
 class Plan:
-    """A formulation, its independent coordinates, and the index of the choice of redundant rows to drop."""
+    """A formulation, its independent coordinates, and the index in `Study.drops` of the redundant rows that are left out."""
 
     formulation: str
     independent: tuple[int, ...]
@@ -375,14 +415,19 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class Workspace:
-    """The equations of motion of one mechanism before elimination, at the samples where a plan is usable.
+    """The equations of motion of one mechanism before elimination, for one plan.
+
+    The expressions have values at the sampled states at which the plan's rows and coordinates can be used.
 
     Attributes:
+        plan: formulation, independent coordinates and dropped rows.
         caution: factor on the thresholds of pivots.
         moving: whether the plan's independent coordinates are usable at every sample.
+        links: positions and velocities of the links as expressions.
         rows: all constraint rows.
+        terms: the equations of motion with the kept rows alone.
         kept: indices of the rows that are eliminated.
-        drop: the choice of the other rows.
+        drop: the redundant rows that are left out, and how they are added to kept rows.
         mark: length of the graph's trail before elimination, by which an attempt is undone.
     """
 
@@ -397,24 +442,31 @@ class Workspace:
     mark: int
 
     def algebra(self, search: Search) -> "Gauss | Lagrange":
-        """Start a new elimination; the nodes of an earlier attempt are removed from the graph."""
+        """Start a new elimination with these settings; the nodes of an earlier attempt are removed from the graph."""
         self.terms.graph.forget(self.mark)
         if self.plan.formulation == "gauss":
             return Gauss(self.terms, self.plan.independent, search)
         return Lagrange(self.terms, self.plan.independent, search, self.moving)
 
     def residuals(self) -> dict[int, Node]:
-        """Return the residuals at the position to be corrected, index of a kept row -> node; a knife edge has none."""
+        """Return the residuals at the position to be corrected, position of a row in `kept` -> node; a knife edge has none.
+
+        This position has inputs t_new, q_new of its own, because the Jacobian may be that of another position t, q.
+        """
         links = self.links
         there = replace(links.state, t="t_new", q="q_new", v="v_new")
-        at_new = Links(links.graph, links.mechanism, links.parameters, there, exact=True)  # slides do not tie angles here
+        # exact: two links on a slide keep separate angles, because this position may violate the slide's constraint of equal angles
+        at_new = Links(links.graph, links.mechanism, links.parameters, there, exact=True)
         moved = keep_rows(links.graph, rows_of(at_new), self.kept, self.drop)
         return {k: row.phi for k, row in enumerate(moved) if row.phi is not None and not row.phi.zero}
 
-    def spread_out(self, multipliers: Right) -> Right:
-        """Return the multipliers of all rows, given those of the kept rows, index of a kept row -> node.
+    def spread_out(self, multipliers: Sparse) -> Sparse:
+        """Return the multipliers of all rows that are not zero, index of a row -> node.
 
-        A dropped row that was added to kept rows has its factors times their multipliers.
+        A dropped row that was added to kept rows k with factors f_k has the multiplier sum_k f_k lambda_k, other dropped rows 0.
+
+        Args:
+            multipliers: lambda of the kept rows, position of a row in `kept` -> node.
         """
         of_rows = {self.kept[k]: x for k, x in multipliers.items()}
         for dropped in self.drop.rows:
@@ -424,7 +476,7 @@ class Workspace:
         return of_rows
 
     def damped(self, alpha: float, beta: float) -> dict[int, Node]:
-        """Return Baumgarte's right-hand side gamma - 2 alpha phi' - beta^2 phi, index of a kept row -> node."""
+        """Return Baumgarte's right-hand side gamma - 2 alpha phi' - beta^2 phi, position of a row in `kept` -> node."""
         sides: dict[int, Node] = {}
         for k, row in enumerate(self.terms.rows):
             side = row.gamma - rate_of(self.links, row) * (2 * alpha)
@@ -432,18 +484,22 @@ class Workspace:
         return {k: x for k, x in sides.items() if not x.zero}
 
     def exact(self) -> tuple[list[Node], list[Node], Node]:
-        """Return phi of holonomic rows, phi' of all rows, and the energy, all valid off the constraints too."""
-        links = self.links  # but slides tie no angles below
+        """Return phi of holonomic rows, phi' of all rows, and the energy, all valid off the constraints too.
+
+        `self.links` gives both links of a slide one angle up to a constant, which is true on the constraints only. The links used
+        here have angles of their own.
+        """
+        links = self.links
         plain = Links(links.graph, links.mechanism, links.parameters, links.state, exact=True)
         rows = rows_of(plain)
         return [row.phi for row in rows if row.phi is not None], [rate_of(plain, row) for row in rows], energy(plain)
 
 
 def keep_rows(graph: ExpressionGraph, rows: Sequence[Row], kept: tuple[int, ...], drop: Drop) -> list[Row]:
-    """Return the rows to eliminate: the kept ones, with the dropped rows that are added to them."""
+    """Return the rows to eliminate: each kept row k, plus factor times row r for every (k, r, factor) of `drop.shares`."""
     eliminated = []
     for k in kept:
-        added = [(rows[r], factor) for at, r, factor in drop.shares if at == k]
+        added = [(rows[r], factor) for kept_row, r, factor in drop.shares if kept_row == k]
         eliminated.append(combine(graph, [(rows[k], 1.0), *added]) if added else rows[k])
     return eliminated
 
@@ -451,10 +507,15 @@ def keep_rows(graph: ExpressionGraph, rows: Sequence[Row], kept: tuple[int, ...]
 def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspace:
     """Build the workspace of a mechanism for a plan.
 
+    Args:
+        study: ranks, redundant rows and null spaces of the mechanism.
+        open_names: names of the mechanism's numbers that are inputs of the program, and no constants.
+
     Raises:
-        KernelError: the plan's independent coordinates are usable at no sample, or the mechanism has no number of a name.
+        KernelError: the plan's independent coordinates are usable at no sample, or the mechanism has no number of such a name.
     """
     mechanism, kept = study.mechanism, study.kept(plan.drop)
+    # level and slope of each force that is piecewise linear in time are inputs too, because they change during a run
     asked, lines = open_parameters(mechanism, open_names), line_names(mechanism)
     at_start = dict(zip(lines, line_values(mechanism, 0.0).tolist(), strict=True))
     parameters = Parameters((*asked.names, *lines), asked.all | at_start)
@@ -471,12 +532,21 @@ def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspac
     mass = [links.number(f"links.{link.name}.{key}") for link in mechanism.links for key in ("mass", "mass", "inertia")]
     drop = study.drops[plan.drop]
     terms = Terms(graph, tuple(mass), keep_rows(graph, rows, kept, drop), generalised_force(links), bool(drop.shares))
-    steady = bool((study.soundness(plan.drop) >= ENOUGH).all())
-    moving = bool((conditions(study, plan.independent) >= ENOUGH).all())
-    return Workspace(plan, 1.0 if steady else STEADY, moving, links, rows, terms, kept, drop, len(graph.trail))
+    sound = bool((study.soundness(plan.drop) >= ENOUGH).all())  # the kept rows are far from dependent at all samples
+    return Workspace(
+        plan=plan,
+        caution=1.0 if sound else CAUTION,
+        moving=bool((conditions(study, plan.independent) >= ENOUGH).all()),
+        links=links,
+        rows=rows,
+        terms=terms,
+        kept=kept,
+        drop=drop,
+        mark=len(graph.trail),
+    )
 
 
 def vector(graph: ExpressionGraph, values: dict[int, Node], size: int) -> list[Node]:
-    """Return all components (size,) of a sparse vector."""
+    """Return the components of a sparse vector as a list of length `size`."""
     zero = graph.constant(0.0)
     return [values.get(k, zero) for k in range(size)]

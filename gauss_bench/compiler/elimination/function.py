@@ -69,14 +69,20 @@ class Function:
 
     @property
     def operations(self) -> int:
+        """Number of instructions that compute something, all but inputs and constants."""
         return sum(x.operation not in ("INPUT", "CONST") for x in self.instructions)
 
     @property
     def divisions(self) -> int:
+        """Number of divisions and reciprocals."""
         return sum(x.operation in ("DIV", "INV") for x in self.instructions)
 
     def angles(self, argument: int) -> set[int]:
-        """Return the components of an argument whose sine or cosine is needed, of the component itself and not of a sum."""
+        """Return the components of an argument of which a sine or cosine is taken directly, and not of a sum with others.
+
+        Args:
+            argument: index of the argument.
+        """
         sources = [self.instructions[x.operands[0]] for x in self.instructions if x.operation in ("SIN", "COS")]
         return {s.operands[1] for s in sources if s.operation == "INPUT" and s.operands[0] == argument}
 
@@ -100,36 +106,43 @@ class Function:
 
     @property
     def costs(self) -> Costs:
-        """The costs of an evaluation; a product that is used once, in a sum, is fused with it."""
+        """The costs of an evaluation, if a product that is used once, in a sum, is computed with it by one fused multiply-add."""
         used = [0] * len(self.instructions)
         for operation, operands, _ in self.instructions:
             if operation != "INPUT":
                 for k in operands:
                     used[k] += 1
-        ready: list[float] = []
+        ready: list[float] = []  # time [cycles] at which each result is ready, if nothing but its operands delays it
         for x in self.instructions:
             ready.append(0.0 if x.operation == "INPUT" else self._ready(x, ready, used))
         return Costs(self.operations, self.divisions, max((ready[k] for ends in self.outputs for k in ends), default=0.0))
 
     def _ready(self, x: Instruction, ready: list[float], used: list[int]) -> float:
-        """Return the time [cycles] at which a result is ready, from those of earlier results and their numbers of uses."""
+        """Return the time [cycles] at which a result is ready.
+
+        Args:
+            x: the instruction that computes the result.
+            ready: the times of earlier results, by index.
+            used: number of uses of each result.
+        """
         operation, operands, _ = x
-        latest = max([ready[k] for k in operands], default=0.0)
+        begins = max([ready[k] for k in operands], default=0.0)  # when the last operand is ready
         if operation in ("ADD", "SUB"):
+            # a product that is used here alone is fused with the sum, which then waits for its factors and the other summand
             for k, other in (operands, operands[::-1]):
-                factor = self.instructions[k]
-                if factor.operation == "MUL" and used[k] == 1:
-                    latest = min(latest, max(ready[other], *[ready[y] for y in factor.operands]))
-        return latest + LATENCY.get(operation, STEP)
+                product = self.instructions[k]
+                if product.operation == "MUL" and used[k] == 1:
+                    begins = min(begins, max(ready[other], *[ready[y] for y in product.operands]))
+        return begins + LATENCY.get(operation, STEP)
 
 
 def _operands(node: Node) -> tuple[Node, ...]:
-    """Return the nodes from which a node is computed; the arguments of an input are no nodes."""
+    """Return the nodes from which a node is computed; an input has none, as its arguments are a name and an index."""
     return () if node.op == "INPUT" else node.args
 
 
 def reachable(outputs: Iterable[Node]) -> list[Node]:
-    """Return all nodes that the outputs depend on, operands before their users."""
+    """Return the outputs and all nodes that they depend on, operands before their users."""
     known: dict[int, Node] = {}
     left = list(outputs)
     while left:
@@ -137,13 +150,14 @@ def reachable(outputs: Iterable[Node]) -> list[Node]:
         if node.index not in known:
             known[node.index] = node
             left += _operands(node)
-    return [known[k] for k in sorted(known)]
+    return [known[k] for k in sorted(known)]  # in the order in which nodes were made
 
 
 def uses(outputs: Sequence[Node], needed: Iterable[Node] | None = None) -> dict[int, int]:
-    """Return index of a node -> number of times it is an operand or an output.
+    """Return a dict from the index of a node to the number of times that the node is an operand or an output.
 
-    `needed` are the nodes on which the outputs depend, if they are known already.
+    Args:
+        needed: the nodes on which the outputs depend, if they are known already.
     """
     count: dict[int, int] = {}
     for node in outputs:
@@ -155,14 +169,18 @@ def uses(outputs: Sequence[Node], needed: Iterable[Node] | None = None) -> dict[
 
 
 def costs_of(outputs: Sequence[Node]) -> Costs:
-    """Return the costs of a function with these outputs alone."""
+    """Return the costs of a function that computes these outputs and nothing else."""
     needed = reachable(outputs)
     inputs = dict.fromkeys(str(x.args[0]) for x in needed if x.op == "INPUT")
-    return function([(name, 0) for name in inputs], [outputs], uses(outputs, needed)).costs
+    without_sizes = [(name, 0) for name in inputs]  # numbers of components do not change the costs
+    return function(without_sizes, [outputs], uses(outputs, needed)).costs
 
 
-def _form(node: Node, is_used_once: Callable[[Node], bool]) -> tuple[str, tuple[Node, ...]]:
-    """Return operation and operands of the instruction that computes a node."""
+def _choose_instruction(node: Node, is_used_once: Callable[[Node], bool]) -> tuple[str, tuple[Node, ...]]:
+    """Return operation and operands of the instruction that computes a node: x (1/y) becomes x/y, and -(x - y) becomes y - x.
+
+    The operand that is replaced in this way must have no other use.
+    """
     if node.op in ("INPUT", "CONST"):
         return node.op, ()
     if node.op == "MUL":
@@ -175,32 +193,34 @@ def _form(node: Node, is_used_once: Callable[[Node], bool]) -> tuple[str, tuple[
 
 
 def function(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None) -> Function:
-    """Return the function that computes the nodes of its outputs.
+    """Return a function that evaluates the output nodes of a graph.
 
     Args:
         inputs: names of the arguments in the graph, and their numbers of components.
-        shared: uses of nodes in all functions whose code will be merged, so that each node has the same form in all of them. With
-            None no node is changed into another form.
+        outputs: for each result the nodes of its components.
+        shared: index of a node -> number of its uses in all functions whose code will be merged, so that they compute the node by
+            the same instruction. With None every node is computed by its own operation, even if a division were shorter.
     """
     ends = [x for nodes in outputs for x in nodes]
     own_uses = cache(lambda: uses(ends))  # for nodes that are not in `shared`
 
     def is_used_once(x: Node) -> bool:
+        """Tell whether a node has a single use, so that its user may absorb it; with None for `shared`, none has."""
         return shared is not None and (shared[x.index] if x.index in shared else own_uses()[x.index]) == 1
 
-    forms: dict[int, tuple[Node, str, tuple[Node, ...]]] = {}
+    chosen: dict[int, tuple[Node, str, tuple[Node, ...]]] = {}  # index of a node -> node, operation, operands
     left = list(ends)
     while left:
         node = left.pop()
-        if node.index not in forms:
-            operation, operands = _form(node, is_used_once)
-            forms[node.index] = node, operation, operands
+        if node.index not in chosen:
+            operation, operands = _choose_instruction(node, is_used_once)
+            chosen[node.index] = node, operation, operands
             left += operands
-    place = {name: k for k, (name, _) in enumerate(inputs)}
+    place = {name: k for k, (name, _) in enumerate(inputs)}  # name of an argument -> its index
     number: dict[int, int] = {}  # index of a node -> index of its instruction
     instructions: list[Instruction] = []
-    for index in sorted(forms):
-        node, operation, operands = forms[index]
+    for index in sorted(chosen):  # nodes are numbered as they are made, so that operands come before their users
+        node, operation, operands = chosen[index]
         number[index] = len(instructions)
         if operation == "INPUT":
             instructions.append(Instruction("INPUT", (place[node.args[0]], node.args[1])))
@@ -208,5 +228,5 @@ def function(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None) ->
             instructions.append(Instruction("CONST", (), node.number))
         else:
             instructions.append(Instruction(operation, tuple(number[x.index] for x in operands)))
-    made = tuple(tuple(number[x.index] for x in nodes) for nodes in outputs)
-    return Function(tuple(size for _, size in inputs), tuple(instructions), made)
+    results = tuple(tuple(number[x.index] for x in nodes) for nodes in outputs)
+    return Function(tuple(size for _, size in inputs), tuple(instructions), results)

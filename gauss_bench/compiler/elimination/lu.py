@@ -1,9 +1,9 @@
-"""Sparse LU of a matrix of expressions, with pivots fixed at generation, and solutions.
+"""Sparse LU of a matrix of expressions, with pivots that are fixed when code is generated, and solutions of linear equations.
 
 Pivots are chosen by Markowitz's count, which is the largest fill that an entry can cause. The candidates are entries that are not
-small in their row at any sample. Those that have one sign at all samples are preferred, because a pivot that changes its sign is
-zero on the way. The code has no branches, and a guard on the pivots tells where it must not be used. A constant pivot +-1 needs no
-division.
+small in their row at any sampled state of the linkage. Those that have one sign at all samples are preferred, because a pivot that
+changes its sign is zero somewhere between two samples. The code has no branches; where a pivot is smaller than its threshold, the
+code must not be used. A constant pivot +-1 needs no division.
 
 If a pivot p varies, either the entries of its column or those of its row are multiplied by 1/p, whichever are fewer. A short row
 may instead be multiplied by p before p's row is subtracted from it, as in a determinant: the next pivot then does not wait for a
@@ -12,10 +12,11 @@ they become ready.
 
 Row operations E make A upper triangular, E A = U, so that A x = b is solved by y = E b, U x = y.
 
-If no remaining entry keeps its sign, for example because each is a sine or cosine of one angle that turns, the remaining matrix S
-may be squared: S x = y becomes S^T S x = S^T y, whose diagonal is positive wherever S is regular. Its condition is squared too.
+If no remaining entry keeps its sign, for example because each is a sine or cosine of one angle that turns, the remaining equations
+S x = y may be replaced by their normal equations S^T S x = S^T y. The diagonal of S^T S is positive wherever S is regular, but its
+condition number is the square of that of S.
 
-A right-hand side is a dict without zeros. Entries that are zero for structural reasons are absent from the solution too.
+A right-hand side is a dict index -> node without zeros. A solution has no entries that are zero for structural reasons.
 Source: Duff, Erisman and Reid, Direct Methods for Sparse Matrices (2nd ed., 2017), chapters 5 and 7.
 """
 
@@ -32,7 +33,7 @@ from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import VANISHES, ExpressionGraph, Node, sum_of
 from gauss_bench.terms import Array
 
-Right = dict[int, Node]  # index -> entry of a sparse vector
+Sparse = dict[int, Node]  # a sparse vector: index -> entry, without zeros
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +41,9 @@ class Pivot:
     """One pivot p.
 
     Attributes:
+        row, column: its place in the matrix.
         node, inverse: p and 1/p.
-        row_divided: whether its row was multiplied by 1/p, and not its column.
+        row_divided: whether the other entries of its row were multiplied by 1/p, and not those of its column.
         threshold: smallest |p| for which the code may be used.
     """
 
@@ -55,7 +57,7 @@ class Pivot:
 
 @dataclass(frozen=True, eq=False)
 class RowOperation:
-    """One row operation: row <- scale row - factor (pivot row), with None for the scale 1."""
+    """One operation on a row: row <- scale row - factor (row `pivot_row`); None stands for the scale 1."""
 
     pivot_row: int
     factor: Node
@@ -69,39 +71,44 @@ class Factors:
     Attributes:
         pivots: in the order of elimination.
         steps: row -> the operations on it, in their order.
-        upper: row -> (column, entry) of U besides the pivot.
-        rest: the remaining matrix if it was squared, else None.
+        upper: row of a pivot -> (column, entry) for the entries of U in this row besides the pivot.
+        rest: the normal equations of the rows without a pivot, or None if every row has a pivot.
     """
 
     graph: ExpressionGraph
     pivots: tuple[Pivot, ...]
     steps: dict[int, list[RowOperation]]
     upper: dict[int, list[tuple[int, Node]]]
-    rest: "Squared | None" = None
+    rest: "NormalEquations | None" = None
 
     @property
     def guarded(self) -> tuple[Pivot, ...]:
         """All pivots by which the code divides."""
         return self.pivots if self.rest is None else (*self.pivots, *self.rest.factors.guarded)
 
-    def solve(self, b: Right) -> Right:
-        """Solve A x = b: b by row, x by column, zeros left out of both."""
-        y: Right = {}
+    def solve(self, b: Sparse) -> Sparse:
+        """Solve A x = b; b is a dict row -> node, x a dict column -> node, both without zeros."""
+        # forward elimination, y = E b; a pivot's entry of y is divided by the pivot if the pivot's row was divided
+        y: Sparse = {}
         for p in self.pivots:
             _put(y, p.row, self._reduce(b.get(p.row), self.steps[p.row], y), p.inverse if p.row_divided else None)
-        x: Right = {}
-        if self.rest is not None:
+        x: Sparse = {}
+        if self.rest is not None:  # the rows without a pivot determine the columns without one
             for r in self.rest.rows:
                 _put(y, r, self._reduce(b.get(r), self.steps[r], y), None)
             x = self.rest.solve(y)
-        for p in reversed(self.pivots):
+        for p in reversed(self.pivots):  # back substitution, U x = y
             right = _less(y.get(p.row), ((u, x.get(c)) for c, u in self.upper[p.row]))
             _put(x, p.column, right, None if p.row_divided else p.inverse)
         return x
 
-    def _reduce(self, b: Node | None, steps: list[RowOperation], y: Right) -> Node | None:
-        """Apply the operations of one row to an entry of the right-hand side; y are the entries of the pivots' rows."""
-        products: list[tuple[Node, Node | None]] = []
+    def _reduce(self, b: Node | None, steps: list[RowOperation], y: Sparse) -> Node | None:
+        """Apply the operations on one row to the row's entry b of the right-hand side; None stands for zero.
+
+        Args:
+            y: the results for the rows of earlier pivots.
+        """
+        products: list[tuple[Node, Node | None]] = []  # to be subtracted in one sum, which a scale ends
         for step in steps:
             if step.scale is not None:
                 b, products = _less(b, products), []
@@ -111,43 +118,49 @@ class Factors:
 
 
 @dataclass(frozen=True, eq=False)
-class Squared:
-    """The remaining matrix S with its rows and columns, and factors of S^T S."""
+class NormalEquations:
+    """The normal equations S^T S x = S^T y of a matrix S.
+
+    Attributes:
+        rows, columns: indices of the rows and columns of S.
+        S: (row, column) -> entry.
+        factors: the factors of S^T S.
+    """
 
     rows: tuple[int, ...]
     columns: tuple[int, ...]
     S: "Matrix"
     factors: Factors
 
-    def solve(self, y: Right) -> Right:
-        """Solve S x = y, x by column."""
+    def solve(self, y: Sparse) -> Sparse:
+        """Solve S x = y as S^T S x = S^T y; y is a dict row -> node, x a dict column -> node."""
         parts: dict[int, list[Node]] = {}
         for (r, c), e in self.S.items():
             if r in y:
                 parts.setdefault(c, []).append(e * y[r])
-        sums = {c: self.factors.graph.total(terms) for c, terms in parts.items()}
+        sums = {c: self.factors.graph.total(terms) for c, terms in parts.items()}  # S^T y
         return self.factors.solve({c: node for c, node in sums.items() if not node.zero})
 
 
 def _less(b: Node | None, products: Iterable[tuple[Node, Node | None]]) -> Node | None:
-    """Return b minus the sum of the products, None for zero."""
+    """Return b minus the sum of the products (factor, other factor); None stands for zero in b, in factors and in the result."""
     terms = [-(f * x) for f, x in products if x is not None]
     if b is not None:
         terms.append(b)
     return terms[0].graph.total(terms) if terms else None
 
 
-def _put(where: Right, key: int, x: Node | None, factor: Node | None) -> None:
-    """Enter x times a factor (None for 1) under a key, unless it is zero."""
+def _put(target: Sparse, index: int, x: Node | None, factor: Node | None) -> None:
+    """Enter x times a factor (None for 1) into a sparse vector, unless x is zero or None."""
     if x is not None and not x.zero:
-        where[key] = x if factor is None else x * factor
+        target[index] = x if factor is None else x * factor
 
 
 RELATIVE = 0.05  # least size of a pivot relative to the largest entry in its row, with columns scaled
 SMALLEST = 1e-9  # least size of a pivot
 SHARE = 0.25  # least share of the samples at which a pivot must be usable
 GUARD = 1e-3  # threshold relative to the largest entry in the pivot's row: a smaller pivot costs more than three digits
-CROSSED = 3  # most entries of a row that is multiplied by a pivot; a row is multiplied once, because its size grows too
+CROSSED = 3  # most entries of a row that is multiplied by a pivot; it is multiplied by one pivot at most, because its entries grow
 LOOKED_AT = 8  # number of rows and of columns, those with the fewest entries, among which a pivot is sought first
 
 Matrix = dict[tuple[int, int], Node]
@@ -155,13 +168,13 @@ Matrix = dict[tuple[int, int], Node]
 
 @dataclass(frozen=True)
 class Search:
-    """Settings of the search, which decide among pivots of similar Markowitz count.
+    """Settings of the search for pivots, which decide among pivots of similar Markowitz count.
 
     Attributes:
-        seed: of the random numbers.
+        seed: the seed of the random numbers.
         noise: largest random number that is added to the count.
         patience: number added to the count for every 100 cycles until a pivot is ready.
-        crossing: share of the steps that are done without a division where that is possible.
+        crossing: of the pivots by which other rows may be multiplied, instead of a division, the share for which this is done.
     """
 
     seed: int = 0
@@ -176,25 +189,28 @@ class Search:
 
 
 class _Entry:
-    """An entry under elimination, as the sum of nodes that are not added yet.
+    """A matrix entry during elimination, as a list of nodes whose sum is not formed yet.
+
+    The sum has values at the samples, which are states of the linkage, and at the graph's three random points off the constraints.
 
     Attributes:
         terms: the summands.
         generic: values of the sum at the random points.
-        largest: largest absolute value of a summand at each random point.
+        largest: largest absolute value of a summand at each random point, which bounds the rounding error of the sum.
     """
 
-    __slots__ = ("_at", "_missing", "generic", "largest", "terms")
+    __slots__ = ("_missing", "_values", "generic", "largest", "terms")
 
     def __init__(self, node: Node):
+        """Begin with one summand."""
         self.terms, self.generic = [node], node.generic
         x, y, z = node.generic
         self.largest = abs(x), abs(y), abs(z)
-        self._at: Array | None = None
-        self._missing = [node]  # summands that are not in _at yet
+        self._values: Array | None = None
+        self._missing = [node]  # summands that are not in _values yet
 
     def add(self, node: Node) -> None:
-        """Add a summand."""
+        """Add a summand; its values at the samples are added only when they are needed."""
         self.terms.append(node)
         self._missing.append(node)
         self.generic = sum_of(self.generic, node.generic)
@@ -202,12 +218,12 @@ class _Entry:
         self.largest = max(a, abs(x)), max(b, abs(y)), max(c, abs(z))
 
     @property
-    def at(self) -> Array:
+    def values(self) -> Array:
         """Values of the sum at the samples, followed by those at the random points."""
         for node in self._missing:
-            self._at = node.at if self._at is None else self._at + node.at
+            self._values = node.at if self._values is None else self._values + node.at
         self._missing = []
-        return self._at  # type: ignore[return-value]
+        return self._values  # type: ignore[return-value]  # at least one summand has been added
 
     @property
     def vanishes(self) -> bool:
@@ -216,7 +232,7 @@ class _Entry:
         return abs(x) <= VANISHES * a and abs(y) <= VANISHES * b and abs(z) <= VANISHES * c
 
     def node(self) -> Node:
-        """Return the sum as one node."""
+        """Form the sum, and return it as one node."""
         if len(self.terms) > 1:
             self.terms = [self.terms[0].graph.total(self.terms)]
         return self.terms[0]
@@ -224,8 +240,9 @@ class _Entry:
     @property
     def penalty(self) -> float:
         """The number added to Markowitz's count for a division by the entry: 0 for +-1, 0.5 for another constant, else 1."""
-        g = self.generic
-        if len(self.terms) > 1 and abs(g[0] - g[1]) > 1e-9 * abs(g[0]):  # it varies: spare the addition
+        first, second, _ = self.generic
+        # different values at two random points: the entry is no constant, and its sum need not be formed to know that
+        if len(self.terms) > 1 and abs(first - second) > 1e-9 * abs(first):
             return 1.0
         number = self.node().number
         if number is None:
@@ -239,13 +256,13 @@ class _Entry:
 
 
 class _Sizes(NamedTuple):
-    """Sizes of a row's entries at the samples.
+    """Sizes of a row's entries at the trusted samples, with each column divided by its largest entry at the beginning.
 
     Attributes:
-        largest: (samples,) size of the largest entry, with columns scaled.
-        relative: column -> smallest size of its entry relative to `largest`.
-        usable: column -> whether its entry is small at no sample.
-        steady: column -> whether its entry is usable and also never changes its sign.
+        largest: (trusted samples,) size of the row's largest entry.
+        relative: column -> smallest size of the entry in it relative to `largest`, over the samples.
+        usable: column -> whether the entry in it is small at no sample.
+        steady: column -> whether the entry in it is usable and has the same sign at all samples.
     """
 
     largest: Array
@@ -255,17 +272,19 @@ class _Sizes(NamedTuple):
 
 
 class _Markowitz:
-    """One factorisation in progress.
+    """One factorisation in progress, with pivots chosen by Markowitz's count.
 
     Attributes:
-        trusted: (samples,) whether pivots must be usable at a sample.
+        trusted: (samples,) true for the samples at which pivots must be usable.
         rows: row -> its entries by column, for rows without a pivot.
         columns: column -> rows with an entry in it, for columns without a pivot.
-        scale: column -> its largest entry at the beginning.
+        scale: column -> size of its largest entry at the beginning.
         sizes: row -> sizes of its entries, for rows that have been examined and not changed since.
+        pivots, steps, upper: the factors so far, as in `Factors`.
     """
 
     def __init__(self, graph: ExpressionGraph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search):
+        """Begin the factorisation of the given rows and columns of A; other entries are ignored."""
         self.graph, self.search = graph, search
         self.random = np.random.default_rng(search.seed)
         self.trusted = np.ones(graph.samples, bool)
@@ -281,52 +300,62 @@ class _Markowitz:
         self.steps: dict[int, list[RowOperation]] = {r: [] for r in self.rows}
         self.upper: dict[int, list[tuple[int, Node]]] = {}
 
-    def _values(self, e: _Entry) -> Array:
-        """Return the sizes (samples,) of an entry."""
-        return np.abs(e.at[: self.graph.samples])
+    def _sizes_of(self, e: _Entry) -> Array:
+        """Return the absolute values (samples,) of an entry."""
+        return np.abs(e.values[: self.graph.samples])
 
     def _largest_in(self, c: int) -> float:
         """Return the size of the largest entry of a column at any sample; 1 if it has none."""
-        return max((float(self._values(self.rows[r][c]).max()) for r in self.columns[c]), default=1.0) or 1.0
+        return max((float(self._sizes_of(self.rows[r][c]).max()) for r in self.columns[c]), default=1.0) or 1.0
 
     def factors(self, squares: bool) -> Factors:
-        """Eliminate all rows; with `squares` the remaining matrix is squared as soon as no pivot keeps its sign."""
+        """Eliminate all rows.
+
+        With `squares`, as soon as no usable pivot has the same sign at all samples, the other rows get normal equations.
+        """
         rest = None
         while self.rows and rest is None:
-            if squares and self._usable(steadily=True) is None:
-                rest = self._square()
+            if squares and self._find_pivot(steady_only=True) is None:
+                rest = self._normal_equations()
             else:
                 self._eliminate(*self._choose())
         return Factors(self.graph, tuple(self.pivots), self.steps, self.upper, rest)
 
-    def _square(self) -> Squared:
-        """Square the remaining matrix, and factorise the square."""
+    def _normal_equations(self) -> NormalEquations:
+        """Form S^T S of the remaining matrix S, and factorise it."""
         S = {(r, c): e.node() for r, row in self.rows.items() for c, e in row.items()}
         rows, columns = tuple(self.rows), tuple(self.columns)
-        square: Matrix = {}
+        normal: Matrix = {}  # S^T S
         for c, d in combinations_with_replacement(columns, 2):
             products = [S[r, c] * S[r, d] for r in rows if (r, c) in S and (r, d) in S]
             entry = self.graph.total(products)
             if not entry.zero:
-                square[c, d] = square[d, c] = entry
-        return Squared(rows, columns, S, lu(self.graph, square, columns, columns, Search(self.search.seed)))
+                normal[c, d] = normal[d, c] = entry
+        return NormalEquations(rows, columns, S, lu(self.graph, normal, columns, columns, Search(self.search.seed)))
 
     def _choose(self) -> tuple[int, int, Array]:
-        """Return row and column of a pivot, and the largest entry of its row (samples,).
+        """Return row and column of a pivot, and the size (trusted samples,) of the largest entry of its row.
 
-        It is usable at all samples or, if there is none, at as many as possible: its guard excludes the others at run time.
+        The pivot is usable at all samples. If there is no such pivot, it is usable at as many samples as possible; at run time its
+        threshold excludes the other states.
         """
-        chosen = self._usable()
+        chosen = self._find_pivot()
         while chosen is None:
             self._trust_fewer()
-            chosen = self._usable()
+            chosen = self._find_pivot()
         return chosen
 
     def _trust_fewer(self) -> None:
-        """Trust only the samples at which the most widely usable pivot is not too small: other programs serve at the others."""
+        """Trust only those samples at which one pivot is large enough, namely the pivot for which they are the most.
+
+        At states like the other samples, programs with other pivots are used.
+
+        Raises:
+            KernelError: these samples are fewer than the fraction SHARE of all.
+        """
         best = np.zeros_like(self.trusted)
         for row in filter(None, self.rows.values()):
-            sizes = np.array([self._values(e) for e in row.values()])
+            sizes = np.array([self._sizes_of(e) for e in row.values()])  # (entries, samples)
             scaled = sizes / np.array([self.scale[c] for c in row])[:, None]
             usable = (scaled >= RELATIVE * scaled.max(axis=0)) & (sizes >= SMALLEST) & self.trusted
             best = max([best, *usable], key=lambda x: int(x.sum()))
@@ -334,14 +363,15 @@ class _Markowitz:
             raise KernelError("no pivot is usable at all samples: the dependent coordinates do not follow from the others")
         self.trusted, self.sizes = best, {}
 
-    def _usable(self, steadily: bool = False) -> tuple[int, int, Array] | None:
-        """Return the cheapest pivot, or None if none is usable; `steadily` allows only pivots that keep their sign.
+    def _find_pivot(self, steady_only: bool = False) -> tuple[int, int, Array] | None:
+        """Return row and column of the cheapest pivot, and the sizes of its row's largest entry; None if none is usable.
 
-        A pivot that keeps its sign is sought among few rows and columns, then among more, and then any pivot in the same way.
+        First a pivot that has the same sign at all trusted samples is sought among few rows and columns, then among more of them.
+        If there is none, the sign may change in a second search of this kind, unless `steady_only` excludes it.
         """
         everywhere = len(self.rows)
         rounds = ((LOOKED_AT, True), (min(everywhere, LOOKED_AT**2), True), (LOOKED_AT, False), (everywhere, False))
-        for reach, steady in rounds[: 2 if steadily else None]:
+        for reach, steady in rounds[: 2 if steady_only else None]:
             found = self._cheapest(self._near(reach), steady)
             if found is not None:
                 return *found, self._row_sizes(found[0]).largest
@@ -356,8 +386,15 @@ class _Markowitz:
         return list(dict.fromkeys(places))
 
     def _cheapest(self, places: list[tuple[int, int]], steady: bool) -> tuple[int, int] | None:
-        """Return the place of the cheapest usable pivot, and of pivots that cost the same the largest; None if none is usable."""
-        best, place = (np.inf, 0.0), None
+        """Return the place (row, column) of the cheapest usable pivot; None if none is usable.
+
+        Among pivots of equal cost the largest is taken, relative to its row.
+
+        Args:
+            places: the places that are examined.
+            steady: whether the pivot must have the same sign at all trusted samples.
+        """
+        best, place = (np.inf, 0.0), None  # (cost, minus relative size) of the pivot at `place`
         for r, c in places:
             count = (len(self.rows[r]) - 1) * (len(self.columns[c]) - 1)  # Markowitz's
             if count > best[0] + self.search.noise:
@@ -375,7 +412,7 @@ class _Markowitz:
         known = self.sizes.get(r)
         if known is None:
             row = self.rows[r]
-            values = np.array([e.at[: self.graph.samples][self.trusted] for e in row.values()])  # (entries, samples)
+            values = np.array([e.values[: self.graph.samples][self.trusted] for e in row.values()])  # (entries, samples)
             sizes = np.abs(values)
             scaled = sizes / np.array([self.scale[c] for c in row])[:, None]
             largest = np.maximum(scaled.max(axis=0), np.finfo(float).tiny)
@@ -387,7 +424,7 @@ class _Markowitz:
         return known
 
     def _cost(self, r: int, c: int, count: int) -> float:
-        """Return Markowitz's count of a pivot with the additions of the search's settings."""
+        """Return the cost of a pivot: Markowitz's count plus the penalty of its division and what the search's settings add."""
         entry = self.rows[r][c]
         cost = count + entry.penalty
         if self.search.patience:
@@ -397,9 +434,16 @@ class _Markowitz:
         return cost
 
     def _eliminate(self, r: int, c: int, largest: Array) -> None:
-        """Eliminate column c from all other rows with the pivot in row r, whose largest entry is given (samples,)."""
+        """Eliminate column c from all rows except r, with the pivot in row r and column c.
+
+        With pivot p, another row becomes (row) - (entry / p) (pivot's row), or, if it is multiplied by p instead of divided
+        (`crossed`), p (row) - entry (pivot's row). If the pivot's row is divided by p at once, entry / p is not needed.
+
+        Args:
+            largest: (trusted samples,) size of the largest entry in row r; its median gives the pivot's threshold.
+        """
         row = {k: e.node() for k, e in self.rows.pop(r).items()}
-        pivot = row.pop(c)
+        pivot = row.pop(c)  # `row` keeps the other entries of the pivot's row, by column
         others = sorted(self.columns.pop(c) - {r})
         inverse = self.graph.inverse(pivot)
         crossed = self._is_crossed(pivot, others)
@@ -416,7 +460,8 @@ class _Markowitz:
             f = entry if row_divided or crossed else entry * inverse
             self.steps[other].append(RowOperation(r, f, pivot if crossed else None))
             self._subtract(other, f, row)
-            self.rows[other] = self.rows.pop(other)  # a row that was changed is examined last: along a chain both ends meet late
+            # to the end of the dict: a row that was changed is examined last, so that along a chain both ends meet late
+            self.rows[other] = self.rows.pop(other)
         for k in row:
             self.columns[k] = self.columns.pop(k)
         threshold = GUARD * self.scale[c] * median(largest.tolist())
@@ -424,14 +469,17 @@ class _Markowitz:
         self.upper[r] = list(row.items())
 
     def _is_crossed(self, pivot: Node, others: list[int]) -> bool:
-        """Tell whether the step of a pivot is done without a division, by multiplying the other rows by the pivot."""
+        """Decide at random whether the other rows are multiplied by the pivot, so that its step needs no division.
+
+        This happens with the probability `search.crossing`, if all other rows are short and have not been multiplied before.
+        """
         if not self.search.crossing or pivot.number is not None or not others:
             return False
-        few = all(len(self.rows[x]) - 1 <= CROSSED and not any(s.scale for s in self.steps[x]) for x in others)
-        return few and self.random.random() < self.search.crossing
+        short = all(len(self.rows[x]) - 1 <= CROSSED and not any(s.scale for s in self.steps[x]) for x in others)
+        return short and self.random.random() < self.search.crossing
 
     def _subtract(self, other: int, f: Node, row: dict[int, Node]) -> None:
-        """Subtract f times the pivot's row from another row."""
+        """Subtract f times the pivot's row, column -> node, from another row; entries that cancel are removed."""
         target = self.rows[other]
         for k, u in row.items():
             product = -(f * u)
@@ -448,9 +496,15 @@ class _Markowitz:
 def lu(
     graph: ExpressionGraph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search, squares: bool = False
 ) -> Factors:
-    """Factorise the rows and columns of A; with `squares` the remaining matrix is squared if no pivot keeps its sign.
+    """Factorise a matrix of expressions.
+
+    Args:
+        A: (row, column) -> entry.
+        rows, columns: the rows and columns of A that are factorised; other entries are ignored.
+        search: settings by which pivots are chosen.
+        squares: whether normal equations replace the remaining rows as soon as every usable pivot changes its sign between samples.
 
     Raises:
-        KernelError: no pivot is usable at the share SHARE of the samples.
+        KernelError: at some step no entry is usable as a pivot at a fraction SHARE of the samples or more.
     """
     return _Markowitz(graph, A, rows, columns, search).factors(squares)

@@ -1,17 +1,19 @@
 """Analysis of a linkage before elimination: its rank, its redundant rows, and the coordinates that may be independent.
 
-An independent coordinate must move in every motion that the constraints allow, at every position of the linkage: where it rests for
-a moment, it does not determine the others. The null spaces of J at the samples decide this.
+J (m, n) is the Jacobian of the constraint rows. Independent coordinates must determine the velocities at every position of the
+linkage: a coordinate that rests for a moment, while the linkage moves, does not. The null spaces of J at sampled positions decide
+this.
 
 Rows to drop are chosen by bases of the left null space of J, independent coordinates by bases of the null space, and both in the
-same way (`spread`). As many rows of a basis are wanted as it has columns, and they must be independent at all samples. They are
-chosen one after another: first the row whose smallest size over all samples is the largest; then all bases are projected onto what
-is orthogonal to it. This is a column-pivoted QR of the transposed bases at all samples together.
+same way (`choose_rows`). As many rows of a basis are wanted as it has columns, and they must be independent at all samples. Rows
+are chosen one after another: first that whose smallest size over all samples is the largest; then the part along this row is
+removed from all rows. This is a column-pivoted QR of the transposed bases at all samples together.
 
 The left null space may turn with the linkage, as in a parallelogram with a third crank: whichever row is dropped, the others are
-singular somewhere on the way. Then a combination w of two rows is dropped. The kept combinations span what is normal to w, and are
-independent wherever l w is not zero, l being the left null space. Each dropped row is added, with a factor, to some of the rows
-that are kept.
+dependent at some position. Then a combination of two rows is dropped, whose coefficients are a vector w (m,). The kept combinations
+of rows are those with coefficients orthogonal to w. They are independent wherever the left null vector l has l . w != 0. To form
+them, one of the two rows is dropped after a multiple of it is added to the other one; if several combinations are dropped, each
+dropped row may be added to several kept ones.
 """
 
 from collections.abc import Iterable
@@ -30,14 +32,17 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
 
-def spread(bases: Array, count: int, allowed: Iterable[int], first: int | None = None) -> tuple[int, ...] | None:
-    """Return the indices of `count` rows that are independent in each of the bases (k, n, c), or None if there are none.
+def choose_rows(bases: Array, count: int, allowed: Iterable[int], first: int | None = None) -> tuple[int, ...] | None:
+    """Return the indices, in order, of `count` rows that are independent in each of several bases, or None if there are none.
 
-    Only the rows in `allowed` are chosen; `first` is the first of them if it is given.
+    Args:
+        bases: (k, n, c), at each of k samples a basis of c vectors (n,).
+        allowed: indices of the rows that may be chosen.
+        first: the row to begin with; None for the best.
     """
     if count == 0:
         return ()
-    left, open_rows = bases.copy(), sorted(allowed)
+    left, open_rows = bases.copy(), sorted(allowed)  # left: the rows without their parts along the rows picked so far
     picked: list[int] = []
     largest = np.maximum(np.linalg.norm(bases, axis=2).max(axis=1, keepdims=True), np.finfo(float).tiny)
     for _ in range(count):
@@ -50,15 +55,15 @@ def spread(bases: Array, count: int, allowed: Iterable[int], first: int | None =
         if best is None or worst[best] < RANK_TOLERANCE:
             return None
         picked.append(best)
-        direction = left[:, best, :] / sizes[:, best, None]  # (k, c)
+        direction = left[:, best, :] / sizes[:, best, None]  # (k, c) unit vector along the picked row
         left = left - (left @ direction[:, :, None]) * direction[:, None, :]
     return tuple(sorted(picked))
 
 
-def smallest(bases: Array, rows: tuple[int, ...]) -> Array:
+def least_singular_values(bases: Array, rows: tuple[int, ...]) -> Array:
     """Return (k,) the smallest singular value of these rows of each basis (k, n, c), relative to the basis's largest row.
 
-    It is 0 where the rows are dependent.
+    The value is 0 where the rows are dependent.
     """
     if not rows:
         return np.ones(len(bases))
@@ -69,12 +74,13 @@ def smallest(bases: Array, rows: tuple[int, ...]) -> Array:
 SAMPLES = 48  # number of poses, a tenth of a radian apart: a pivot that touches zero between two of them is small at both
 FEW = 8  # number of poses of a large linkage
 SINGULAR = 0.02  # smallest singular value relative to its median: a pose with less is too near to a singular position
+# The condition of a choice of rows or coordinates at a sample is their smallest singular value as above; 0 is singular.
 USABLE = 0.02  # least condition of a choice at a sample where it is used
 ENOUGH = 5 * USABLE  # condition of a choice below which another choice is sought
 MOST = 4  # number of choices at most
-NEAR = 0.5  # condition relative to the best partition: among those above it the costs decide
-RATIOS = (1.0, -1.0, 0.5, -0.5, 2.0, -2.0)  # factors of the second of two rows that are dropped together
-CANDIDATES = 6  # number of partitions that are tried
+NEAR = 0.5  # condition relative to the best choice of coordinates: among the choices above it the costs decide
+RATIOS = (1.0, -1.0, 0.5, -0.5, 2.0, -2.0)  # in a combination of two rows, the second coefficient divided by the first
+CANDIDATES = 6  # number of choices of independent coordinates that are tried
 
 
 @dataclass(frozen=True)
@@ -82,15 +88,18 @@ class Drop:
     """A choice of redundant rows to drop.
 
     Attributes:
-        rows: the dropped rows.
-        shares: (kept row, dropped row, factor), for every dropped row that is added to a kept row.
+        rows: indices of the dropped rows.
+        shares: (k, d, factor) for every kept row k to which factor times the dropped row d is added.
     """
 
     rows: tuple[int, ...]
     shares: tuple[tuple[int, int, float], ...] = ()
 
     def directions(self, count: int) -> Array:
-        """Return, for each dropped row, the unit vector (count,) over all rows that is normal to every kept row with its shares."""
+        """Return what is dropped, as unit vectors (dropped rows, count) of coefficients of all `count` rows.
+
+        The kept row k with its shares has the coefficients e_k + factor e_d. The vectors are orthogonal to these of all kept rows.
+        """
         W = np.zeros((len(self.rows), count))
         W[range(len(self.rows)), list(self.rows)] = 1.0
         for kept, dropped, factor in self.shares:
@@ -127,12 +136,12 @@ class Study:
         return tuple(names[k] for k in self.drops[choice].rows)
 
     def soundness(self, choice: int) -> Array:
-        """Return (k,) the distance of the kept rows of a choice from linear dependence at each sample; 0 is singular."""
+        """Return (k,) how far the rows that one of the choices keeps are from linear dependence at each sample; 0 is dependent."""
         return _soundness(self.left, self.drops[choice])
 
 
 def row_names(mechanism: Mechanism) -> list[str]:
-    """Return the names of all rows in the file's order."""
+    """Return a name for every row of the constraint Jacobian: joints, couplings, drivers, knife edges, each in the file's order."""
     parts = [(j.name, ("normal", "turn") if j.slides else ("x", "y")) for j in mechanism.joints]
     names = [f"{name}.{part}" for name, both in parts for part in both]
     names += [x.name for x in mechanism.couplings for _ in x.held]
@@ -144,7 +153,7 @@ def study(mechanism: Mechanism) -> Study:
     """Compute samples, redundant rows and null spaces of a mechanism.
 
     Raises:
-        KernelError: rows are redundant that must not be dropped, as of two drivers of the same coordinate.
+        KernelError: some rows are redundant and must not be dropped, for example those of two drivers of the same coordinate.
     """
     states = manifold_states(mechanism, SAMPLES if mechanism.n <= DENSE else FEW)
     scale, constraints = scales(mechanism), Constraints(mechanism)
@@ -152,46 +161,64 @@ def study(mechanism: Mechanism) -> Study:
     if mechanism.n > DENSE and mechanism.redundant == 0:
         free = mechanism.n - constraints.m
         bases = [_sparse_null_space(J, free) for J in jacobians]
-        return Study(mechanism, states, (Drop(()),), free, np.zeros((len(states), constraints.m, 0)), np.array(bases))
+        no_left = np.zeros((len(states), constraints.m, 0))
+        return Study(mechanism, states, drops=(Drop(()),), free=free, left=no_left, bases=np.array(bases))
     U, s, Vt = np.linalg.svd(np.array(jacobians))  # (k, m, m), (k, min(m, n)), (k, n, n)
     ranks = (s > RANK_TOLERANCE * s.max(axis=1, initial=0.0, keepdims=True)).sum(axis=1)
     rank = int(ranks.max())
     smallest_values = s[:, rank - 1] / s[:, 0] if rank else np.ones(len(s))
     regular = (ranks == rank) & (smallest_values > SINGULAR * np.median(smallest_values[ranks == rank]))
+    # left and right null spaces at the regular samples: the singular vectors after the first `rank` ones
     left, null = U[regular][:, :, rank:], Vt[regular][:, rank:].transpose(0, 2, 1)
-    allowed = range(constraints.joint_rows)
-    first = spread(left, left.shape[2], allowed)
+    allowed = range(constraints.joint_rows)  # rows of drivers and knife edges are never dropped
+    first = choose_rows(left, left.shape[2], allowed)
     if first is None:
         raise KernelError(f"{mechanism.name}: {left.shape[2]} constraint rows are redundant, and not only among the joints")
     drops = [Drop(rows) for rows in _covering(left, [first], allowed)]
-    mixed = _mix(left, allowed) if len(drops) > 1 else None
-    return Study(mechanism, states[regular], tuple([mixed] if mixed else drops), mechanism.n - rank, left, null)
+    # if no single choice of rows is good at every sample, combinations of rows may be
+    mixed = _drop_combinations(left, allowed) if len(drops) > 1 else None
+    chosen = tuple([mixed] if mixed else drops)
+    return Study(mechanism, states[regular], drops=chosen, free=mechanism.n - rank, left=left, bases=null)
 
 
 def _soundness(left: Array, drop: Drop) -> Array:
-    """Return (k,) the distance of the rows that a choice keeps from linear dependence, for left null spaces (k, m, redundant)."""
+    """Return (k,) how far the rows kept by a choice are from linear dependence at each sample; 0 is dependent.
+
+    The kept rows are dependent where a vector of the left null space is orthogonal to all that is dropped. So this is the smallest
+    singular value of the left null space's components along what is dropped, relative to its largest row.
+
+    Args:
+        left: (k, m, redundant) left null spaces.
+    """
     if not drop.rows:
         return np.ones(len(left))
     values = np.linalg.svd(drop.directions(left.shape[1]) @ left, compute_uv=False)[:, -1]
     return np.asarray(values / np.linalg.norm(left, axis=2).max(axis=1))
 
 
-def _mix(left: Array, allowed: Iterable[int]) -> Drop | None:
-    """Return combinations of two rows to drop at all samples, or None, from left null spaces (k, m, redundant)."""
+def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
+    """Choose combinations of two rows that can be dropped at every sample; return them as a `Drop`, or None if there are none.
+
+    Args:
+        left: (k, m, redundant) left null spaces.
+        allowed: indices of the rows that may be dropped.
+    """
     m, redundant = left.shape[1:]
     pairs = [(i, j, ratio) for (i, j), ratio in product(combinations(allowed, 2), RATIOS)]
     W = np.zeros((len(pairs), m))  # unit vectors: row i and `ratio` times row j
     for row, (i, j, ratio) in zip(W, pairs, strict=True):
         row[[i, j]] = np.array([1.0, ratio]) / np.hypot(1.0, ratio)
-    chosen = spread(W @ left, redundant, range(len(pairs)))
+    # first the combinations: as many as rows are redundant, far from orthogonal to the left null space at all samples
+    chosen = choose_rows(W @ left, redundant, range(len(pairs)))
     if chosen is None:
         return None
+    # then as many of their rows, in which the combinations are independent: these rows are dropped
     dropped = W[list(chosen)]
-    rows = spread(dropped.T[None], redundant, allowed)
+    rows = choose_rows(dropped.T[None], redundant, allowed)
     if rows is None:
         return None
     factors = -np.linalg.solve(dropped[:, list(rows)], dropped)  # (redundant, m): of each dropped row in each kept one
-    shares = []
+    shares = []  # (kept row, dropped row, factor)
     for k in (k for k in allowed if k not in rows):
         shares += [(k, r, float(x)) for r, x in zip(rows, factors[:, k], strict=True) if x]
     drop = Drop(rows, tuple(shares))
@@ -199,67 +226,76 @@ def _mix(left: Array, allowed: Iterable[int]) -> Drop | None:
 
 
 def _covering(bases: Array, chosen: list[tuple[int, ...]], allowed: Iterable[int]) -> list[tuple[int, ...]]:
-    """Return choices of rows of bases (k, n, c), extended until at every sample one of them is well conditioned."""
+    """Return the given choices of rows and further ones, until at every sample at least one choice is well conditioned.
+
+    At most MOST choices are returned, so that some samples may lack such a choice.
+
+    Args:
+        bases: (k, n, c), at each of k samples a basis of c vectors (n,).
+        chosen: the choices to begin with, c rows each.
+        allowed: indices of the rows that may be chosen.
+    """
+    # open_samples: at these no choice is well conditioned
     open_samples, choices = np.ones(len(bases), bool), list(chosen)
     for rows in choices:
-        open_samples &= smallest(bases, rows) < ENOUGH
+        open_samples &= least_singular_values(bases, rows) < ENOUGH
     while open_samples.any() and len(choices) < MOST:
-        at = int(np.flatnonzero(open_samples)[0])
-        best = spread(bases[at : at + 1], bases.shape[2], allowed)
+        k = int(np.flatnonzero(open_samples)[0])
+        best = choose_rows(bases[k : k + 1], bases.shape[2], allowed)  # the best rows for this sample alone
         if best is None or best in choices:
             break
         choices.append(best)
-        open_samples &= smallest(bases, best) < ENOUGH
+        open_samples &= least_singular_values(bases, best) < ENOUGH
     return choices
 
 
 def _sparse_null_space(J: Array, free: int) -> Array:
     """Return a basis (n, free) of the null space of a large J (m, n) of full row rank."""
     X = np.random.default_rng(0).normal(size=(J.shape[1], free))
-    for _ in range(2):
+    for _ in range(2):  # project random vectors onto the null space; twice, because one pass leaves rounding errors
         X = np.array([x - shortest(J, J @ x) for x in X.T]).reshape(free, -1).T
         X = np.linalg.qr(X)[0] if free else X
     return X
 
 
 def candidates(study: Study) -> list[tuple[int, ...]]:
-    """Return a few well conditioned choices of independent coordinates that are usable at every sample.
+    """Return a few choices of independent coordinates, each of which is usable at every sample.
 
-    From many choices an even selection is taken, because along a chain the middle is best. A choice with the crank's angle, and one
-    of angles alone, come first if they are usable; for a large linkage one choice is returned. If drivers prescribe the whole
-    motion, the only choice is ().
+    Of the well conditioned choices, sorted by their indices, a few at even spacing are returned: in a long chain of links, choices
+    near its middle make the cheapest programs. A choice with the crank's angle, and one of angles alone, come first if they are
+    usable. For a large linkage only one choice is returned. If drivers prescribe the whole motion, the only choice is ().
     """
     if study.free == 0:
         return [()]
     mechanism, every = study.mechanism, range(study.mechanism.n)
-    made = {spread(study.bases, study.free, every, first) for first in every}
-    angles = spread(study.bases, study.free, every[angle_slot(0) :: SIZE])
-    worst = {chosen: float(conditions(study, chosen).min()) for chosen in {*made, angles} if chosen is not None}
+    begun_with_each = {choose_rows(study.bases, study.free, every, first) for first in every}
+    angles = choose_rows(study.bases, study.free, every[angle_slot(0) :: SIZE])
+    worst = {x: float(conditions(study, x).min()) for x in {*begun_with_each, angles} if x is not None}  # over the samples
     best = max(worst.values(), default=0.0)
-    near = sorted(chosen for chosen, x in worst.items() if x > max(USABLE, NEAR * best))
-    natural = [] if mechanism.crank is None else [x for x in near if angle_slot(mechanism.crank) in x][:1]
+    sound = sorted(chosen for chosen, condition in worst.items() if condition > max(USABLE, NEAR * best))
+    preferred = [] if mechanism.crank is None else [x for x in sound if angle_slot(mechanism.crank) in x][:1]
     if angles is not None and worst[angles] > USABLE:
-        natural.append(angles)
-    if not near:
-        return natural
+        preferred.append(angles)
+    if not sound:
+        return preferred
     if mechanism.n > DENSE:
-        return natural[:1] or [near[len(near) // 2]]
-    even = [near[k] for k in np.unique(np.linspace(0, len(near) - 1, CANDIDATES).round().astype(int))]
-    return list(dict.fromkeys(natural + even))
+        return preferred[:1] or [sound[len(sound) // 2]]
+    even = [sound[k] for k in np.unique(np.linspace(0, len(sound) - 1, CANDIDATES).round().astype(int))]
+    return list(dict.fromkeys(preferred + even))
 
 
 def conditions(study: Study, independent: tuple[int, ...]) -> Array:
     """Return (k,) the condition of independent coordinates at each sample: 0 where they do not determine the velocities."""
-    return smallest(study.bases, independent)
+    return least_singular_values(study.bases, independent)
 
 
 def covering(study: Study) -> list[tuple[int, ...]]:
-    """Return choices of independent coordinates, of which one is usable at every sample.
+    """Return choices of independent coordinates such that at every sample at least one of them is usable.
 
-    The first has the crank's angle if possible.
+    The first choice has the crank's angle if possible.
     """
     chosen = candidates(study)
     crank = None if study.mechanism.crank is None else angle_slot(study.mechanism.crank)
-    # the best of them: one with the crank's angle, and of these the one with the best condition
+    # begin with the best candidate: one with the crank's angle if there is any, and of these the one with the best condition
     chosen = sorted(chosen, key=lambda x: (crank not in x, -float(conditions(study, x).min())))[:1]
     return _covering(study.bases, chosen, range(study.mechanism.n))

@@ -4,11 +4,12 @@
 
 The functions share their expressions: if several are evaluated at the same state, sines, Jacobian and factors are the same.
 
-The search tries independent coordinates and orders of pivots, and keeps the cheapest acceleration. Markowitz's rule leaves many
-ties. How they are broken decides how much cancels later, and how long the longest chain of operations is. Half of the attempts
-break them by different rules, and the other half repeat the best of these rules with other seeds. The search is seeded and its
-length depends on the linkage alone, so that a linkage always gives the same program. The outcome is stored on disk, so that a later
-process eliminates only once. A small GAUSS_BENCH_ATTEMPTS shortens the search at the price of slower steps.
+The search tries independent coordinates and orders of pivots, and keeps those that give the cheapest acceleration. By Markowitz's
+rule for pivots many candidates are equally good. Which of them is taken decides how many terms cancel later, and how long the
+longest chain of operations is. Half of the attempts choose among equally good pivots by different rules, and the other half repeat
+the best of these rules with other seeds. The search is seeded, and its length depends on the linkage alone, so that a linkage
+always gives the same program. The chosen coordinates and rule are stored on disk, so that a later process needs a single attempt. A
+small GAUSS_BENCH_ATTEMPTS shortens the search at the price of slower steps.
 """
 
 import json
@@ -34,10 +35,10 @@ from gauss_bench.mechanism.lines import with_lines
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-EFFORT = 2400  # largest product of attempts and unknowns: about a second
-LENGTH = 60_000  # largest product of attempts and operations of a plain attempt: for large linkages few attempts are made
+EFFORT = 2400  # largest product of the numbers of attempts and of unknowns: about a second
+LENGTH = 60_000  # largest product of the number of attempts and the operations of one: for large linkages few attempts are made
 SHORTER = "GAUSS_BENCH_ATTEMPTS"  # environment variable with the number of attempts, for this process and all that it starts
-THOROUGH = 144
+THOROUGH = 144  # number of attempts if the environment does not give it
 
 
 def _read_attempts() -> int:
@@ -48,18 +49,25 @@ def _read_attempts() -> int:
 
 
 ATTEMPTS = _read_attempts()
-CLOSE = 1.01  # ratio of two prices of a single step that races cannot distinguish
+# The price of an attempt is the estimate `Costs.single` of its acceleration.
+CLOSE = 1.01  # ratio of two prices that timing cannot distinguish
 REPEATED = 4  # number of rules that are repeated with other seeds
 SEARCHED = 3  # number of plans that are searched, the best ones by a plain attempt
 HOPELESS = 1.5  # price of a plan relative to the best one above which it is not searched
 NOISES, PATIENCES, CROSSINGS = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5)  # values of the search's settings
-PLAIN = Search()
-SOURCES = ("mechanism", "compiler/expressions", "compiler/equations", "compiler/elimination")  # code that decides a search
+PLAIN = Search()  # Markowitz's count alone, without random numbers; an attempt with it is a plain attempt
+SOURCES = ("mechanism", "compiler/expressions", "compiler/equations", "compiler/elimination")  # code on which a search depends
 
 
 @dataclass(frozen=True, eq=False)
 class Best:
-    """An attempt on a workspace: its search settings, and the costs of the acceleration."""
+    """One attempt at an elimination.
+
+    Attributes:
+        work: the equations that were eliminated.
+        search: the settings by which pivots were chosen.
+        costs: operation counts and cycles of the resulting acceleration.
+    """
 
     work: Workspace
     search: Search
@@ -97,7 +105,10 @@ def pick(attempts: Sequence[Best]) -> Best:
 
 
 def best_of(work: Workspace, count: int) -> Best:
-    """Return the cheapest of `count` attempts: half with different search settings, half with the best of these and other seeds."""
+    """Return the cheapest of `count` attempts: half with different search settings, half with the best of these and other seeds.
+
+    The plain settings are among them.
+    """
     settings = [Search(0, *choice) for choice in product(NOISES, PATIENCES, CROSSINGS)]
     order = np.random.default_rng(0).permutation(len(settings))
     various = [PLAIN, *(replace(settings[k], seed=int(k)) for k in order)][: (count + 1) // 2]
@@ -112,9 +123,16 @@ def best_of(work: Workspace, count: int) -> Best:
 def cheapest(
     known: Study, open_parameters: tuple[str, ...], formulation: str, independent: tuple[int, ...] | None, drop: int = 0
 ) -> Best:
-    """Return the cheapest elimination over the formulations and independent coordinates that the caller left open.
+    """Return the cheapest elimination over the formulations and independent coordinates that the caller does not prescribe.
 
     One plain attempt for each of them decides which are worth a longer search.
+
+    Args:
+        known: ranks, redundant rows and null spaces of the mechanism.
+        open_parameters: names of the mechanism's numbers that are inputs of the program.
+        formulation: "gauss", "lagrange", or "auto" for both.
+        independent: the independent coordinates under gauss; None for all candidates.
+        drop: index in `Study.drops` of the choice of redundant rows.
 
     Raises:
         KernelError: no independent coordinates or no pivots are usable.
@@ -129,6 +147,7 @@ def cheapest(
         raise failure
     plain = sorted(plain, key=lambda x: x.costs.single)
     unknowns = known.mechanism.n + len(known.kept(drop))
+    # for a linkage with many unknowns or a long program fewer attempts are made, so that the search ends soon
     count = min(ATTEMPTS, EFFORT // unknowns, LENGTH // max(1, plain[0].costs.operations))
     if count <= 1:
         return plain[0]
@@ -146,16 +165,20 @@ def _name(mechanism: Mechanism, *asked: Any) -> str | None:
 
 @cache
 def _sources() -> str:
-    """Return a hash of the code that decides a search."""
+    """Return a hash of the source code on which the result of a search depends."""
     return source_digest(*SOURCES)
 
 
 def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) -> Best | None:
-    """Repeat the elimination that an earlier search has stored; return None if there is none, or if it no longer works."""
-    kept = user_cache.load(name) if name else None
-    if kept is None:
+    """Repeat the elimination whose settings an earlier search has stored; return None if there is none, or if it no longer works.
+
+    Args:
+        name: name of the outcome in the user's cache; None if it is not stored.
+    """
+    stored = user_cache.load(name) if name else None
+    if stored is None:
         return None
-    plan, search = json.loads(kept)
+    plan, search = json.loads(stored)
     try:
         work = workspace(known, open_parameters, Plan(plan["formulation"], tuple(plan["independent"]), plan["drop"]))
         return attempt(work, [Search(**search)])[0]
@@ -164,7 +187,13 @@ def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) ->
 
 
 def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, drop: int) -> list[Plan]:
-    """List the plans to try, lagrange and gauss with each candidate for the independent coordinates, if they are left open."""
+    """List the plans to try.
+
+    Args:
+        formulation: "gauss" or "lagrange" if plans of one formulation are wanted, "auto" for both.
+        independent: the independent coordinates under gauss; with None there is a plan for each candidate.
+        drop: index in `Study.drops` of the choice of redundant rows.
+    """
     plans = [Plan("lagrange", covering(known)[0], drop)] if formulation != "gauss" else []
     if formulation != "lagrange":
         choices = (candidates(known) or covering(known)[:1]) if independent is None else [independent]
@@ -182,29 +211,30 @@ NOTHING = Function((), (), ())  # stands for a function that a program lacks
 class Program:
     """Straight-line functions of one mechanism under one formulation, for one choice of independent coordinates.
 
-    Their arguments are the time t, positions q and velocities v (n,), and the open numbers p (n_p,). Guards (k,) are pivots: a
-    state is usable if abs(guard) >= threshold for all of them. A program of accelerations alone lacks the functions after
-    `acceleration`.
+    Their arguments are the time t, positions q and velocities v (n,), and parameters p (n_p,): numbers of the linkage that are set
+    at run time. Guards (k,) are pivots: a function may be used at a state if abs(guard) >= threshold for all its guards. A program
+    of accelerations alone lacks the functions after `acceleration`.
 
     Attributes:
         name: name of the mechanism.
         formulation: "gauss" or "lagrange".
         n, m: numbers of coordinates, and of constraint rows that are kept.
         independent: the independent coordinates; under lagrange they only parametrise the free motions.
-        parameters: names of the open numbers: those asked for, such as "links.crank.mass" or "points.rod.A.x", then those of
-            `mechanism/lines.py`, which change with time.
-        values: (n_p,) values of the open numbers in the linkage file.
+        parameters: names of the parameters p: those asked for, such as "links.crank.mass" or "points.rod.A.x", then those of
+            `mechanism/lines.py`, the level and slope of forces that are piecewise linear in time.
+        values: (n_p,) values of the parameters in the linkage file, and of those of `mechanism/lines.py` at t = 0.
         dropped: names of the redundant rows that were dropped.
         acceleration: function (t, q, v, p) -> a (n,), guards.
         thresholds: thresholds of these guards.
         position_correction: function (t_at, q_at, t, q, p) -> dq (n,), the shortest Newton correction with the Jacobian at q_at and
-            the residual at q, and guards besides those of the acceleration.
-        nearest_velocity: function (t, q, v, p) -> the nearest v (n,) that the constraints allow, and the same further guards.
-        correcting_thresholds: thresholds of these further guards.
-        directions: function (t, q, v, p) -> one free motion (n,) for each independent coordinate, and further guards.
-        direction_thresholds: thresholds of these further guards.
-        multipliers: function (t, q, v, p) -> lambda of M a + J^T lambda = Q, for all rows in the file's order. A dropped row has 0,
-            or its share of the kept rows to which it was added.
+            the residual at q, and guards that it needs besides those of the acceleration.
+        nearest_velocity: function (t, q, v, p) -> the nearest v (n,) that the constraints allow, and the same additional guards.
+        correcting_thresholds: thresholds of the additional guards of both corrections.
+        directions: function (t, q, v, p) -> for each independent coordinate a motion (n,) that the constraints allow and that moves
+            no other independent coordinate; last, guards that it needs besides those of the acceleration.
+        direction_thresholds: thresholds of the additional guards of `directions`.
+        multipliers: function (t, q, v, p) -> lambda of M a + J^T lambda = Q, for all rows in the file's order. The multiplier of a
+            dropped row is 0 or, if the row was added to kept rows k with factors f_k, sum_k f_k lambda_k.
         energy: function (q, v, p) -> kinetic plus potential energy (1,) [J].
         residual: function (t, q, v, p) -> phi of all holonomic rows, phi_dot of all rows.
         stabilized: function as `acceleration`, with gamma - 2 alpha phi_dot - beta^2 phi in place of gamma; None if not asked for.
@@ -232,7 +262,7 @@ class Program:
 
     @property
     def n_parameters(self) -> int:
-        """Number of open numbers."""
+        """Number of parameters p."""
         return len(self.parameters)
 
 
@@ -249,7 +279,7 @@ def generate(
 
     Args:
         formulation: "gauss", "lagrange", or "auto" for the one that costs less.
-        open_parameters: names of numbers of the file that are inputs of the program.
+        open_parameters: names of the mechanism's numbers that are inputs of the program.
         independent: the independent coordinates under gauss; None lets the search choose.
         baumgarte: alpha, beta [1/s] of the function `stabilized`; None for no such function.
         drop: index of the choice of redundant rows in `Study.drops`.
@@ -290,27 +320,34 @@ def partitions(mechanism: Mechanism) -> list[tuple[int, ...]]:
 
 
 def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> Program:
-    """Write all functions of an attempt."""
+    """Repeat the elimination of an attempt, and return its program.
+
+    Args:
+        known: ranks, redundant rows and null spaces of the mechanism.
+        baumgarte: alpha, beta [1/s] of the function `stabilized`; None for no such function.
+    """
     work, algebra = best.work, best.work.algebra(best.search)
     mechanism, links, graph = known.mechanism, work.links, work.terms.graph
     n = mechanism.n
-    # these come first, because products may be recognised later in a form that is valid on the constraints only
+    # residuals and energy come first: later the graph may replace a product by an expression that equals it on the constraints only
     phi, phi_dot, energy = work.exact()
     guards = algebra.guards
     a = vector(graph, algebra.acceleration(work.terms.gamma), n)
     dq = vector(graph, algebra.correction(work.residuals()), n)
-    correcting = algebra.correcting
+    correcting = algebra.correcting  # guards that corrections need in addition to `guards`
     nearest = vector(graph, algebra.velocity([links.rate(k) for k in range(n)]), n)
     stabilized = vector(graph, algebra.acceleration(work.damped(*baumgarte)), n) if baumgarte else []
     multipliers = work.spread_out(algebra.multipliers(work.terms.gamma))
-    directions, further = algebra.directions
-    pivots, correcting_pivots, further_pivots = ([x for x, _ in group] for group in (guards, correcting, further))
+    directions, direction_guards = algebra.directions  # free motions, and guards that they need in addition to `guards`
+    pivots, correcting_pivots, direction_pivots = ([x for x, _ in group] for group in (guards, correcting, direction_guards))
+    # the code of a step merges the functions of these outputs, so that all must compute a common node by the same instruction
     shared = uses([*a, *pivots, *dq, *nearest, *stabilized])
     size = len(links.parameters.names)
     at: Inputs = (("t", 1), ("q", n), ("v", n), ("p", size))
     moved: Inputs = (("t", 1), ("q", n), ("t_new", 1), ("q_new", n), ("p", size))
 
     def thresholds(group: Sequence[Guard]) -> Array:
+        """Return the thresholds (guards,), with the factor of caution of these constraint rows."""
         return work.caution * np.array([x for _, x in group])
 
     return Program(
@@ -327,8 +364,8 @@ def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> P
         position_correction=function(moved, [dq, correcting_pivots], shared),
         nearest_velocity=function(at, [nearest, correcting_pivots], shared),
         correcting_thresholds=thresholds(correcting),
-        directions=function(at, [*(vector(graph, N, n) for N in directions), further_pivots], shared),
-        direction_thresholds=thresholds(further),
+        directions=function(at, [*(vector(graph, N, n) for N in directions), direction_pivots], shared),
+        direction_thresholds=thresholds(direction_guards),
         multipliers=function(at, [vector(graph, multipliers, len(work.rows))], shared),
         energy=function(at[1:], [[energy]], shared),
         residual=function(at, [phi, phi_dot], shared),
@@ -337,17 +374,19 @@ def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> P
 
 
 def check(program: Program, mechanism: Mechanism) -> None:
-    """Compare a program with the interpreted evaluation at new states, on the constraints and off them.
+    """Compare a program with the interpreted evaluation at states other than the samples, on the constraints and off them.
 
     Raises:
-        KernelError: its error is larger than CHECKED, or it is usable at none of these states.
+        KernelError: the program's error is larger than CHECKED, or the program is usable at none of these states.
     """
 
     def accelerate(t: Array, q: Array, v: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return a (k, n) and whether the program may be used (k,), for t (k, 1) and q, v (k, n)."""
         a, guard = program.acceleration(t, q, v, with_lines(mechanism, program.values, t[:, 0]))
         return a, np.asarray((np.abs(guard) >= program.thresholds).all(axis=1))
 
     def evaluate(t: float, q: Array, v: Array) -> Array:
+        """Return phi of holonomic rows, phi_dot of all rows and the energy at one state, one after the other."""
         return np.concatenate([*program.residual([t], q, v, program.values), program.energy(q, v, program.values)[0]])
 
     error, count = error_on_constraints(mechanism, accelerate)

@@ -1,10 +1,13 @@
-"""Accelerations by a rank decision at each state. Programs are checked against them, and they serve where no program is usable.
+"""Accelerations at single states, where a singular value decomposition decides the rank of J.
 
     a = M^-1 Q + M^-1/2 (J M^-1/2)^+ (gamma - J M^-1 Q)
 
-is the free acceleration with the shortest correction, in the mass metric, that meets the constraints. Singular values give the
-pseudo-inverse. At a change point J loses rank and the free velocities gain a direction; the motion goes on along its velocity.
-Terms are evaluated and solved in other ways than in the programs.
+is the acceleration without constraints plus the correction, shortest in the mass metric, after which J a = gamma. Singular values
+give the pseudo-inverse (...)^+. At a change point J loses rank, and the constraints allow velocities in one more direction; the
+motion goes on along the velocity that it has.
+
+Programs are checked against these accelerations, and where no program can be used, these accelerations are. M, J, Q and gamma are
+evaluated by other code than in the programs, and the equations are solved by another method.
 Source: Udwadia and Kalaba, Analytical Dynamics (1996), section 3.3 and eq. (3.17).
 """
 
@@ -21,39 +24,51 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms
 from gauss_bench.trajectory import States
 
-CHECKS, FEW = 9, 2  # numbers of states at which the program of a usual and of a large linkage is checked
+CHECKS, FEW = 9, 2  # numbers of states at which a program is checked: of a usual linkage, and of a large one
 OFF = 0.1  # [rad, lengths] distance from the constraints at which residuals and energy are checked
-CHECKED = 1e-9  # largest relative error of a program: sound ones reach 1e-12, and a wrong sign or a lost term gives far more
+CHECKED = 1e-9  # largest relative error of a program: right ones reach 1e-12, and a wrong sign or a lost term gives far more
 
 Accelerate = Callable[[Array, Array, Array], tuple[Array, NDArray[np.bool_]]]  # t (k, 1), q, v (k, n) -> a (k, n), usable (k,)
 
 
 def _by_singular_values(J: Array, r: Array) -> Array:
-    """Return the minimum-norm x of J x = r; smaller singular values than RANK_TOLERANCE count as zero."""
+    """Return the minimum-norm x of J x = r; singular values below RANK_TOLERANCE times the largest count as zero."""
     return np.asarray(np.linalg.lstsq(J, r, rcond=RANK_TOLERANCE)[0])
 
 
 def _constrain(terms: Terms, mass: Array, gamma: Array, solve: Callable[[Array, Array], Array], passes: int) -> Array:
-    """Return the acceleration (n,) by the formula above; `solve` is the pseudo-inverse, and more passes reduce rounding errors."""
+    """Return the acceleration (n,) by the formula in the module's docstring.
+
+    Args:
+        mass: (n,) diagonal of M.
+        gamma: (m,) right-hand side of J a = gamma.
+        solve: function (K, r) -> the minimum-norm x of K x = r, the pseudo-inverse.
+        passes: how often the correction is repeated for the remaining residual; a second pass reduces rounding errors.
+    """
     root = np.sqrt(mass)
-    K, weighted = terms.J / root, terms.Q / root
+    K, weighted = terms.J / root, terms.Q / root  # J M^-1/2, and M^1/2 times the acceleration
     for _ in range(passes):
         weighted = weighted + solve(K, gamma - K @ weighted)
     return np.asarray(weighted / root)
 
 
 class RankDecision:
-    """Accelerations, multipliers and steps of a mechanism at single states, whatever the rank of its rows is there."""
+    """Accelerations, multipliers and steps of a mechanism at single states, whatever the rank of its Jacobian is there."""
 
     def __init__(self, mechanism: Mechanism, baumgarte: tuple[float, float] | None = None):
+        """Set up a mechanism; `baumgarte` are alpha and beta [1/s] of its damped accelerations, None without such terms."""
         self.mechanism, self.baumgarte = mechanism, baumgarte
 
     @cached_property
     def evaluator(self) -> Evaluator:
+        """The interpreted evaluation of M, J, Q and gamma."""
         return Evaluator(self.mechanism)
 
     def acceleration(self, t: float, q: Array, v: Array, damped: bool = False) -> Array:
-        """Return accelerations (n,), with Baumgarte's terms if they are `damped`.
+        """Return accelerations (n,) at one state.
+
+        Args:
+            damped: whether gamma - 2 alpha phi_dot - beta^2 phi replaces gamma, if Baumgarte's alpha and beta are given.
 
         Raises:
             LinAlgError: the state is not finite.
@@ -63,8 +78,9 @@ class RankDecision:
         terms = self.evaluator.terms(t, q, v)
         gamma = terms.gamma
         if damped and self.baumgarte:
-            gamma = gamma - 2 * self.baumgarte[0] * terms.phi_dot - self.baumgarte[1] ** 2 * terms.phi
-        return _constrain(terms, self.evaluator.mass, gamma, _by_singular_values, 1)
+            alpha, beta = self.baumgarte
+            gamma = gamma - 2 * alpha * terms.phi_dot - beta**2 * terms.phi
+        return _constrain(terms, self.evaluator.mass, gamma, solve=_by_singular_values, passes=1)
 
     def multipliers(self, t: float, q: Array, v: Array) -> Array:
         """Return the shortest multipliers (m,) of M a + J^T lambda = Q."""
@@ -72,11 +88,19 @@ class RankDecision:
         return _by_singular_values(terms.J.T, terms.Q - self.evaluator.mass * self.acceleration(t, q, v))
 
     def step(self, integrator: str, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
-        """Return q, v (n,) after one step, projected onto the constraints; a force may jump at its end, but not within it."""
+        """Return q, v (n,) after one step of size h [s], projected onto the constraints.
+
+        A force may jump at the end of the step, but not within it.
+
+        Args:
+            integrator: name of the integrator, a key of `STEPS`.
+        """
 
         def acceleration(t: float, q: Array, v: Array) -> Array:
+            """Return the acceleration with Baumgarte's terms, if there are any."""
             return self.acceleration(t, q, v, damped=True)
 
+        # stages at the end of the step are evaluated just before it, so that a force that jumps there still has its old value
         last = (t + h) * (1 - ROUNDING) if self.mechanism.varying else np.inf
         return self.project(t + h, *STEPS[integrator](held_back(acceleration, last), t, q, v, h))
 
@@ -86,9 +110,9 @@ class RankDecision:
 
 
 def acceleration_error(evaluator: Evaluator, t: float, q: Array, v: Array, a: Array) -> float:
-    """Return the error of an acceleration a (n,), relative to the larger of the true and the free acceleration.
+    """Return the error of an acceleration a (n,), relative to the larger of the true acceleration and that without constraints.
 
-    Near rest the true acceleration may vanish.
+    Sizes are largest components. The true acceleration alone is no measure, because it may vanish, as at rest in equilibrium.
     """
     terms = evaluator.terms(t, q, v)
     truth = _constrain(terms, evaluator.mass, terms.gamma, shortest, passes=2)
@@ -104,7 +128,11 @@ def _check_at(mechanism: Mechanism) -> States:
 
 
 def error_on_constraints(mechanism: Mechanism, accelerate: Accelerate) -> tuple[float, int]:
-    """Return the largest relative error of accelerations over the motion, NaN if one is NaN, and the number of usable states."""
+    """Check accelerations at states on the constraints.
+
+    Return the largest relative error over the states where `accelerate` is usable, NaN if one error is NaN, and the number of these
+    states.
+    """
     evaluator, states = Evaluator(mechanism), _check_at(mechanism)
     a, sound = accelerate(states.t[:, None], states.q, states.v)
     errors = [acceleration_error(evaluator, float(states.t[k]), states.q[k], states.v[k], a[k]) for k in np.flatnonzero(sound)]
@@ -112,9 +140,12 @@ def error_on_constraints(mechanism: Mechanism, accelerate: Accelerate) -> tuple[
 
 
 def error_off_constraints(mechanism: Mechanism, evaluate: Callable[[float, Array, Array], Array]) -> float:
-    """Return the largest error of residuals, their rates and the energy, as `evaluate` returns them one after the other.
+    """Return the largest error of residuals, their rates and the energy at a state off the constraints.
 
     Each error is relative to the larger of the quantity's magnitude and 1 in SI units.
+
+    Args:
+        evaluate: function (t, q, v) -> one vector: phi of holonomic rows, phi_dot of all rows, energy.
     """
     evaluator, states = Evaluator(mechanism), _check_at(mechanism)
     t, v = float(states.t[-1]), states.v[-1]

@@ -1,9 +1,9 @@
 """Constraint rows of a linkage as expressions: the rows of `mechanism/equations.py` with nodes as numbers.
 
-On the constraints a driven distance equals the value L(t) of its law, which takes its place. This saves a root and several
-products. Off the constraints it changes the acceleration in proportion to the violation, and it changes no residual. Slides keep
-their true distance: with their offset in its place a stage would have three operations less, but steps would have other errors,
-because their stages violate the constraints by the square of the step size.
+Where the constraints hold, a driven distance equals the value L(t) of its law, and L(t) is used instead of the distance. This saves
+a square root and several products. At states that violate the constraints it changes the acceleration in proportion to the
+violation, but no residual. For slides the actual distance is used: their constant offset would save three operations in each stage
+of a step, but steps would have other errors, because stages violate the constraints by the order of the squared step size.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,10 @@ from gauss_bench.mechanism.equations import Row
 
 
 def rows_of(links: Links) -> list[Row]:
-    """Return all rows in the file's order (joints, couplings, drivers, knife edges), without the entries of J that vanish."""
+    """Return all constraint rows: joints, couplings, drivers, knife edges, each in the file's order.
+
+    The entries of J are dicts without zeros. If `links.exact` holds, the rows are valid at states off the constraints too.
+    """
     node, rows = links.graph.node, []
     for x in equations.rows(links.mechanism, links, on_constraints=not links.exact):
         entries = {k: node(entry) for k, entry in x.entries.items()}
@@ -27,7 +30,10 @@ def rows_of(links: Links) -> list[Row]:
 
 
 def combine(graph: ExpressionGraph, parts: Sequence[tuple[Row, float]]) -> Row:
-    """Return the weighted sum of rows, with the name of the first; rows without a position level add nothing to its residual."""
+    """Return the sum of factor times row over the pairs (row, factor); it has the name of the first row.
+
+    A row of velocities alone, as of a knife edge, has no residual phi and adds nothing to the residual of the sum.
+    """
     entries: dict[int, list[Node]] = {}
     for row, factor in parts:
         for c, e in row.entries.items():

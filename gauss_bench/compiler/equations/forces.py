@@ -2,13 +2,15 @@
 
 A spring with a rest length has no finite value where its two points coincide; the interpreted evaluation gives zero there.
 
-A force that varies is a steady force times a factor (`mechanism/motion_laws.py`). A factor of time is a sine, or a line whose level
-and slope are open numbers (`mechanism/lines.py`). A factor of direction contains the hyperbolic tangent
+A force that varies is a steady force times a factor (`mechanism/motion_laws.py`), which is the product of two parts. The part that
+depends on time is a sine, or a line level + slope t, whose level and slope are parameters that are set at run time
+(`mechanism/lines.py`). The part that depends on direction differs between motion along the force and against it, with a smooth
+transition by the hyperbolic tangent of the speed:
 
     tanh(x) = u / (u + 2),    u = exp(2 x) - 1
 
-A short series gives exp(y) - 1 at y = 2 x / 2^D, from which D doublings exp(2 y) - 1 = (exp(y) - 1) (exp(y) + 1) lead to u. Beyond
-|x| = FLAT the tangent equals 1 to rounding, and x is limited to that range.
+A short series gives exp(y) - 1 at y = 2 x / 2^D. Then the formula exp(2 y) - 1 = (exp(y) - 1) (exp(y) + 1) doubles y, and after D
+doublings the result is u. Beyond |x| = FLAT the tangent equals 1 or -1 to rounding, and x is limited to that range.
 """
 
 from collections.abc import Iterable
@@ -22,7 +24,7 @@ from gauss_bench.mechanism.model import PointForce, Torque
 from gauss_bench.mechanism.motion_laws import STEADY, Factor
 from gauss_bench.mechanism.spaces import Vec, angle_slot, dot, slots
 
-FLAT = 20.0
+FLAT = 20.0  # |x| from which on |tanh(x)| is 1 to rounding
 DOUBLINGS, TERMS = 8, 11  # y = 2 FLAT / 2^8 = 0.16 at most: the next term y^12 / 12! is below a thousandth of rounding
 SMALLEST = 1e-300  # [N, N m] smallest divisor, for a force of size zero
 
@@ -48,7 +50,14 @@ def _weights(links: Links) -> Iterable[dict[int, Node]]:
 
 
 def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
-    """Return the generalised force of a varying force: that of the steady force, times its factor."""
+    """Return the generalised force of a varying force, index of a coordinate -> node.
+
+    It is that of the steady force, times the factor's part of time and its part of direction. The latter is 1 for motion along the
+    force and `factor.share` for motion against it, with a smooth transition of the width `factor.speed`.
+
+    Args:
+        force: the steady force.
+    """
     (load,) = force.to_loads()
     graph = links.graph
     entries = {k: graph.node(x) for k, x in equations.generalise(links, load).items()}
@@ -58,33 +67,33 @@ def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int,
     level, slope = (links.number(f"forces.{force.name}.{key}") if factor.kinks else links.zero for key in ("level", "slope"))
     depends_on_direction = factor.share != 1.0
     speed = links.zero
-    if depends_on_direction:  # the speed along a force is its power over its magnitude
+    if depends_on_direction:  # the speed along a force is the power of the force divided by its magnitude
         speed = graph.total(x * links.rate(k) for k, x in entries.items()) / size
     if factor.wave:
-        share = graph.sin(links.time * factor.wave.turning + factor.wave.phase)
+        scale = graph.sin(links.time * factor.wave.turning + factor.wave.phase)
     elif factor.lines == (STEADY,):
-        share = graph.constant(1.0)
+        scale = graph.constant(1.0)
     else:
-        share = level + slope * links.time
-    if depends_on_direction:
-        share = share * (tanh(graph, speed * (1 / factor.speed)) * ((1 - factor.share) / 2) + (1 + factor.share) / 2)
-    return {k: x * share for k, x in entries.items()}
+        scale = level + slope * links.time
+    if depends_on_direction:  # tanh is 1 for motion along the force, which gives 1, and -1 against it, which gives `share`
+        scale = scale * (tanh(graph, speed * (1 / factor.speed)) * ((1 - factor.share) / 2) + (1 + factor.share) / 2)
+    return {k: x * scale for k, x in entries.items()}
 
 
 def tanh(graph: ExpressionGraph, x: Node) -> Node:
-    """Return the hyperbolic tangent of x by the formulas above, with an absolute error at rounding level."""
+    """Return the hyperbolic tangent of x by the formulas in the module's docstring, with an absolute error at rounding level."""
     y = minimum(maximum(x, graph.constant(-FLAT)), graph.constant(FLAT)) * (2.0 / 2**DOUBLINGS)
     series = graph.constant(1 / factorial(TERMS))  # of (exp(y) - 1) / y, by Horner's scheme
     for k in range(TERMS - 1, 0, -1):
         series = series * y + 1 / factorial(k)
-    u: Node = series * y
+    u: Node = series * y  # exp(y) - 1
     for _ in range(DOUBLINGS):
         u = u * (u + 2.0)
     return u / (u + 2.0)
 
 
 def energy(links: Links) -> Node:
-    """Return kinetic plus potential energy [J]."""
+    """Return kinetic plus potential energy [J]; forces that vary have no potential and are left out."""
     terms: list[Node] = []
     for i, link in enumerate(links.mechanism.links):
         mass, inertia = links.number(f"links.{link.name}.mass"), links.number(f"links.{link.name}.inertia")

@@ -31,25 +31,35 @@ def law_of_time(law: MotionLaw, graph: ExpressionGraph, t: Node) -> Law:
 
 
 def _rise(graph: ExpressionGraph, t: Node, name: str, start: float, travel: float, time: float) -> Law:
-    """Return a rise from `start` by `travel` that takes `time` [s]; before and after it rates are zero."""
+    """Return value, rate and second rate of a rise from `start` by `travel`, which begins at t = 0 and ends at t = `time` [s].
+
+    Outside this interval the value is constant, and both rates are zero.
+
+    Args:
+        name: the law of the rise, a key of `RISE_LAWS`.
+    """
     zero, one = graph.constant(0.0), graph.constant(1.0)
     s = minimum(maximum(t * (1.0 / time), zero), one)
-    moving = at_most(zero, t) * at_most(t, graph.constant(time))
+    moving = at_most(zero, t) * at_most(t, graph.constant(time))  # switch of the interval
     x, rate, second = RISE_LAWS[name](s)
     return x * travel + start, rate * moving * (travel / time), second * moving * (travel / time**2)
 
 
 def _table(graph: ExpressionGraph, t: Node, start: float, knots: Array, values: Array, curvatures: Array) -> Law:
-    """Return a cubic spline through `values` at `knots`, with these curvatures; outside the knots it is constant.
+    """Return value, rate and second rate of a cubic spline at the time t; outside the knots its value is constant.
 
     On the piece from knot k, with s = t - knot_k, the value is c0 + c1 s + c2 s^2 + c3 s^3.
+
+    Args:
+        start: number that is added to the spline's value.
+        knots, values, curvatures: times [s] of the knots, and the spline's value and second derivative there.
     """
     h = knots[1:] - knots[:-1]
     bend = (curvatures[1:] - curvatures[:-1]) / h
     slope = (values[1:] - values[:-1]) / h - h * (2 * curvatures[:-1] + curvatures[1:]) / 6
     inside = minimum(maximum(t, graph.constant(knots[0])), graph.constant(knots[-1]))
     passed = [at_most(graph.constant(x), inside) for x in knots[1:-1]]
-    # the switch of each piece: t has passed its left knot, and not its right one
+    # the switch of a piece is 1 if t has passed the left knot of the piece, and not its right one
     left = [graph.constant(1.0), *passed]
     switches = [a - b for a, b in zip(left, [*passed, graph.constant(0.0)], strict=True)]
     s = inside - _pick(switches, knots[:-1])
@@ -61,7 +71,7 @@ def _table(graph: ExpressionGraph, t: Node, start: float, knots: Array, values: 
 
 
 def _pick(switches: list[Node], values: Array) -> Node:
-    """Return the number whose switch is 1."""
+    """Return sum_k switch_k value_k: the value whose switch is 1, as all other switches are 0."""
     return switches[0].graph.total(s * float(x) for s, x in zip(switches, values, strict=True))
 
 

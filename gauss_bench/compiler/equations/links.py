@@ -1,17 +1,17 @@
 """The links of a linkage as expressions: their numbers, and positions and velocities of link-fixed points.
 
-Each number of a linkage is a constant of the program or, if it is left open, one of its inputs. Their names are
-links.LINK.mass, .inertia, .com.x, .com.y; points.LINK.POINT.x, .y, in the link's own frame, where LINK may be "ground";
-forces.NAME.value, .value.x, .value.y, .k, .c, .rest; joints.NAME.offset of slides; gravity.x, .y.
+Each number of a linkage is a constant of the program or, if the caller names it as an open parameter, an input that is set at run
+time. The names are links.LINK.mass, .inertia, .com.x, .com.y; points.LINK.POINT.x, .y, in the link's own frame, where LINK may be
+"ground"; forces.NAME.value, .value.x, .value.y, .k, .c, .rest; joints.NAME.offset of slides; gravity.x, .y.
 
-A link has at most one sine and one cosine. An arm r = exp(i theta) s has constant components s in the link's frame. Slides tie the
-angles of links together, theta_b = theta_g + turn, and the constant part is moved into s:
+A link has at most one sine and one cosine. An arm r = exp(i theta) s has constant components s in the link's frame. A slide keeps
+the angle between its two links constant, theta_b = theta_g + turn, and the constant part is moved into s:
 
     r = exp(i theta_b) s = exp(i theta_g) (exp(i turn) s)
 
-Tied links share sine and cosine, and a link that is tied to the ground has none. On the constraints this changes nothing, and the
-motion never leaves these rows because they are linear. The argument of a sine is always a coordinate itself, so that a loop over
-steps can update the sine by a rotation.
+So links that slides connect share one sine and cosine, and a link that slides connect with the ground needs none. This changes
+nothing where the angles satisfy theta_b = theta_g + turn, and motions never violate these constraints because they are linear. The
+argument of a sine is always a coordinate itself, so that a loop over steps can update the sine by a rotation.
 """
 
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ from gauss_bench.terms import Array
 
 
 def named_numbers(mechanism: Mechanism) -> dict[str, float | Array]:
-    """Return name -> number or vector (2,), for all that can be left open."""
+    """Return name -> number or vector (2,), for every number of the linkage that can be a parameter of a program."""
     numbers: dict[str, float | Array] = {"gravity": mechanism.gravity}
     for link in mechanism.links:
         numbers |= {f"links.{link.name}.{key}": getattr(link, key) for key in ("mass", "inertia", "com")}
@@ -45,7 +45,7 @@ def named_numbers(mechanism: Mechanism) -> dict[str, float | Array]:
 
 
 def parameter_values(mechanism: Mechanism) -> dict[str, float]:
-    """Return name -> value of every number that can be left open; vectors count as two numbers.
+    """Return name -> value of every number that can be a parameter of a program; a vector counts as two numbers, .x and .y.
 
     Raises:
         KernelError: a force that cannot be expressed by laws on coordinates and forces at points.
@@ -67,18 +67,24 @@ def force_numbers(force: Force) -> dict[str, float | Array]:
 
 
 def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechanism:
-    """Return the mechanism with other numbers, by the names of `parameter_values`; arrays (k,) describe k linkages at once."""
+    """Return the mechanism with other numbers; arrays (k,) of numbers describe k linkages at once.
+
+    Args:
+        numbers: name, as in `parameter_values`, -> number or array (k,).
+    """
     if not numbers:
         return mechanism
+    # zeros: 0 or zeros (k,), by which a number that is not given gets the shape of the given ones
     zeros, known = 0.0 * next(iter(numbers.values())), named_numbers(mechanism)
 
     def find(name: str, old: Any) -> Any:
-        """Return the number or vector with a name; numbers that stay are repeated for every linkage."""
+        """Return the number, or the vector with components (2, ...), of this name; `old` is its value if it is not given."""
         if np.ndim(old) == 0:
             return numbers.get(name, old + zeros)
         return np.stack([find(f"{name}.{axis}", x) for axis, x in zip("xy", old, strict=True)])
 
     def find_points(owner: str, points: Mapping[str, Array]) -> dict[str, Array]:
+        """Return name -> point for the points of a link or of the ground."""
         return {name: find(f"points.{owner}.{name}", xy) for name, xy in points.items()}
 
     ground, links = find_points("ground", mechanism.ground_points), []
@@ -87,10 +93,14 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
         links.append(replace(link, points=find_points(link.name, link.points), **masses))
 
     def change(x: Any) -> Any:
-        """Return a copy of a point, a force, a joint or another part with the new numbers, and so for all parts in it."""
+        """Return a copy of a part of the mechanism, such as a joint, force or point, with the new numbers.
+
+        Parts inside a part are copied in the same way: tuples and dataclasses. Motion laws and factors have no named numbers.
+        """
         if isinstance(x, tuple):
             return tuple(map(change, x))
         if isinstance(x, Point):
+            # a point is given in the link's frame, its `local` from the link's centre of mass
             own, centre = (ground, 0.0) if x.link == GROUND else (links[x.link].points, links[x.link].com)
             name = x.name.partition(".")[2]
             return replace(x, local=own[name] - centre) if name in own else x
@@ -99,8 +109,8 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
         changes = {}
         for field in fields(x):
             old, label = getattr(x, field.name), f"{getattr(x, 'name', '')}.{field.name}"
-            names = [name for name in (f"forces.{label}", f"joints.{label}") if name in known]
-            changes[field.name] = find(names[0], old) if names else change(old)
+            key = next((name for name in (f"forces.{label}", f"joints.{label}") if name in known), None)
+            changes[field.name] = find(key, old) if key else change(old)
         return replace(x, **changes)
 
     parts = ("joints", "couplings", "forces", "drivers", "observed_points", "measured")
@@ -110,10 +120,10 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """The numbers of a mechanism.
+    """The numbers of a mechanism, of which some are parameters: inputs of the program instead of constants.
 
     Attributes:
-        names: names of the numbers left open, in the order of the input p.
+        names: names of the parameters, in the order of the input p (n_p,).
         all: name -> value in the file, for all numbers.
     """
 
@@ -122,11 +132,11 @@ class Parameters:
 
     @property
     def values(self) -> Array:
-        """Values (n_p,) of the numbers left open."""
+        """Values (n_p,) of the parameters in the file."""
         return np.array([self.all[name] for name in self.names])
 
     def node(self, graph: ExpressionGraph, name: str) -> Node:
-        """Return a number as a node: an entry of the input p if it is left open, else a constant."""
+        """Return the number of this name as a node: an entry of the input p if it is a parameter, else a constant."""
         value = self.all[name]
         if name not in self.names:
             return graph.constant(value)
@@ -134,10 +144,10 @@ class Parameters:
 
 
 def open_parameters(mechanism: Mechanism, names: tuple[str, ...]) -> Parameters:
-    """Return the numbers of a mechanism, of which those with the names are left open.
+    """Return the numbers of a mechanism, of which those in `names` become parameters.
 
     Raises:
-        KernelError: the mechanism has no number of a name in this scenario, or a name is given twice.
+        KernelError: the mechanism has no number of one of these names in this scenario, or a name is given twice.
     """
     values = parameter_values(mechanism)
     unknown = [name for name in names if name not in values]
@@ -153,19 +163,23 @@ AXIS = 1e-14  # relative to a vector's length: a smaller component is the roundi
 
 @dataclass(frozen=True)
 class Tie:
-    """A link's angle: the angle of the link `root` plus `offset` [rad]; the ground's angle is 0."""
+    """The angle of a link, as the angle of the link `root` plus the constant `offset` [rad]; the ground's angle is 0."""
 
     root: int
     offset: float
 
 
 def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
-    """Return the tie of every link, whose root is the ground, a link that slides tie it to, or the link itself."""
+    """Return for every link how its angle follows from that of another one, if slides connect the two.
+
+    The root is the ground if slides connect the link with it; else one link of those that slides connect; else the link itself.
+    """
     ties = list(free_angles(mechanism))
     for slide in mechanism.slides:
         guide, block = (Tie(GROUND, 0.0) if p.link == GROUND else ties[p.link] for p in (slide.guide, slide.block))
+        # angle of the old root = angle of the new root + offset, because angle of the block = angle of the guide + turn
         old, new, offset = block.root, guide.root, guide.offset + slide.turn - block.offset
-        if old == GROUND:
+        if old == GROUND:  # the ground remains a root
             old, new, offset = new, old, -offset
         if old != new:
             ties = [Tie(new, x.offset + offset) if x.root == old else x for x in ties]
@@ -173,13 +187,13 @@ def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
 
 
 def free_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
-    """Return ties in which every link is its own root, so that expressions are valid off the constraints too."""
+    """Return ties in which every link has its own angle, so that expressions are valid where slides are violated too."""
     return tuple(Tie(i, 0.0) for i in range(len(mechanism.links)))
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The state on which expressions depend.
+    """The inputs of a graph for a state, and their values at samples.
 
     Attributes:
         t, q, v: names of the inputs for time, positions and velocities.
@@ -195,63 +209,79 @@ class State:
 
 
 class Links(Given):
-    """The links of one mechanism at one state, in the form in which `mechanism/equations.py` uses them, with nodes as numbers.
+    """The links of one mechanism at one state, with nodes as numbers, as `mechanism/equations.py` asks for them.
 
     Attributes:
-        exact: whether expressions must hold off the constraints too, so that no angle is replaced by that of another link.
-        ties: the tie of each link.
+        graph: the graph that the nodes belong to; it also does their arithmetic.
+        parameters: the numbers of the mechanism.
+        state: the inputs for time, positions and velocities.
+        exact: whether expressions must be valid off the constraints too, so that no angle is replaced by that of another link.
+        ties: for each link, from the angle of which link its own one follows.
         scale: unit of each coordinate, as `sampling.scales` returns it.
     """
 
     def __init__(self, graph: ExpressionGraph, mechanism: Mechanism, parameters: Parameters, state: State, exact: bool = False):
+        """Set up the links; their frames and ends of arms become nodes when they are first asked for."""
         self.graph, self.mechanism, self.parameters, self.state, self.exact = graph, mechanism, parameters, state, exact
         self.ties = free_angles(mechanism) if exact else tie_angles(mechanism)
         self.scale = [float(x) for x in scales(mechanism)]
         self.arithmetic, self.zero = graph, graph.constant(0.0)
-        self._frames: dict[int, Frame] = {}
-        self._ends: dict[tuple[object, ...], End] = {}
+        self._frames: dict[int, Frame] = {}  # link -> frame
+        self._ends: dict[tuple[object, ...], End] = {}  # name and local vector of a point -> end
 
     @property
     def time(self) -> Node:
+        """The input t."""
         return self.graph.input(self.state.t, 0, self.state.times, 1.0)
 
     def coordinate(self, k: int) -> Node:
+        """Return coordinate k, an input."""
         return self.graph.input(self.state.q, k, self.state.positions[:, k], self.scale[k])
 
     def rate(self, k: int) -> Node:
+        """Return the rate of coordinate k, an input."""
         return self.graph.input(self.state.v, k, self.state.velocities[:, k], SPEED * self.scale[k])
 
     def omega(self, link: int) -> Node:
-        """Return the angular speed of a link, which equals that of its root."""
+        """Return the angular speed of a link, which equals that of the link from whose angle its own one follows."""
         root = GROUND if link == GROUND else self.ties[link].root
         return self.zero if root == GROUND else self.rate(angle_slot(root))
 
     def frame(self, link: int) -> Frame:
+        """Return position, velocity, angular speed and angle of a link; they are made once."""
         if link not in self._frames:
             if link == GROUND:
-                still = Vec(self.zero, self.zero)
-                self._frames[link] = Frame(link, still, still, self.zero, self.zero, True)
+                origin = Vec(self.zero, self.zero)
+                self._frames[link] = Frame(link, z=origin, u=origin, omega=self.zero, angle=self.zero, rests=True)
             else:
-                own = range(self.mechanism.n)[slots(link)]
+                own = range(self.mechanism.n)[slots(link)]  # indices of the link's x, y and angle
                 *place, angle = map(self.coordinate, own)
-                self._frames[link] = Frame(link, Vec(*place), Vec(*map(self.rate, own[:-1])), self.omega(link), angle)
+                velocity = Vec(*map(self.rate, own[:-1]))
+                self._frames[link] = Frame(link, z=Vec(*place), u=velocity, omega=self.omega(link), angle=angle)
         return self._frames[link]
 
     def number(self, name: str) -> Node:
+        """Return the number of this name: a constant, or an input if it is a parameter."""
         return self.parameters.node(self.graph, name)
 
     def held(self, joint: str, index: int, value: float) -> Node:
+        """Return the constant value of a coordinate that a joint holds; the first one of a slide may be a parameter, its offset."""
         name = f"joints.{joint}.offset"
         return self.number(name) if index == 0 and name in self.parameters.all else self.graph.constant(float(value))
 
     def law(self, law: MotionLaw) -> Motion:
+        """Return value, rate and second rate of a law as expressions of time.
+
+        Raises:
+            KernelError: a law of an unknown kind.
+        """
         try:
             return law_of_time(law, self.graph, self.time)
         except ValueError as error:
             raise KernelError(str(error)) from None
 
     def quantity(self, name: str) -> Any:
-        """Return the number or the vector with a name, as a node or as a `Vec` of nodes."""
+        """Return the number or the vector of this name, as a node or as a `Vec` of nodes."""
         if name in self.parameters.all:
             return self.number(name)
         return Vec(self.number(f"{name}.x"), self.number(f"{name}.y"))
@@ -265,11 +295,12 @@ class Links(Given):
         return place if point.link == GROUND else place - self.quantity(f"links.{owner}.com")
 
     def constant_vector(self, x: float, y: float) -> Vec:
+        """Return the vector (x, y) of two constants as a vector of nodes."""
         return Vec(self.graph.constant(float(x)), self.graph.constant(float(y)))
 
     def rotate(self, link: int, s: Vec) -> Vec:
-        """Return a link-fixed vector in world axes."""
-        tie = Tie(GROUND, 0.0) if link == GROUND else self.ties[link]
+        """Return a vector s, which is fixed in a link and given in its axes, in world axes."""
+        tie = Tie(GROUND, 0.0) if link == GROUND else self.ties[link]  # first by the constant offset, then by the angle of the root
         s = rotate_vec(self._unit(tie.offset), s)
         if tie.root == GROUND:
             return s
@@ -277,27 +308,32 @@ class Links(Given):
         return rotate_vec(Vec(self.graph.cos(theta), self.graph.sin(theta)), s)
 
     def _unit(self, theta: float, across: bool = False) -> Vec:
+        """Return the constant unit vector at an angle [rad]; with `across`, the vector a quarter turn further."""
         return self.constant_vector(*(0.0 if abs(x) < AXIS else x for x in unit(theta, across)))
 
     def direction(self, link: int, angle: float, across: bool = False) -> Direction:
+        """Return in world axes the direction at an angle [rad] in a link's frame; with `across`, a quarter turn further."""
         return Direction(self.frame(link), self.rotate(link, self._unit(angle, across)))
 
     def vector(self, link: int, value: Vec) -> Direction:
+        """Return a vector of nodes, which is fixed in a link and given in its axes, in world axes."""
         return Direction(self.frame(link), self.rotate(link, value))
 
     def end(self, point: Point) -> End:
+        """Return the frame of a point's link, and the arm from the centre of mass to the point in world axes; it is made once."""
         key = (point.name, *point.local.tolist())
         if key not in self._ends:
             self._ends[key] = End(self.frame(point.link), self.rotate(point.link, self.local(point)))
         return self._ends[key]
 
     def loads(self) -> tuple[Load, ...]:
-        """Lower the steady forces to loads whose numbers are nodes."""
+        """Convert the steady forces to loads (laws on coordinates, forces at points) whose numbers are nodes."""
         return loads([replace(force, **self._numbers(force)) for force in self.mechanism.forces if not factor_of(force)])
 
     def varying(self) -> list[tuple[Torque | PointForce, Factor]]:
-        """Return every force that varies as a steady force, whose numbers are nodes, and the factor that multiplies it."""
+        """Return for every force that varies a steady force, whose numbers are nodes, and the factor that multiplies it."""
         return [(replace(force, factor=None, **self._numbers(force)), factor) for force, factor in self.mechanism.factors]
 
     def _numbers(self, force: Force) -> dict[str, Any]:
+        """Return field of a force -> its number as a node, or its vector of nodes."""
         return {key: self.quantity(f"forces.{force.name}.{key}") for key in force_numbers(force)}

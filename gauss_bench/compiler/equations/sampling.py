@@ -18,9 +18,9 @@ from gauss_bench.mechanism.spaces import DIMENSION
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
-STEP = 0.1  # [rad, lengths of the linkage] step of a walk: Newton's method keeps its branch at much longer ones
-WALK = 2 * np.pi + STEP  # [rad, lengths] length of a walk: one turn of a crank
-FARTHEST = 3.0 * STEP  # distance of neighbouring poses: a pose farther away is on another branch
+STEP = 0.1  # [rad, typical lengths] step along the motion: Newton's method stays in one assembly mode at much longer ones
+WALK = 2 * np.pi + STEP  # [rad, typical lengths] length of all steps together: one turn of a crank
+FARTHEST = 3.0 * STEP  # largest distance of neighbouring poses: a pose farther away is in another assembly mode
 TIMES = 64  # number of times at which a driven linkage is closed
 DENSE = 100  # coordinates: for larger linkages sparse factorisations are far cheaper
 CLOSED = 1e-12  # [m, rad] residual of a closed position
@@ -30,7 +30,10 @@ SPEED = 3.0  # [rad/s, lengths/s] speed of the fastest coordinate at most
 
 
 def typical_length(mechanism: Mechanism) -> float:
-    """Return the mean distance [m] of points from the centre of mass of their link, which counts as much as 1 rad."""
+    """Return the length [m] that counts as much as 1 rad where positions and angles are compared.
+
+    It is the mean distance of the links' points from the centres of mass of their links, or 1 if no point has a distance.
+    """
     arms = [float(np.hypot(*(p - link.com))) for link in mechanism.links for p in link.points.values()]
     arms = [x for x in arms if x > 0]
     return sum(arms) / len(arms) if arms else 1.0
@@ -44,7 +47,11 @@ def scales(mechanism: Mechanism) -> Array:
 
 @lru_cache(maxsize=64)  # a walk takes longer than most searches for pivots, and several stages need the same states
 def manifold_states(mechanism: Mechanism, count: int, seed: int = 0) -> States:
-    """Return at most `count` states spread over the motion, the start first."""
+    """Return at most `count` states that satisfy the constraints and are spread over the motion.
+
+    Args:
+        seed: of the random numbers by which velocities and, with several degrees of freedom, directions are chosen.
+    """
     rng = np.random.default_rng(seed)
     constraints, scale = Constraints(mechanism), scales(mechanism)
     path = _in_time(mechanism, constraints) if mechanism.drivers else _walk(mechanism, constraints, scale, count, rng)
@@ -56,22 +63,27 @@ def manifold_states(mechanism: Mechanism, count: int, seed: int = 0) -> States:
     return States(t, q, v)
 
 
-Pose = tuple[float, Array]  # time [s], and positions q (n,)
+Pose = tuple[float, Array]  # time [s], and coordinates q (n,)
 Path = list[Pose]
 
 
 def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: int, rng: np.random.Generator) -> Path:
-    """Return poses along the free motion, in order: forwards from the start and, if that ends early, also backwards."""
+    """Return poses along the free motion, in order: forwards from the start and, if that ends early, also backwards.
+
+    Directions and distances are compared in the units `scale` (n,): q / scale has comparable components, and J scale is the
+    Jacobian for them.
+    """
     heading = scale * rng.normal(size=mechanism.n)
     # with several degrees of freedom the heading drifts at random, and both directions are explored
     wanders = mechanism.dof > 1
     steps = int(WALK / STEP) if mechanism.n <= DENSE else count
-    path: Path = []
-    for sign in (1.0, -1.0):
-        q, ahead = mechanism.q0, sign * heading
-        poses: Path = []
+    forwards: Path = [(0.0, mechanism.q0)]
+    backwards: Path = []
+    for sign, poses in ((1.0, forwards), (-1.0, backwards)):
+        q, ahead, before = mechanism.q0, sign * heading, len(poses)
         for _ in range(steps):
             _, J = constraints.residual(q)
+            # the last direction, changed a little at random, and projected onto what the constraints allow
             drift = 0.4 * scale * rng.normal(size=mechanism.n) * wanders
             ahead = _unit(_free_part(J * scale, (ahead + drift) / scale)) * scale
             following = _close(constraints, 0.0, q + STEP * ahead, scale)
@@ -79,10 +91,9 @@ def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: i
                 break
             q = following
             poses.append((0.0, q))
-        path = [*reversed(path), (0.0, mechanism.q0), *poses] if not path else [*reversed(poses), *path]
-        if len(poses) == steps and not wanders:
+        if len(poses) - before == steps and not wanders:
             break
-    return path
+    return [*reversed(backwards), *forwards]
 
 
 def _unit(x: Array) -> Array:
@@ -108,9 +119,10 @@ def _in_time(mechanism: Mechanism, constraints: Constraints) -> Path:
 
 
 def _close(constraints: Constraints, t: float, q: Array, scale: Array) -> Array | None:
-    """Return the nearest position on the constraints, or None if Newton's method fails."""
+    """Return the nearest coordinates (n,) that satisfy the constraints at time t, or None if Newton's method fails."""
 
     def is_closed(_: Array, phi: Array, __: Array) -> bool:
+        """Tell whether the residual phi is at rounding level; the arguments are q, phi and J."""
         return bool(np.abs(phi).max(initial=0.0) < CLOSED)
 
     residual = partial(constraints.residual, t=t)
@@ -119,7 +131,7 @@ def _close(constraints: Constraints, t: float, q: Array, scale: Array) -> Array 
 
 
 def _velocity(constraints: Constraints, scale: Array, pose: Pose, rng: np.random.Generator) -> Array:
-    """Return a random velocity (n,) that satisfies all rows; its free part is at most SPEED."""
+    """Return a random velocity (n,) that satisfies all constraint rows; its part by free motions is at most SPEED."""
     t, q = pose
     rows = constraints(t, q, np.zeros_like(q))
     J = rows.J * scale
@@ -128,7 +140,7 @@ def _velocity(constraints: Constraints, scale: Array, pose: Pose, rng: np.random
 
 
 def _free_part(J: Array, x: Array) -> Array:
-    """Project x (n,) onto the null space of J (m, n); twice, because one pass leaves rounding errors."""
+    """Return the projection of x (n,) onto the null space of J (m, n); it is done twice, as one pass leaves rounding errors."""
     for _ in range(2):
         x = x - shortest(J, J @ x)
     return x

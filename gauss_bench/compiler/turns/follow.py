@@ -1,4 +1,7 @@
-"""The routine that follows a linkage from sample to sample: each lane follows a part of the samples.
+"""The routine that computes the positions of a linkage at one sample of its inputs after the other.
+
+Several sequences of samples, the lanes, are computed side by side: one in each lane of a vector register. A linkage is closed where
+its constraint equations are satisfied. Guards are pivots of its constraint Jacobian, which must not become small.
 
     follow(q, least, inputs, out, report; samples, shift, block, last)
 
@@ -7,16 +10,17 @@ number for each lane:
 
     q        n                     guess at the first sample
     least    G                     bound of each guard, with the guard's sign
-    inputs   (samples + 1) x 3 K   values, rates, second rates; those of the next group begin `shift` rows further on
+    inputs   (samples + 1) x 3 K   values, rates, second rates; those of the next group of lanes begin `shift` rows further on
     out      R for each sample     lane k's samples, side by side; they begin at min(k block, last)
     report   1 + G                 number of samples closed before the first that could not be, and the guards at the last sample
 
-A sample is closed if the last correction was shorter than SETTLED, no correction was longer than the reach of the rotation, the
-guess was near the previous sample, and no guard is below its bound. What is stored after the first sample that is not closed is
-invalid. `tracker.py` decides how such a lane continues.
+A sample is closed if the last correction was shorter than SETTLED, no correction was longer than REACH, the guess was near the
+previous sample, and no guard is below its bound. What is stored after the first sample that is not closed is invalid. `tracker.py`
+decides how such a lane continues.
 
 Newton's method starts at a guess whose sines are computed from scratch, so that no rounding is carried from sample to sample. A
-correction moves q by z and rotates its sines, which is exact because z is short.
+correction adds z to q, and sines and cosines of q + z follow from those of q by a rotation. The rotation is a series of two terms,
+which is exact to rounding if z is at most REACH.
 """
 
 from collections.abc import Sequence
@@ -35,27 +39,28 @@ from gauss_bench.compiler.machine.routine import Array, Compute, Load, Loop, Rou
 from gauss_bench.compiler.machine.schedule import order
 from gauss_bench.terms import Array as Floats
 
-REACH = 0.0065  # [rad] norm of one correction: two terms of the rotation are exact so far, and no other assembly is near
-SETTLED = 1e-8  # [rad] norm of the last correction: its square is left as error
-TURN = 0.3  # [rad] norm of the distance to the guess: far less than lies between two assemblies
-LEVELS = 3  # rows of inputs of a sample: values u, rates w and second rates b; the values n of the next sample stand behind them
-LIMIT = 8  # corrections; from the farthest guess that is accepted quadratic convergence needs four
+# Norms are taken over all angles of which sines are needed.
+REACH = 0.0065  # [rad] largest norm of one correction: two terms of the rotation are exact so far, and no other assembly is near
+SETTLED = 1e-8  # [rad] norm of a correction after which no other one follows: the error left is about its square
+TURN = 0.3  # [rad] largest norm of the step to the next guess: far less than lies between two assembly modes
+LEVELS = 3  # numbers of an input at a sample: value u, rate w, second rate b; the value n at the next sample stands behind them
+LIMIT = 8  # largest number of corrections; from the farthest guess that is accepted quadratic convergence needs four
 
 
 @dataclass(frozen=True, eq=False)
 class _Sample:
-    """The values that one sample computes, in the graph of the routine.
+    """The values that are computed at one sample, as values of the routine's graph.
 
-    The position is q, the corrected one q + z; the angles are the coordinates whose sines are needed.
+    One correction leads from the position q to q + z; the angles are the coordinates whose sines are needed.
 
     Attributes:
         start: sine and cosine of each angle of the guess, one after the other.
-        end: sine and cosine of each angle of the corrected position.
+        end: sine and cosine of each angle of the corrected position q + z.
         closed: (n,) the corrected position.
-        guards: (G,) the guards there.
+        guards: (G,) the pivots of the constraint Jacobian at the corrected position.
         following: (n,) the guess at the next sample.
-        stored: (R,) the numbers to be stored.
-        norms: squared norms of the angles of the correction, and of the way to the next guess.
+        stored: (R,) the numbers to be stored: positions, velocities and accelerations.
+        norms: two squared norms over the angles: of the correction z, and of the step from q + z to the next guess.
     """
 
     start: list[int]
@@ -67,78 +72,106 @@ class _Sample:
     norms: list[int]
 
 
-def _leaves(g: Graph, letter: str, count: int) -> list[int]:
-    """Return the leaves of a vector with `count` components."""
-    return [g.leaf(f"%{letter}{k}") for k in range(count)]
+def _leaves(g: Graph, name: str, count: int) -> list[int]:
+    """Return the leaves, which are inputs of the graph, for the `count` components of a vector."""
+    return [g.leaf(f"%{name}{k}") for k in range(count)]
 
 
 def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, _Sample]:
-    """Write one correction of a sample, and what follows from the corrected position, into a graph.
+    """Write one correction of a sample into a new graph, and what is computed at the corrected position; return both.
 
-    `plain` leaves sines to the target and the arithmetic as it is.
+    Args:
+        plain: whether sines are calls of a library's function, and sums and products are left as they are. Otherwise sines are
+            polynomials and rotations, and the arithmetic is regrouped for speed.
     """
     g, n, K, angles = Graph(), program.driven.n, program.inputs, program.angles
 
     def sincos(x: int) -> Pair:
+        """Return sine and cosine of a value, computed from scratch."""
         return (g.make("sin", x), g.make("cos", x)) if plain else trigonometry.sincos(g, x)
 
     q, guess = _leaves(g, "q", n), _leaves(g, "guess", n)
     u, w, b, next_u = (_leaves(g, letter, K) for letter in "uwbn")  # values, rates, second rates, values at the next sample
-    at_q = {q[k]: (g.leaf(f"%s{k}"), g.leaf(f"%c{k}")) for k in angles}
-    ((*z,),) = inline(g, program.correction, (q, u), at_q.__getitem__)
+    at_q = {q[k]: (g.leaf(f"%s{k}"), g.leaf(f"%c{k}")) for k in angles}  # angle -> its sine and cosine, which are leaves too
+    ((*z,),) = inline(g, program.correction, (q, u), at_q.__getitem__)  # the only result of the function
     closed = [g.add(x, change) for x, change in zip(q, z, strict=True)]
     start = [sincos(guess[k]) for k in angles]
     end = [sincos(closed[k]) if plain else trigonometry.rotate(g, at_q[q[k]], z[k], REACH) for k in angles]
     at_closed = {closed[k]: pair for k, pair in zip(angles, end, strict=True)}
     step = [g.sub(after, before) for before, after in zip(u, next_u, strict=True)]
     guards, advance, stored = inline(g, program.motion, (closed, u, w, b, step), at_closed.__getitem__)
-    following = [g.add(x, way) for x, way in zip(closed, advance, strict=True)]
+    following = [g.add(x, change) for x, change in zip(closed, advance, strict=True)]
     norms = [g.squares([x[k] for k in angles]) for x in (z, advance)]
     flat_start, flat_end = ([x for pair in pairs for x in pair] for pairs in (start, end))
     parts = [flat_start, flat_end, closed, guards, following, stored, norms]  # in the order of the fields of `_Sample`
-    if not plain:
-        g, moved = rewrite(g, [x for part in parts for x in part])
-        values = iter(moved)
+    if not plain:  # regroup the arithmetic; the same parts are then other values of another graph
+        g, rewritten = rewrite(g, [x for part in parts for x in part])
+        values = iter(rewritten)
         parts = [[next(values) for _ in part] for part in parts]
     return g, _Sample(*parts)
 
 
 def _settle(g: Graph, program: ClosingProgram, sample: _Sample, values: Sequence[int], alive: int) -> tuple[Loop, int]:
-    """Build the loop of corrections, which ends when all lanes have settled; `values` are those that a correction computes.
+    """Build the loop of Newton's corrections at one sample, which starts with the guess as q.
 
-    Return it, and the mask where no correction was longer than the reach of the rotation.
+    Each turn computes the correction z, adds it to q and rotates the sines. The loop goes on, for at most LIMIT turns, while some
+    lane is alive in which the last |z| is larger than SETTLED and no |z| was larger than REACH.
+
+    Args:
+        values: the values that a correction computes, in the order in which they are computed.
+        alive: mask of the lanes in which all samples so far are closed.
+
+    Return the loop, and a mask that is true for the lanes in which no correction was longer than REACH.
     """
     always, one = g.all(True), g.whole(1)
-    near, j = g.make("mask", payload="%near"), g.count("%j")
-    size, _ = sample.norms
-    still_near = g.both([near, g.make("le", size, g.const(REACH**2))])
-    unsettled = g.both([still_near, alive, g.make("lt", g.const(SETTLED**2), size)])
+    near, j = g.make("mask", payload="%near"), g.count("%j")  # near: no earlier correction of the sample was longer than REACH
+    correction_square, _ = sample.norms
+    still_near = g.both([near, g.make("le", correction_square, g.const(REACH**2))])
+    unsettled = g.both([still_near, alive, g.make("lt", g.const(SETTLED**2), correction_square)])
     again = g.make("also", g.make("any", unsettled), g.make("below", j, g.whole(LIMIT)))
     leaves = [*_leaves(g, "q", program.driven.n), *(g.leaf(f"%{letter}{k}") for k in program.angles for letter in "sc")]
     first = [*_leaves(g, "guess", program.driven.n), *sample.start]
+    # leaf -> its value in the first turn of the loop, and in every next turn
     carried = dict(zip(leaves, zip(first, [*sample.closed, *sample.end], strict=True), strict=True))
     carried |= {near: (always, still_near), j: (one, g.make("sum", j, one))}
     return Loop(carried, [Compute(values)], again), still_near
 
 
 def follow(program: ClosingProgram, plain: bool = False) -> Routine:
-    """Build the routine that follows a group of lanes; `plain` leaves sines and the order of operations to the target."""
+    """Build the routine that computes one sample after the other in each lane of a group, until no lane can go on.
+
+    At each sample the routine corrects a guess until the linkage is closed, checks the guards, stores the results and makes the
+    next guess.
+
+    Args:
+        plain: whether the target computes sines by a library, and operations in the order in which they were written.
+    """
     g, sample = _write_sample(program, plain)
     n, K = program.driven.n, program.inputs
     first, guess, least = _leaves(g, "first", n), _leaves(g, "guess", n), _leaves(g, "least", program.guards)
+
+    # the values of one sample, in the order in which they are computed
     every = [*sample.start, *sample.end, *sample.closed, *sample.guards, *sample.following, *sample.stored, *sample.norms]
     values = order(g, every, {f"%guess{k}": x for k, x in enumerate(sample.following)}, plain)
-    before = set(live(g, sample.start))
-    repeated = set(live(g, [*sample.closed, *sample.end, sample.norms[0]])) - before  # the values that a correction computes
-    alive, i, done = g.make("mask", payload="%alive"), g.count("%i"), g.leaf("%done")  # i, done: numbers of samples, of closed ones
+    before = set(live(g, sample.start))  # computed once, from the guess
+    repeated = set(live(g, [*sample.closed, *sample.end, sample.norms[0]])) - before  # computed by every correction
+
+    # alive: all samples of the lane so far were closed, and the guess for this one is near the sample before
+    # i: number of samples before this one; done: number of closed ones among them
+    alive, i, done = g.make("mask", payload="%alive"), g.count("%i"), g.leaf("%done")
     corrections, still_near = _settle(g, program, sample, [x for x in values if x in repeated], alive)
-    size, turn = sample.norms
-    sides = [g.make("le", g.mul(a, a), g.mul(x, a)) for x, a in zip(sample.guards, least, strict=True)]  # x / a >= 1
-    good = g.both([alive, still_near, g.make("le", size, g.const(SETTLED**2)), *sides])
-    goes_on = g.both([good, g.make("le", turn, g.const(TURN**2))])
+    correction_square, advance_square = sample.norms
+    # a guard x and its bound a have one sign, and |x| >= |a|: that is x a >= a a
+    guarded = [g.make("le", g.mul(a, a), g.mul(x, a)) for x, a in zip(sample.guards, least, strict=True)]
+    good = g.both([alive, still_near, g.make("le", correction_square, g.const(SETTLED**2)), *guarded])  # the sample is closed
+    goes_on = g.both([good, g.make("le", advance_square, g.const(TURN**2))])
+
+    # what a turn of the loop passes on to the next one: leaf -> first value, next value
     counted, later = g.add(done, g.flag(good)), g.make("sum", i, g.whole(1))
     carried = dict(zip(guess, zip(first, sample.following, strict=True), strict=True))
     carried |= {alive: (g.all(True), goes_on), done: (g.const(0.0), counted), i: (g.whole(0), later)}
+
+    # the loop over samples; the values n of the next sample follow in `inputs` after the levels u, w, b of this one
     rows = {g.leaf(f"%{letter}{k}"): level * K + k for level, letter in enumerate("uwbn") for k in range(K)}
     body: list[Statement] = [
         Load("inputs", rows, g.make("times", i, payload=LEVELS * K)),
@@ -149,6 +182,7 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
     ]
     loop = Loop(carried, body, g.make("also", g.make("any", goes_on), g.make("below", later, g.count("%samples"))))
     loads = [Load(name, {x: k for k, x in enumerate(leaves)}) for name, leaves in (("q", first), ("least", least))]
+
     statements: list[Statement] = [*loads, loop, Store("report", [counted, *sample.guards])]
     arrays = {"q": Array(n), "least": Array(program.guards), "inputs": Array(1, "shift"), "out": Array(0)}
     arrays["report"] = Array(1 + program.guards)
@@ -157,26 +191,32 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
 
 
 class Follower:
-    """Follows lanes on a target, in groups of vector width by native code, or all at once by numpy."""
+    """Runs the routine `follow` on a target: in groups of as many lanes as a vector has by native code, or all at once by numpy."""
 
     def __init__(self, program: ClosingProgram, target: Target):
+        """Prepare the routine; it is compiled when it is first needed."""
         self.program, self.loaded = program, Loaded(lambda many: follow(program, target.backend == "numpy"), target)
 
     def run(self, q: Floats, least: Floats, inputs: Floats, rows: Floats) -> tuple[NDArray[np.integer[Any]], Floats]:
-        """Follow lanes from their guesses; return the number of closed samples (lanes,) and the guards at the last ones (lanes, G).
+        """Compute all samples of each lane in turn, beginning at a guess for the first one.
+
+        Return the number of samples closed before the first that could not be (lanes,), and the guards at the last one (lanes, G).
 
         Args:
             q: (lanes, n) guesses at the first samples.
-            least: (lanes, G) bounds of the guards.
+            least: (lanes, G) bounds of the guards, with the guards' signs.
             inputs: (lanes, samples + 1, 3, K) values, rates, second rates; only the values in the last row matter.
-            rows: (any, R) array for the stored numbers. The parts of the lanes follow each other in it; the last part ends with the
-                array, and may overlap the part before.
+            rows: (any, R) array for the stored numbers. The samples of the first lane come first in it, then those of the second,
+                and so on; those of the last lane end with the array. If the array is too short for all, the last lanes overlap,
+                and must have the same inputs at the samples that they have in common.
         """
         lanes, samples = self.loaded.lanes(len(q)), inputs.shape[1] - 1
         guesses, bounds, levels = (in_lanes(a, lanes) for a in (q, least, inputs.reshape(len(inputs), -1)))
         report, out = np.empty((len(guesses), 1 + self.program.guards, lanes)), rows.reshape(-1)
-        block = samples * self.program.width
+        block = samples * self.program.width  # numbers of one lane
+        last = out.size - block  # where the numbers of the last lane begin
         given = self.loaded.given([guesses, bounds, levels, out, report])
-        self.loaded.call(lanes)(*given, samples, inputs[0].size, block, out.size - block, len(guesses))
+        self.loaded.call(lanes)(*given, samples, inputs[0].size, block, last, len(guesses))
+        # from (groups, 1 + G, lanes of a group) to (lanes, 1 + G), without the copies that fill the last group
         found = report.transpose(0, 2, 1).reshape(-1, report.shape[1])[: len(q)]
         return found[:, 0].astype(int), found[:, 1:]

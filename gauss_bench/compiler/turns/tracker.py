@@ -1,10 +1,11 @@
-"""Distribution of the samples of one linkage over lanes, and recovery of stopped lanes.
+"""Distribution of the samples of one linkage over the lanes of a vector, and recovery where a sample cannot be closed at once.
 
-The samples are cut into as many parts as there are lanes. One lane first finds the positions where parts begin, in strides of at
-most STRIDE; then all parts are followed side by side.
+A sample is closed if positions are found at which the constraints hold for its inputs. The samples are cut into as many parts as
+there are lanes. One lane first finds the positions where parts begin, in steps of at most STRIDE; then all parts are computed side
+by side.
 
-Where a lane stops, the step to that sample is subdivided. If that fails too, `kinematics.loop_closure` tries the sample. If it
-finds a limit or a singular position there, the motion ends, and no later sample is reported as closed.
+If a lane cannot close a sample, the step to that sample is subdivided. If that fails too, `kinematics.loop_closure` tries the
+sample. If it finds a limit of motion or a singular position there, the motion ends, and no later sample is reported as closed.
 """
 
 from collections.abc import Mapping
@@ -26,11 +27,11 @@ from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 
-STRIDE = 0.1  # [rad, lengths] step of an input from closure to closure: the error of the second-order prediction is a few 1e-4
-MANY = 8  # angles: with more, strides are shorter
+STRIDE = 0.1  # [rad, typical lengths] step of an input between samples: the error of the second-order prediction is a few 1e-4
+MANY = 8  # number of angles above which steps are shorter than STRIDE
 SUBDIVISIONS = (8, 64)  # numbers of parts of a step that could not be made at once
 FEW = 4  # least number of samples in a part
-LEAST = 1e-3  # bound of a guard, relative to its value at the start; below it `loop_closure` decides
+LEAST = 1e-3  # least value of a guard (a pivot), relative to its value at the start; where it is less, `loop_closure` decides
 
 
 class Status(IntEnum):
@@ -59,23 +60,29 @@ class Loss:
 
 
 class Tracker:
-    """Follows a linkage from its start. Arrays `levels` (k, 3, K) are values, rates and second rates of K inputs at k samples.
+    """Computes the motion of a linkage, for samples of its inputs, on from its start.
+
+    Arrays `levels` (k, 3, K) are values, rates and second rates of K inputs at k samples. Arrays `rows` (k, R) receive q, v and a
+    of each sample, R = 3n.
 
     Attributes:
         q, u: closed position (n,) and inputs (K,) at the start.
-        least: (G,) bounds of the guards.
-        per_stride: (K,) strides per unit of each input.
-
-    Raises:
-        KernelError: the start cannot be closed.
+        least: (G,) bounds of the guards, the pivots that must not become small; they have the signs of the guards at the start.
+        per_stride: (K,) steps of the size STRIDE per unit [rad, m] of each input, more of them for a linkage with many angles.
     """
 
     def __init__(self, program: ClosingProgram, target: Target):
+        """Close the linkage at its start.
+
+        Raises:
+            KernelError: the start cannot be closed, or is at a singular position.
+        """
         self.program, self.driven = program, program.driven
         self.follower, self.lanes, self.n = Follower(program, target), target.lanes, program.driven.n
         sizes = [1.0 if d.coordinate.unit == "rad" else typical_length(self.driven) for d in self.driven.drivers]
-        many = max(1.0, sqrt(len(program.angles) / MANY))  # the bounds of steps and corrections are for the norm of all angles
-        self.per_stride = many / STRIDE / np.array(sizes)
+        # steps and corrections are limited in the norm of all angles, which grows with the root of their number
+        shorter = max(1.0, sqrt(len(program.angles) / MANY))
+        self.per_stride = shorter / STRIDE / np.array(sizes)
         q0, rows = self.driven.q0, np.empty((1, program.width))
         self.u = np.array([float(value(d.coordinate, q0)) for d in self.driven.drivers])
         closed, guards = self.follower.run(q0[None], np.zeros((1, program.guards)), _at_rest(self.u[None]), rows)
@@ -88,15 +95,19 @@ class Tracker:
         return float((np.abs(u[1:] - u[:-1]) * self.per_stride).max(initial=0.0))
 
     def track(self, levels: Array, stride: float, rows: Array, status: NDArray[np.int8]) -> Loss | None:
-        """Fill rows (k, R) and status (k,); return the loss if the motion ends before the last sample.
+        """Compute all samples of the inputs; return where and why the motion ends before the last sample, or None if it does not.
 
-        `stride` is the largest step between successive samples, as a multiple of STRIDE.
+        Args:
+            levels: (k, 3, K) value, rate and second rate of the inputs at every sample.
+            stride: largest step between successive samples, as a multiple of STRIDE.
+            rows: (k, R) receives q, v and a of every sample, NaN where the linkage is not closed.
+            status: (k,) receives how each sample was closed; it must be `Status.CLOSED` everywhere at first.
         """
-        closed = self._follow_parts(levels, stride, rows)
-        return self._finish(levels, rows, status, closed) if closed < len(rows) else None
+        samples_closed = self._follow_parts(levels, stride, rows)
+        return self._finish(levels, rows, status, samples_closed) if samples_closed < len(rows) else None
 
     def _walk(self, u: Array) -> Array:
-        """Return positions (m, n) at inputs u (m, K), followed from the start; NaN after the first failure."""
+        """Return positions (m, n) at inputs u (m, K), computed by one lane from the start on; NaN from the first failure on."""
         step = u[0] - self.u
         lead = max(1, ceil(float(np.abs(step * self.per_stride).max())))  # samples from the start to u[0]
         rows = np.empty((lead + len(u), self.program.width))
@@ -106,26 +117,24 @@ class Tracker:
         return rows[lead:, : self.n]
 
     def _follow_parts(self, levels: Array, stride: float, rows: Array) -> int:
-        """Follow the linkage in parallel parts, of which the last may overlap the one before.
+        """Compute the motion in parts, one in each lane; return the number of samples before the first that is not closed.
 
-        Return the number of samples, from the first on, at which the loops were closed.
-
-        Args:
-            levels: (k, 3, K) value, rate and second rate of the inputs at every sample.
-            stride: largest step between successive samples, as a multiple of STRIDE.
-            rows: (k, R) receives what is stored of every sample.
+        All parts have the same number of samples, so that the last ones, which end with the last sample, may overlap.
+        Arguments are those of `track`.
         """
         k = len(rows)
         parts = self.lanes if k >= FEW * self.lanes else 1
         count = ceil(k / parts)  # samples of each part
         begins = np.minimum(np.arange(parts) * count, k - count)  # (parts,) index of the first sample of each part
-        # one lane first walks to the beginning of every part, over some samples of each part that are at most STRIDE apart
+        # one lane first walks to the beginning of every part. From one beginning to the next it closes `steps` of the samples, the
+        # stations, which are about STRIDE apart
         steps = min(count, max(1, ceil(count * stride)))
         stations = (begins[:-1, None] + np.diff(begins)[:, None] * np.arange(steps) // steps).ravel()
         q = self._walk(levels[[*stations, begins[-1]], 0])[::steps]  # (parts, n)
-        ahead = levels.take(np.minimum(begins[:, None] + np.arange(count + 1), k - 1), axis=0)
+        # then all lanes together compute their parts; each reads the inputs of one sample more, for which it makes its last guess
+        ahead = levels.take(np.minimum(begins[:, None] + np.arange(count + 1), k - 1), axis=0)  # (parts, count + 1, 3, K)
         closed, _ = self.follower.run(q, self.least[None].repeat(parts, axis=0), ahead, rows)
-        # a part whose first sample is far from the sample before is in another assembly, or a whole turn off
+        # a part whose first sample is far from the sample before is in another assembly mode, or a whole turn off, and is not used
         gaps = (rows[begins[1:]] - rows[begins[1:] - 1])[:, self.program.angles]
         joined = np.append(True, (gaps * gaps).sum(axis=1) < (2 * TURN) ** 2)
         valid = np.where(joined, closed, 0)  # closed samples of each part
@@ -133,7 +142,10 @@ class Tracker:
         return int(begins[incomplete[0]] + valid[incomplete[0]]) if len(incomplete) else k
 
     def _finish(self, levels: Array, rows: Array, status: NDArray[np.int8], at: int) -> Loss | None:
-        """Close the samples from `at` on, which the lanes left open; return the loss if the motion ends before the last one."""
+        """Compute the samples from index `at` on, the first that the lanes could not close.
+
+        Return where and why the motion ends before the last sample, or None if it does not. Other arguments are those of `track`.
+        """
         while at < len(rows):
             q, u = (rows[at - 1, : self.n], levels[at - 1, 0]) if at else (self.q, self.u)
             done = self._follow_in_small_steps(q, u, levels[at:], rows[at:])
@@ -148,9 +160,16 @@ class Tracker:
         return None
 
     def _follow_in_small_steps(self, q: Array, u: Array, levels: Array, rows: Array) -> int:
-        """Follow one lane from q, u, with the step to the first sample subdivided; return the number of closed samples."""
+        """Compute samples in one lane, with the step to the first of them subdivided; return the number of closed ones.
+
+        Args:
+            q, u: closed position (n,) and inputs (K,) from which the step begins.
+            levels: (k, 3, K) of the samples.
+            rows: (k, R), whose first rows receive the closed samples.
+        """
         for parts in SUBDIVISIONS:
             between = u + _fractions(parts) * (levels[0, 0] - u)
+            # `parts` samples from u on, at rest, without their repeated last one; then those asked for, with the last one repeated
             ahead = np.concatenate([_at_rest(between)[:, :-1], levels[None], levels[None, -1:]], axis=1)
             found = np.empty((parts + len(rows), self.program.width))
             closed = int(self.follower.run(q[None], self.least[None], ahead, found)[0][0]) - parts
@@ -160,13 +179,19 @@ class Tracker:
         return 0
 
     def _close_by_library(self, q: Array, levels: Array) -> Array | Loss:
-        """Close a sample with levels (3, K) near the position q by `loop_motion`; return its row of numbers, or the loss."""
+        """Close one sample near the position q by `loop_motion`; return its row (R,), or why it cannot be closed.
+
+        Args:
+            levels: (3, K) value, rate and second rate of the inputs.
+        """
+        # every driver has a law with this value, rate and second rate at all times, so that the time 1.0 is any time
         drivers = [replace(d, law=_hold(level)) for d, level in zip(self.driven.drivers, levels.T, strict=True)]
         try:
             motion = loop_motion(replace(self.driven, q0=q.copy(), drivers=tuple(drivers)), np.array([1.0]))
         except MotionError as error:
             kind = "singular position" if isinstance(error, SingularPosition) else "limit of motion"
-            return Loss(0, kind, error.inputs, str(error).rpartition(": ")[2])
+            reason = str(error).rpartition(": ")[2]  # the message names the place, then the reason
+            return Loss(sample=0, kind=kind, inputs=error.inputs, text=reason)  # the caller knows the sample
         return np.concatenate([motion.q[0], motion.v[0], motion.a[0]])
 
 
@@ -176,12 +201,15 @@ def _fractions(count: int) -> Array:
 
 
 def _at_rest(u: Array) -> Array:
-    """Return levels (1, k + 1, 3, K) of inputs u (k, K) with zero rates; the last row is repeated."""
+    """Return inputs u (k, K) with zero rates and second rates, for one lane: (1, k + 1, 3, K).
+
+    The last sample is repeated, because a lane reads the inputs of one sample more than it closes.
+    """
     levels = np.zeros((1, len(u) + 1, 3, u.shape[1]))
     levels[0, :-1, 0], levels[0, -1, 0] = u, u[-1]
     return levels
 
 
 def _hold(levels: Array) -> MotionLaw:
-    """Return the law with a constant value, rate and second rate (3,)."""
+    """Return the law that has the given value, rate and second rate (3,) at every time."""
     return MotionLaw("held", lambda t: (levels[0], levels[1], levels[2]))
