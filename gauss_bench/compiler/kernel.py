@@ -89,7 +89,7 @@ def compile_kernel(
     return Kernel(mechanism, options, "straight line", start)
 
 
-def _generate_programs(mechanism: Mechanism, o: Options) -> Iterator[Program]:
+def _generate_programs(mechanism: Mechanism, options: Options) -> Iterator[Program]:
     """Yield the program that was asked for, then others for states at which pivots of that one are too small.
 
     They differ in the formulation, in the independent coordinates, and in the redundant rows that they leave out.
@@ -97,12 +97,12 @@ def _generate_programs(mechanism: Mechanism, o: Options) -> Iterator[Program]:
 
     def generate(formulation: str, independent: tuple[int, ...] | None, drop: int) -> Program:
         """Return a program; `drop` is the number of a choice of redundant rows to be left out (`Study.drops`)."""
-        return known_program(mechanism, formulation, o.open_parameters, independent, o.damping, drop, o.target.cache)
+        return known_program(mechanism, formulation, options.open_parameters, independent, options.damping, drop, options.target.cache)
 
-    first = generate(o.formulation, o.independent, 0)
+    first = generate(options.formulation, options.independent, 0)
     yield first
     # formulation and independent coordinates of each program
-    choices: list[tuple[str, tuple[int, ...] | None]] = [(o.formulation, o.independent)]
+    choices: list[tuple[str, tuple[int, ...] | None]] = [(options.formulation, options.independent)]
     choices += [("gauss", p) for p in partitions(mechanism) if ("gauss", p) != (first.formulation, first.independent)]
     if first.formulation != "lagrange":
         choices.append(("lagrange", None))
