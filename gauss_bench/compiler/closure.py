@@ -114,7 +114,7 @@ class Closure:
         return Sweep(q, v, a, status[::divided], loss)
 
     def _levels(self, inputs: Array, rates: Array | None, second_rates: Array | None) -> Array:
-        """Return values, rates and second rates of the K inputs at k samples as one array (k, 3, K), after a check of shapes and values."""
+        """Return values, rates and second rates of the K inputs at k samples as one array (k, 3, K), checked."""
         K, u = len(self.inputs), self._columns(inputs)
         if u.ndim != 2 or u.shape[-1] != K or not u.size:
             raise ValueError(f"inputs of shape {np.shape(inputs)} are not samples of {', '.join(self.inputs)}")

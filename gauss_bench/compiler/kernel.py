@@ -89,7 +89,7 @@ def compile_kernel(
     return Kernel(mechanism, options, "straight line", start)
 
 
-def _generate_programs(mechanism: Mechanism, options: Options) -> Iterator[Program]:
+def _generate_programs(mechanism: Mechanism, o: Options) -> Iterator[Program]:
     """Yield the program that was asked for, then others for states at which pivots of that one are too small.
 
     They differ in the formulation, in the independent coordinates, and in the redundant rows that they leave out.
@@ -97,12 +97,12 @@ def _generate_programs(mechanism: Mechanism, options: Options) -> Iterator[Progr
 
     def generate(formulation: str, independent: tuple[int, ...] | None, drop: int) -> Program:
         """Return a program; `drop` is the number of a choice of redundant rows to be left out (`Study.drops`)."""
-        return known_program(mechanism, formulation, options.open_parameters, independent, options.damping, drop, options.target.cache)
+        return known_program(mechanism, formulation, o.open_parameters, independent, o.damping, drop, o.target.cache)
 
-    first = generate(options.formulation, options.independent, 0)
+    first = generate(o.formulation, o.independent, 0)
     yield first
     # formulation and independent coordinates of each program
-    choices: list[tuple[str, tuple[int, ...] | None]] = [(options.formulation, options.independent)]
+    choices: list[tuple[str, tuple[int, ...] | None]] = [(o.formulation, o.independent)]
     choices += [("gauss", p) for p in partitions(mechanism) if ("gauss", p) != (first.formulation, first.independent)]
     if first.formulation != "lagrange":
         choices.append(("lagrange", None))
@@ -308,7 +308,7 @@ class Kernel:
         return self._programs.codes[0].program.acceleration(t[:, None], q, v, numbers)[1]
 
     def _roll_one(self, q: Array, v: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array:
-        """Return the last state (2 n_q,) of a single trajectory, with the least possible overhead; p are the open numbers (n_p,)."""
+        """Return the last state (2 n_q,) of a single trajectory with the least overhead; p are the open numbers (n_p,)."""
         end = self._programs.runner(0, integrator).run_one(q, v, p, t0, dt, n)
         if not isinstance(end, Stop):
             return end
@@ -345,7 +345,7 @@ class Kernel:
         return self._at_states(self._programs.accelerations, self._rank.acceleration, q, v, t, parameters)
 
     def forces(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
-        """Return the multipliers (rows,) or (batch, rows) of M a + J^T lambda = Q; those of redundant rows that were left out are 0."""
+        """Return the multipliers (rows,) or (batch, rows) of M a + J^T lambda = Q; 0 for redundant rows that are left out."""
         return self._at_states(self._programs.multipliers, self._rank.multipliers, q, v, t, parameters)
 
     def energy(self, q: Array, v: Array, parameters: Array | None = None) -> Array:

@@ -42,7 +42,7 @@ def trusted_folder() -> Path | None:
 
 
 def load(name: str) -> bytes | None:
-    """Return the content that is stored under a file name; None if there is none, the hash differs, or the folder is not trusted."""
+    """Return the content that is stored under a file name; None if it is missing, damaged or not trusted."""
     path = trusted_folder()
     if path is None:
         return None
