@@ -359,8 +359,8 @@ class ExpressionGraph:
     def total(self, terms: Iterable[Node], pairs: int = 6) -> Node:
         """Return the sum of the terms; those that are ready earliest are added first.
 
-        Before that, multiples of the same node are combined. Two terms at most `pairs` places apart are replaced by their sum if the
-        sum is a constant, or a multiple of a node that the graph has already.
+        Before that, multiples of the same node are combined. Two terms at most `pairs` places apart are replaced by their sum if
+        it is a constant, or a multiple of a node that the graph has already.
         """
         joined = self._join(terms)
         if len(joined) > 2:
