@@ -188,7 +188,7 @@ class Single:
 
     The arguments stand in a block of 8-byte words, whose address is passed to the code: addresses of arrays, then real numbers,
     then counts (integers). A caller changes them in place. To convert arguments anew at each call would take as long as several
-    steps.
+    steps. An object of this class also keeps its code in memory.
 
     Attributes:
         arrays: flat arrays, in the order of the routine.
