@@ -149,6 +149,7 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
     # a lane goes on if its guards hold; `beyond`: in this step it only exceeded the reach, so that a larger one will do
     beyond = g.both([alive, body.step.regular, g.make("not", body.step.within)])
     going = g.both([alive, body.step.regular, body.step.within])
+    # number of the next step, whether there is one, and its time
     following, more = g.make("sum", i, one), g.make("below", i, n)
     later = g.make("add", t0, g.make("mul", g.make("number", following), h))
     due_later, slot_later = g.count("%due_later"), g.count("%slot_later")
@@ -166,6 +167,7 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
         carried = {x: (x, next_value) for x, (_, next_value) in carried.items()}
     if many:
         carried[far] = none, _either(g, far, beyond)
+    # stores a sample at the beginning of step `due`, and sets the step and the slot of the next sample
     sample = If(
         g.make("same", i, due),
         [Store("samples", body.step.out, g.make("times", slot, payload=body.rows))],
@@ -174,6 +176,7 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
     again = g.make("also", g.make("any", going), more)
     if many and not is_last:  # all lanes change to the next body as soon as one of them needs it
         again = g.make("also", again, g.make("nowhere", beyond))
+    # the last state is valid if the pivots on which its sample depends are large enough, whatever the step after it would be
     complete = g.both([alive, body.step.regular_out, g.make("everywhere", g.make("same", i, n))])
     too_far = g.both([_either(g, far, beyond), g.make("not", complete)])
     report = Store("report", [done, g.flag(complete), g.flag(too_far)])
@@ -243,6 +246,7 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     i, due, tried, count = (g.count(f"%{x}") for x in ("i", "due", "tried", "count"))
     # taken: number of accepted steps; goal: time of the sample that this step must not pass; following: the same of the next step
     t, h, taken, goal, following = (g.leaf(f"%{x}") for x in ("t", "h", "taken", "goal", "next"))
+    # later: i after this step's sample; due_later: `due` of the next step
     later, due_later, one, zero = g.count("%later"), g.count("%due_later"), g.whole(1), g.whole(0)
     sample = Store("samples", step.out, g.make("times", i, payload=body.rows))
     store = If(g.make("same", due, one), [sample], {later: (g.make("sum", i, one), i)})
@@ -253,10 +257,10 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     # whether the step ends at a sample, which is stored at the beginning of the next one
     reached = g.both([good, g.make("le", g.make("sub", goal, t), h)])
     t_new = g.make("select", reached, goal, g.make("select", good, g.add(t, h), t))
-    place = If(g.make("any", reached), [], {due_later: (one, zero)})
+    mark_due = If(g.make("any", reached), [], {due_later: (one, zero)})
     planned = _plan_step(g, g.make("sub", following, t_new), best)
-    start, end = g.leaf("%start"), g.leaf("%end")
-    settling = _settle_regularly(body, g.make("sum", tried, one))  # a refused step leaves settling to the next one
+    start, end = g.leaf("%start"), g.leaf("%end")  # the first two times
+    settling = _settle_regularly(body, g.make("sum", tried, one))  # after SETTLED attempts, unless the last of them is refused
     # variables of the loop; %wanted is the step size that the error asked for, before a sample cut the step short
     carried = dict(settling.counter)
     for x, (initial, next_value) in body.carried.items():
@@ -270,7 +274,7 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     again = g.make("also", again, g.make("nowhere", hopeless))
     complete = g.make("everywhere", g.make("same", later, count))
     first_times, next_time = Load("times", {start: 0, end: 1}), Load("times", {following: 0}, g.make("sum", later, due_later))
-    loop = Loop(carried, [*body.statements, store, place, *settling.statements, next_time], again)
+    loop = Loop(carried, [*body.statements, store, mark_due, *settling.statements, next_time], again)
     report = [g.make("number", later), taken, g.make("number", tried), t]
     statements: list[Statement] = [*body.entry, first_times, loop, body.store_end(complete), Store("report", report)]
     arrays = {"y": Array(body.rows), **body.arrays, "times": Array(1), "samples": Array(1), "report": Array(4)}
