@@ -112,8 +112,8 @@ class Reach:
 
 EXACT = Reach(inf, inf, inf, 4)  # code that computes every sine from scratch, with four Newton corrections
 # The series of a rotation (`trigonometry.rotate`) have an error below an eighth of a rounding up to 0.0065 rad with 2 terms, 0.0625
-# rad with 4, and 0.25 rad with 5; a step of order 8 rotates so far from its middle to either side. The series for `bend` have 1 or 2
-# terms. Each integrator begins with its smallest reach.
+# rad with 4, and 0.25 rad with 5; a step of order 8 rotates so far from its middle to either side. The series for `bend` have 1 or
+# 2 terms. Each integrator begins with its smallest reach.
 REACHES = {
     "rk4": (Reach(0.0065, 1.5e-4, 2.0**-28, 1), Reach(0.0625, 6.5e-3, 2.0**-20, 2), EXACT),
     "dop853_fixed": (Reach(0.25, inf, 6.5e-3, 4), EXACT),
@@ -273,8 +273,9 @@ class Builder:
     def turn(self, pairs: list[Pair], change: list[int], bound: float, to: list[int]) -> list[Pair]:
         """Return sine and cosine of each angle after a change of the positions, rotated from `pairs` before the change.
 
-        The change of each angle is at most `bound` [rad]. The results are stored in `known` under the angles of the new positions
-        `to`, so that functions of `to` use them. The list is empty if the step computes sines from scratch.
+        The change of each angle must be at most `bound` [rad], which the caller guards by `limit`. The results are stored in
+        `known` under the angles of the new positions `to`, so that functions of `to` use them. The list
+        is empty if the step computes sines from scratch.
         """
         if not self.reach.rotates:
             return []
