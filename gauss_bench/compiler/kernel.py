@@ -244,7 +244,7 @@ class Kernel:
         parts = self.legs(t0, dt, n) if self._kinks else ()
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)
         if q.ndim == 1 and every is None and p.ndim == 1 and len(parts) <= 1:
-            # one trajectory without samples on the way is stepped with the least overhead
+            # a single trajectory of which only the last state is wanted is stepped with the least overhead
             if self._kinks or p.shape != self._values.shape:
                 p = self._numbers(parameters, 1, _middle(t0, parts))[0]
             state = self._roll_one(q, v, p, t0, dt, n, integrator)
@@ -262,7 +262,10 @@ class Kernel:
         return samples[..., : self._n], samples[..., self._n :]
 
     def legs(self, t0: float, dt: float, n: int) -> tuple[Leg, ...]:
-        """Return the steps of a rollout; a step in which a force has a kink or jumps is taken in parts."""
+        """Return the n steps of a rollout as legs, which are runs of equal steps without a kink or a jump of a force inside.
+
+        A step in which a force has a kink or jumps is divided there.
+        """
         return tuple(legs(float(t0), float(dt), int(n), max(1, n), self._kinks))
 
     def integrate(
@@ -289,7 +292,7 @@ class Kernel:
     def alone(self, q0: Array, v0: Array, dt: float, n: int, integrator: str = "rk4") -> bool:
         """Tell whether the first program is usable for all of n steps from a state at t = 0, so that no other program is needed.
 
-        C source has the first program alone.
+        Exported C source contains only the first program, and is valid for these steps if this is true.
         """
         q, v, runner = q0, v0, self._programs.runner(0, integrator)
         for leg in self.legs(0.0, dt, n):
@@ -336,7 +339,7 @@ class Kernel:
         At a state where pivots of every program are too small, accelerations come from dense linear algebra, which decides the
         rank of the constraint rows there.
         """
-        # the shortest path for a single state
+        # a single state takes a path without the overhead of a batch; with kinks the open numbers depend on t
         if np.ndim(q) == 1 and parameters is None:
             p = self._numbers(None, 1, t)[0] if self._kinks else self._values
             quick = self._programs.acceleration(float(t), q, v, p)

@@ -95,9 +95,9 @@ class Driver:
     def _switch(self, t: float, state: Array, p: Array, without: set[int]) -> tuple[int, Array] | None:
         """Return the index of another program and the state (2n,) from which it continues, or None if no program is usable.
 
-        If the old program left out redundant rows and did not project, the errors of these rows are those of the other rows times
-        the inverse of its smallest pivot. The state is therefore first projected onto the rows that the new program keeps. If that
-        fails, it is projected by rank decision.
+        If the old program left out redundant rows and did not project, the errors of these rows are about those of the other rows
+        times the inverse of its smallest pivot. The state is therefore first projected onto the rows that the new program keeps. If
+        that fails, it is projected by rank decision.
         """
         k, n = self.best(t, state, p, without), self.programs.n
         if k is None:

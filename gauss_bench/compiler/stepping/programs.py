@@ -233,7 +233,7 @@ class Programs:
     def __init__(self, programs: Iterator[Program], stabilization: str, target: Target):
         """Take the first of the programs; the others are generated while `programs` is read."""
         self.target, self.plain, self.stabilization = target, target.backend != "llvm", stabilization
-        self._more = (read_code(x, stabilization) for x in programs)
+        self._more = (read_code(x, stabilization) for x in programs)  # those that are not generated yet
         self.codes: list[Code] = []
         self.runners: dict[tuple[int, str], Stepper] = {}
         self._routines: dict[tuple[int, Callable[[Code], Routine]], Loaded] = {}

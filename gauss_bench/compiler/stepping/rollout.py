@@ -81,6 +81,8 @@ class Body:
             again = g.make("below", g.count("%stage"), g.whole(3))
             in_order = order(g, following, {str(k): x for k, x in enumerate(following)})
             self.statements.insert(0, Loop(step.stages, [Compute(in_order)], again))
+        # leaves: %q0, %v0 ... are the state in the loop, %y0 ... the initial state, %p0 ... the open numbers; %s and %c are sines
+        # and cosines of angles, which one step hands to the next
         names = [f"%{letter}{i}" for letter in "qv" for i in range(code.program.n)]
         y = [g.leaf(f"%y{k}") for k in range(self.rows)]
         self.state = [g.leaf(name) for name in names]

@@ -621,9 +621,9 @@ def _error(b: Builder, a: list[list[int]], old: list[int], new: list[int]) -> in
     for x, y in zip(old, new, strict=True):
         larger = g.maximum(g.abs(y), g.abs(x))
         inverses.append(g.div(g.const(1.0), g.add(g.leaf("%atol"), g.mul(g.leaf("%rtol"), larger))))
-    for weights, twice in order_eight().estimates:
+    for of_velocity, of_position in order_eight().estimates:
         # errors of q and v divided by h; the factor h^2 of the formula is in the last line
-        errors = [*b.times(b.h, b.weighted(a, twice)), *b.weighted(a, weights)]
+        errors = [*b.times(b.h, b.weighted(a, of_position)), *b.weighted(a, of_velocity)]
         squares.append(g.squares([g.mul(x, inverse) for x, inverse in zip(errors, inverses, strict=True)]))
     fifth, third = squares
     both = g.add(g.add(fifth, g.mul(g.const(0.01), third)), g.const(TINY))
