@@ -21,7 +21,7 @@ from gauss_bench.terms import Array
 
 __all__ = ["Closure", "Loss", "Status", "Sweep", "compile_closure"]
 
-PARTS = 32  # lanes of the numpy backend, which share the overhead of a call
+PARTS = 32  # samples that the numpy backend computes at once, so that they share the overhead of its calls
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +72,12 @@ class Closure:
     """
 
     def __init__(self, mechanism: Mechanism, target: Target):
+        """Generate and compile the code of a mechanism, whose drivers are the inputs."""
         self.mechanism, self.backend = mechanism, target.backend
-        LoopEquations(mechanism)  # only for its check of the drivers
+        LoopEquations(mechanism)  # not kept: it raises ValueError if the drivers do not fit the degrees of freedom
         self._tracker = Tracker(closing_program(mechanism), target)
         self.inputs = tuple(driver.name for driver in mechanism.drivers)
-        self._tracker.follower.loaded.call(target.lanes)
+        self._tracker.follower.loaded.call(target.lanes)  # compiles now, so that the first sweep does not have to
 
     def turn(self, samples: int) -> Sweep:
         """Compute one turn of the input from its start in equal steps, without the end point; v and a are derivatives by the input.
@@ -93,14 +94,14 @@ class Closure:
 
         Args:
             inputs: (k,) of one input, or (k, inputs) [rad, m].
-            rates: in the shape of the inputs; None for 1 if there is one input, and for 0 if there are several.
-            second_rates: in the shape of the inputs; None for 0.
+            rates: in the shape of the inputs; None stands for 1 if there is one input, and for 0 if there are several.
+            second_rates: in the shape of the inputs; None stands for 0.
 
         Raises:
             ValueError: shapes that do not fit, or numbers that are not finite.
         """
         levels = self._levels(inputs, rates, second_rates)
-        # samples that are too far apart for one step get others in between, which are removed from the result below
+        # if samples are too far apart for one step, others are put in between, and removed from the result below
         stride = self._tracker.strides(levels[:, 0])
         divided = max(1, ceil(stride))
         if divided > 1:
@@ -113,7 +114,7 @@ class Closure:
         return Sweep(q, v, a, status[::divided], loss)
 
     def _levels(self, inputs: Array, rates: Array | None, second_rates: Array | None) -> Array:
-        """Return inputs, rates and second rates of K inputs as one array (k, 3, K), checked."""
+        """Return values, rates and second rates of the K inputs at k samples as one array (k, 3, K), checked."""
         K, u = len(self.inputs), self._columns(inputs)
         if u.ndim != 2 or u.shape[-1] != K or not u.size:
             raise ValueError(f"inputs of shape {np.shape(inputs)} are not samples of {', '.join(self.inputs)}")

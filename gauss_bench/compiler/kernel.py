@@ -3,7 +3,8 @@
     kernel = compile_kernel(mechanism, stabilization="projection")
     q, v = kernel.rollout(q0, v0, 1e-4, 10_000)
 
-This file combines the rooms: programs are generated (elimination), compiled to machine code (machine) and stepped (stepping).
+This file uses the subpackages of the compiler: `elimination` generates programs, `machine` turns them into machine code, and
+`stepping` runs their steps.
 """
 
 import time
@@ -89,23 +90,28 @@ def compile_kernel(
 
 
 def _generate_programs(mechanism: Mechanism, o: Options) -> Iterator[Program]:
-    """Yield the program that was asked for, then others for states at which its pivots fail."""
+    """Yield the program that was asked for, then others for states at which pivots of that one are too small.
+
+    They differ in the formulation, in the independent coordinates, and in the redundant rows that they leave out.
+    """
 
     def generate(formulation: str, independent: tuple[int, ...] | None, drop: int) -> Program:
+        """Return a program; `drop` is the number of a choice of redundant rows to be left out (`Study.drops`)."""
         return known_program(mechanism, formulation, o.open_parameters, independent, o.damping, drop, o.target.cache)
 
     first = generate(o.formulation, o.independent, 0)
     yield first
-    ways: list[tuple[str, tuple[int, ...] | None]] = [(o.formulation, o.independent)]
-    ways += [("gauss", p) for p in partitions(mechanism) if ("gauss", p) != (first.formulation, first.independent)]
+    # formulation and independent coordinates of each program
+    choices: list[tuple[str, tuple[int, ...] | None]] = [(o.formulation, o.independent)]
+    choices += [("gauss", p) for p in partitions(mechanism) if ("gauss", p) != (first.formulation, first.independent)]
     if first.formulation != "lagrange":
-        ways.append(("lagrange", None))
-    for way in ways:
+        choices.append(("lagrange", None))
+    for choice in choices:
         for drop in range(len(study(mechanism).drops)):
-            if way == ways[0] and drop == 0:
-                continue  # the first program
-            with suppress(KernelError):  # these partitions cannot be eliminated everywhere
-                yield generate(*way, drop)
+            if choice == choices[0] and drop == 0:
+                continue  # this is the first program
+            with suppress(KernelError):  # there is no program for this choice
+                yield generate(*choice, drop)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,15 +137,17 @@ class Kernel:
         mechanism: the mechanism that was compiled.
         form: always "straight line".
         formulation: "gauss" or "lagrange", as chosen.
-        parameters: names of the open numbers, in the order of every argument `parameters`.
+        parameters: names of the open parameters, in the order of every argument `parameters`. They are numbers of the file that
+            each call may give anew, because they are not constants in the code.
         backend: "llvm" or "numpy".
         lanes: number of trajectories in one vector.
         operations: number of operations of one acceleration with its guards.
-        dropped: names of redundant rows that were left out.
+        dropped: names of redundant constraint rows that the first program leaves out.
         generate_seconds: time [s] to generate and check the first program.
     """
 
     def __init__(self, mechanism: Mechanism, options: Options, form: str, start: float):
+        """Generate the first program and compile its step; `start` is the time of `perf_counter` when `compile_kernel` began."""
         self.mechanism, self.options, self.form = mechanism, options, form
         self.backend, self.lanes, self.parameters = options.target.backend, options.target.lanes, options.open_parameters
         self._programs = Programs(_generate_programs(mechanism, options), options.stabilization, options.target)
@@ -148,7 +156,9 @@ class Kernel:
         self.dropped, self._values, self._n = self._programs.dropped, self._programs.values, mechanism.n
         self._rank = RankDecision(mechanism, options.damping)
         self._driver = Driver(self._programs, self._rank, options.stabilization == "projection", len(self.parameters))
+        # times [s] at which a force or its derivative jumps: steps are split there
         self._kinks = tuple(sorted({t for _, factor in list_lines(mechanism) for t in factor.kinks}))
+        # the usual step is compiled now; code for other integrators, for many states or for larger rotations follows on demand
         self._programs.prepare("rk4", many=False, extended=False)
         self.generate_seconds = time.perf_counter() - start - self.compile_seconds
 
@@ -164,21 +174,24 @@ class Kernel:
 
     @property
     def switches(self) -> int:
-        """Number of changes of the program in the last rollout."""
+        """Number of times that the last rollout continued with another program, whose independent coordinates may differ."""
         return self._driver.tally.switches
 
     @property
     def fallbacks(self) -> int:
-        """Number of steps by rank decision in the last rollout, at states where no program was usable."""
+        """Number of steps of the last rollout at states where no program was usable.
+
+        In such a step, dense linear algebra decides the rank of the constraint rows.
+        """
         return self._driver.tally.fallbacks
 
     @property
     def lost(self) -> int:
-        """Number of trajectories of the last rollout that could not be continued; their states are NaN from there on."""
+        """Number of trajectories of the last rollout that could not be continued to the end; their later states are NaN."""
         return self._driver.tally.lost
 
     def prepare(self, integrator: str = "rk4", many: bool = False) -> None:
-        """Compile ahead all code that rollouts of one state, or of many, may need."""
+        """Compile in advance all code of the first program that rollouts from one state, or from `many`, may need."""
         self._programs.prepare(integrator, many)
 
     @property
@@ -231,7 +244,7 @@ class Kernel:
         parts = self.legs(t0, dt, n) if self._kinks else ()
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)
         if q.ndim == 1 and every is None and p.ndim == 1 and len(parts) <= 1:
-            # one trajectory without samples on the way is stepped with the least overhead
+            # a single trajectory of which only the last state is wanted is stepped with the least overhead
             if self._kinks or p.shape != self._values.shape:
                 p = self._numbers(parameters, 1, _middle(t0, parts))[0]
             state = self._roll_one(q, v, p, t0, dt, n, integrator)
@@ -249,7 +262,10 @@ class Kernel:
         return samples[..., : self._n], samples[..., self._n :]
 
     def legs(self, t0: float, dt: float, n: int) -> tuple[Leg, ...]:
-        """Return the steps of a rollout; a step in which a force has a kink or jumps is taken in parts."""
+        """Return the n steps of a rollout as legs, which are runs of equal steps without a kink or a jump of a force inside.
+
+        A step in which a force has a kink or jumps is divided there.
+        """
         return tuple(legs(float(t0), float(dt), int(n), max(1, n), self._kinks))
 
     def integrate(
@@ -274,7 +290,10 @@ class Kernel:
         return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
 
     def alone(self, q0: Array, v0: Array, dt: float, n: int, integrator: str = "rk4") -> bool:
-        """Tell whether the first program takes n steps from one state at t = 0 without another program."""
+        """Tell whether the first program is usable for all of n steps from a state at t = 0, so that no other program is needed.
+
+        Exported C source contains only the first program, and is valid for these steps if this is true.
+        """
         q, v, runner = q0, v0, self._programs.runner(0, integrator)
         for leg in self.legs(0.0, dt, n):
             done = runner.run_one(q, v, self._numbers(None, 1, leg.middle)[0], leg.t, leg.h, leg.n)
@@ -284,12 +303,15 @@ class Kernel:
         return True
 
     def pivots(self, t: Array, q: Array, v: Array) -> Array:
-        """Return the pivots (k, pivots) of the first program at k states; a pivot that changes its sign is zero in between."""
+        """Return the pivots (k, pivots) of the first program at k states.
+
+        A pivot whose sign differs between two states on a motion is zero at a state between them, where the program fails.
+        """
         numbers = self._numbers(None, len(q), t)
         return self._programs.codes[0].program.acceleration(t[:, None], q, v, numbers)[1]
 
     def _roll_one(self, q: Array, v: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array:
-        """Return the last state (2 n_q,) of a single trajectory; a call has the least possible overhead."""
+        """Return the last state (2 n_q,) of a single trajectory with the least overhead; p are the open numbers (n_p,)."""
         end = self._programs.runner(0, integrator).run_one(q, v, p, t0, dt, n)
         if not isinstance(end, Stop):
             return end
@@ -298,9 +320,10 @@ class Kernel:
         return np.asarray(self._driver.resume(batch, stopped, integrator).samples[0, -1])
 
     def _numbers(self, parameters: Array | None, count: int, t: float | Array) -> Array:
-        """Return all open numbers (count, n_p) of states at times () or (count,).
+        """Return all open numbers (count, n_p), the numbers that the code takes as arguments, for states at times t () or (count,).
 
-        The user's are those given, or the file's if `parameters` is None; behind them stand those that follow from time.
+        The first columns are the open parameters: `parameters`, or their values in the file if `parameters` is None. The other
+        columns are coefficients of time-dependent forces, evaluated at t.
         """
         size = len(self.parameters)
         given = self._values[:size] if parameters is None else np.asarray(parameters, dtype=float)
@@ -313,8 +336,10 @@ class Kernel:
     def acceleration(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
         """Return accelerations (n_q,) or (batch, n_q) at one state or at many, without Baumgarte's terms.
 
-        Where no program is usable they follow from a rank decision.
+        At a state where pivots of every program are too small, accelerations come from dense linear algebra, which decides the
+        rank of the constraint rows there.
         """
+        # a single state takes a path without the overhead of a batch; with kinks the open numbers depend on t
         if np.ndim(q) == 1 and parameters is None:
             p = self._numbers(None, 1, t)[0] if self._kinks else self._values
             quick = self._programs.acceleration(float(t), q, v, p)
@@ -323,7 +348,7 @@ class Kernel:
         return self._at_states(self._programs.accelerations, self._rank.acceleration, q, v, t, parameters)
 
     def forces(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
-        """Return the multipliers (rows,) or (batch, rows) of M a + J^T lambda = Q; redundant rows that were dropped have 0."""
+        """Return the multipliers (rows,) or (batch, rows) of M a + J^T lambda = Q; 0 for redundant rows that are left out."""
         return self._at_states(self._programs.multipliers, self._rank.multipliers, q, v, t, parameters)
 
     def energy(self, q: Array, v: Array, parameters: Array | None = None) -> Array:
@@ -352,10 +377,13 @@ class Kernel:
         t: float | Array,
         parameters: Array | None,
     ) -> Array:
-        """Evaluate by the first program; where its pivots fail, by another program, else by rank decision, else return NaN.
+        """Return a quantity at one state or at many, evaluated by the first program.
 
-        `evaluate` takes the index of a program and the four arrays of `_rows`, and returns values (k, ...) and where they are
-        sound (k,); `by_rank` takes t, q, v of a single state.
+        Where a pivot of the first program is too small, another program evaluates. Where none is usable, `by_rank` evaluates, by
+        dense linear algebra with a decision on the rank. That needs the parameters of the file; with others the result is NaN.
+
+        `evaluate` takes the index of a program and the four arrays of `_rows`. It returns values (k, ...), and a flag (k,) for
+        each state that all pivots were large enough. `by_rank` takes t, q, v of a single state.
         """
         at, single = self._rows(q, v, t, parameters)
         values, sound = evaluate(0, *at)
@@ -372,5 +400,8 @@ class Kernel:
 
 
 def _middle(t: float, parts: Sequence[Leg]) -> float:
-    """Return a time in the middle of the only leg, or t without legs: the open numbers there hold for the whole leg."""
+    """Return the time [s] in the middle of the first part of a rollout, or t if the rollout has no parts.
+
+    A part has no kink of a force inside, so that the open numbers at its middle hold for all of its steps.
+    """
     return parts[0].middle if parts else float(t)

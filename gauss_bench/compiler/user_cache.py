@@ -15,7 +15,7 @@ from pathlib import Path
 from gauss_bench.atomic import PART, write_bytes
 
 DIGEST = hashlib.sha256().digest_size
-LEFT = 600.0  # [s] age of an unfinished file whose process has ended
+ABANDONED = 600.0  # [s] age at which an unfinished file is removed: its process must have been killed
 MAGIC = b"gauss-bench cache 2\n"
 
 
@@ -26,8 +26,8 @@ def folder() -> Path:
     return home / "gauss-bench" / "kernels"
 
 
-def is_trusted() -> Path | None:
-    """Return the folder, created if needed; None if it does not belong to the user or others may enter it."""
+def trusted_folder() -> Path | None:
+    """Create the folder of the cache if needed, and return it; None if it does not belong to the user or others may enter it."""
     path = folder()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -42,8 +42,8 @@ def is_trusted() -> Path | None:
 
 
 def load(name: str) -> bytes | None:
-    """Return the content of an entry, or None if there is none that may be used."""
-    path = is_trusted()
+    """Return the content that is stored under a file name; None if it is missing, damaged or not trusted."""
+    path = trusted_folder()
     if path is None:
         return None
     try:
@@ -56,11 +56,11 @@ def load(name: str) -> bytes | None:
 
 
 def store(name: str, content: bytes) -> bool:
-    """Store an entry under a name; return False if that is not possible."""
-    path = is_trusted()
+    """Store a content under a file name; return False if the folder is not trusted or cannot be written."""
+    path = trusted_folder()
     if path is None:
         return False
-    _collect(path)
+    _remove_abandoned(path)
     try:
         write_bytes(path / name, MAGIC + _digest(name, content) + content)
     except OSError:
@@ -68,12 +68,12 @@ def store(name: str, content: bytes) -> bool:
     return True
 
 
-def _collect(path: Path) -> None:
-    """Remove temporary files of killed processes."""
-    for left in path.glob(f"*{PART}"):
+def _remove_abandoned(path: Path) -> None:
+    """Remove the unfinished files in a folder that are older than ABANDONED: processes that were killed have left them."""
+    for file in path.glob(f"*{PART}"):
         with suppress(OSError):
-            if abs(time.time() - left.stat().st_mtime) > LEFT:  # absolute, as a clock may have been set back
-                left.unlink()
+            if abs(time.time() - file.stat().st_mtime) > ABANDONED:  # absolute, as a clock may have been set back
+                file.unlink()
 
 
 def _digest(name: str, content: bytes) -> bytes:

@@ -26,6 +26,7 @@ SAME = 1e-12  # relative difference of values by rounding
 # [cycles] until a result can be used, on Zen 4/5 and about the same on others; SIN and COS are mostly computed by a rotation.
 LATENCY = {"DIV": 13.0, "INV": 13.0, "SQRT": 20.0, "SIN": 25.0, "COS": 25.0, "NEG": 0.0, "INPUT": 0.0, "CONST": 0.0}
 STEP = 4.0  # [cycles] until the result of any other operation can be used
+# `ready` of a node is the sum of these times along the longest path to it from inputs.
 
 VALUE: dict[str, Callable[..., Array]] = {
     "ADD": np.add,
@@ -37,7 +38,7 @@ VALUE: dict[str, Callable[..., Array]] = {
     "SIN": np.sin,
     "COS": np.cos,
 }
-Generic = tuple[float, float, float]  # values at the random points
+Generic = tuple[float, float, float]  # values of one expression at the GENERIC random points
 
 
 class Node:
@@ -45,9 +46,9 @@ class Node:
 
     Attributes:
         op, args: operation and operands; the args of an input are its name and index.
-        generic: values at the random points; those at the samples (`at`) are computed when they are first needed.
+        generic: values at the random points, by which equal expressions are recognised.
         number: value of a constant, else None.
-        ready: earliest time [cycles] at which the value can be there.
+        ready: earliest time [cycles] at which a processor has the value.
         index: number in the order in which nodes are made.
     """
 
@@ -63,6 +64,10 @@ class Node:
         ready: float,
         at: Array | None = None,
     ):
+        """Make a node, without entering it into the tables of the graph.
+
+        `at` has the values (samples + GENERIC,) if they are known already; otherwise they are computed at their first use.
+        """
         self.graph, self.op, self.args, self.generic, self.number, self.ready = graph, op, args, generic, number, ready
         self._at = at
         self.index = graph.count
@@ -82,7 +87,7 @@ class Node:
         return self._at  # type: ignore[return-value]
 
     def _value(self) -> Array:
-        """Compute the values from those of the operands."""
+        """Compute the values (samples + GENERIC,) from those of the operands."""
         if self.number is not None:
             return np.full(self.graph.samples + GENERIC, self.number)
         return VALUE[self.op](*(x._at for x in self.args))
@@ -116,7 +121,7 @@ class Node:
 
     @property
     def zero(self) -> bool:
-        """True for the constant 0."""
+        """True for the constant 0, False for any other node."""
         return self.number == 0.0
 
 
@@ -126,12 +131,15 @@ class ExpressionGraph:
     Attributes:
         samples: number of states at which nodes have values.
         count: number of nodes so far.
-        known: (operation, operands) -> node.
-        ratios: ratios of values at the random points -> the first node with these ratios.
-        trail: entries of both tables, in the order in which they were made.
+        known: (operation, indices of operands) -> node.
+        ratios: ratios of the values at the random points, as text -> the first node with these ratios. All nodes with the same
+            ratios are multiples of it.
+        trail: (table, key) of every entry of `known` and `ratios`, oldest first, so that `forget` can remove the last ones.
+        random: generator of the random points; its seed is arbitrary, and fixed so that programs are reproducible.
     """
 
     def __init__(self, samples: int):
+        """Make an empty graph, whose nodes have values at a number of samples."""
         self.samples = samples
         self.count = 0
         self.known: dict[tuple[Any, ...], Node] = {}
@@ -144,25 +152,34 @@ class ExpressionGraph:
         return x if isinstance(x, Node) else self.constant(float(x))
 
     def constant(self, number: float) -> Node:
-        """Return the node of a number."""
+        """Return the node of a number, which has that value at every point and is ready at once."""
         number += 0.0  # turns -0.0 into 0.0
         known = self.known.get(("CONST", number))
         if known is None:
-            known = self._keep(Node(self, "CONST", (), (number, number, number), number, 0.0), ("CONST", number))
+            node = Node(self, "CONST", (), generic=(number, number, number), number=number, ready=0.0)
+            known = self._keep(node, ("CONST", number))
         return known
 
     def input(self, name: str, index: int, values: Array, size: float) -> Node:
-        """Return an input with its values (samples,); at a random point it differs from a sample by 0.1 to 0.3 of `size`."""
+        """Return the input with a name and an index, such as coordinate 3 of q.
+
+        `values` (samples,) are its values at the samples. Each of its values at the GENERIC random points, which serve to recognise
+        equal expressions, is the value at one of the samples plus 0.1 to 0.3 of `size`.
+        """
         known = self.known.get(("INPUT", name, index))
         if known is None:
             near = values[np.linspace(0, self.samples - 1, GENERIC).astype(int)]
             at = np.concatenate([values, near + size * self.random.uniform(0.1, 0.3, GENERIC)])
             g = _generic(at)
-            known = self._new("INPUT", (name, index), g, _ratio_key(g), 0.0, ("INPUT", name, index), at)
+            known = self._new("INPUT", (name, index), g, _ratio_key(g), ready=0.0, key=("INPUT", name, index), at=at)
         return known
 
     def opaque(self, op: str, args: tuple[Node, ...], at: Array) -> Node:
-        """Return an operation with kinks or jumps and its values `at`; it has random values at the random points, as an input."""
+        """Return the node of an operation that is not analytic, such as a minimum. `at` begins with its values (samples,).
+
+        Equal values at the random points would not prove that two such expressions are equal everywhere. The node therefore gets
+        random values of its own there, like an input, and is recognised by its operands alone.
+        """
         key = (op, *(a.index for a in args))
         known = self.known.get(key)
         if known is None:
@@ -170,7 +187,8 @@ class ExpressionGraph:
                 return self.constant(float(at[0]))
             values = np.concatenate([at[: self.samples], self.random.uniform(0.4, 1.6, GENERIC)])
             g = _generic(values)
-            known = self._new(op, args, g, _ratio_key(g), max(a.ready for a in args) + STEP, key, values)
+            ready = max(a.ready for a in args) + STEP
+            known = self._new(op, args, g, _ratio_key(g), ready, key, values)
         return known
 
     def neg(self, a: Node) -> Node:
@@ -201,9 +219,10 @@ class ExpressionGraph:
         return self._make("ADD", a, b) if a.index <= b.index else self._make("ADD", b, a)
 
     def mul(self, a: Node, b: Node) -> Node:
-        """Return a b; a constant becomes a factor, and signs stand outside.
+        """Return the product of a and b.
 
-        Other operands are ordered by their index, so that equal products are one node.
+        Constant factors are collected in one coefficient, and minus signs are moved in front of the product. The other factors are
+        ordered by their index, so that equal products are one node.
         """
         if a.number is not None:
             return self.scale_by(a.number, b)
@@ -215,13 +234,13 @@ class ExpressionGraph:
         return self._make("MUL", a, b) if a.index <= b.index else self._make("MUL", b, a)
 
     def scale_by(self, factor: float, x: Node) -> Node:
-        """Return factor x, with all constant factors multiplied and the sign outside."""
+        """Return factor * x; all constant factors are collected in one, and a minus sign is moved in front of the product."""
         if x.number is not None or factor == 0.0:
             return self.constant(factor * (x.number or 0.0))
         own, base = factor_out(x)
         factor *= own
         size = abs(factor)
-        product = base
+        product = base  # stays so if the size of the factor is 1
         if abs(size - 1.0) > SAME:
             number = self.constant(size)
             key = ("MUL", number.index, base.index)
@@ -233,23 +252,24 @@ class ExpressionGraph:
         return product if factor > 0 else self.neg(product)
 
     def inverse(self, a: Node) -> Node:
-        """Return 1 / a, with its sign and constant factor outside."""
+        """Return 1 / a, with the sign and the constant factor of a moved in front."""
         if a.number is not None:
             return self.constant(1.0 / a.number)
         own, base = factor_out(a)
         return self.scale_by(1.0 / own, self._make("INV", base))
 
     def sqrt(self, a: Node) -> Node:
-        return self._of_one("SQRT", a)
+        return self._unary("SQRT", a)
 
     def sin(self, a: Node) -> Node:
-        return self._of_one("SIN", a)
+        return self._unary("SIN", a)
 
     def cos(self, a: Node) -> Node:
-        return self._of_one("COS", a)
+        return self._unary("COS", a)
 
-    def _of_one(self, op: str, a: Node) -> Node:
-        """Return sqrt, sin or cos of a, for all points in one call: numpy's last digit may depend on the length of the array."""
+    def _unary(self, op: str, a: Node) -> Node:
+        """Return the square root, sine or cosine of a."""
+        # samples and random points in one call of numpy: the last digit of its results may depend on the length of the array
         old = self.known.get((op, a.index))
         if old is not None:
             return old
@@ -257,7 +277,11 @@ class ExpressionGraph:
         return self._make(op, a, at=at)
 
     def _make(self, op: str, *args: Node, at: Array | None = None) -> Node:
-        """Return the node of an operation: an old node of the same form or values, a multiple of one, a constant, or a new node."""
+        """Return a node for an operation: an existing node if one is equal or proportional, a constant, or else a new node.
+
+        A node is equal if its operation and operands are the same, or if its values at the random points are. `at` has the values
+        (samples + GENERIC,) of the operation if the caller knows them; otherwise they are computed from those of the operands.
+        """
         key = (op, *[a.index for a in args])
         old = self.known.get(key)
         if old is not None:
@@ -273,9 +297,13 @@ class ExpressionGraph:
         return self._new(op, args, g, ratio, ready, key, at)
 
     def recognise(self, g: Generic, summand: Generic | None, ratio: str) -> Node | None:
-        """Return the constant, or the multiple of a known node, with the values g at the random points; None if there is none.
+        """Return the node for an expression that is a constant or a multiple of a known node, else None.
 
-        `summand` has the values of one of the two terms of a sum: a sum that is tiny relative to it is rounding of zero.
+        Args:
+            g: values of the expression at the random points.
+            summand: values of one of the two terms if the expression is a sum, else None. A sum that is tiny relative to a term is
+                zero but for rounding.
+            ratio: `_ratio_key` of g, which multiples of one expression have in common.
         """
         x, y, z = g
         if summand is not None:
@@ -298,7 +326,15 @@ class ExpressionGraph:
     def _new(
         self, op: str, args: tuple[Any, ...], g: Generic, ratio: str, ready: float, key: tuple[Any, ...], at: Array | None = None
     ) -> Node:
-        """Make a node, and enter it under its form and its ratios."""
+        """Make a node, and enter it into the tables `known` and `ratios`.
+
+        Args:
+            g: its values at the random points.
+            ratio: `_ratio_key` of g.
+            ready: time [cycles] at which its value can be used.
+            key: its operation and operands, as in `known`.
+            at: its values (samples + GENERIC,), None if they are not known yet.
+        """
         made = Node(self, op, args, g, None, ready, at)
         if ratio not in self.ratios:
             self.ratios[ratio] = made
@@ -306,22 +342,25 @@ class ExpressionGraph:
         return self._keep(made, key)
 
     def _keep(self, node: Node, key: tuple[Any, ...]) -> Node:
-        """Enter a node under a form (operation and operands)."""
+        """Enter a node into the table `known` under a key (operation and operands); return the node."""
         self.known[key] = node
         self.trail.append((self.known, key))
         return node
 
     def forget(self, mark: int) -> None:
-        """Forget every node made since the trail had `mark` entries, so that the next attempt finds the same nodes as the last."""
+        """Remove all entries of the tables that were made after `trail` had `mark` entries.
+
+        A search does this after each attempt, so that all attempts begin with the same nodes.
+        """
         while len(self.trail) > mark:
-            where, key = self.trail.pop()
-            del where[key]
+            table, key = self.trail.pop()
+            del table[key]
 
     def total(self, terms: Iterable[Node], pairs: int = 6) -> Node:
         """Return the sum of the terms; those that are ready earliest are added first.
 
-        Before that, multiples of the same node are joined, and two terms at most `pairs` places apart are replaced by their sum if
-        it is known.
+        Before that, multiples of the same node are combined. Two terms at most `pairs` places apart are replaced by their sum if
+        it is a constant, or a multiple of a node that the graph has already.
         """
         joined = self._join(terms)
         if len(joined) > 2:
@@ -335,7 +374,7 @@ class ExpressionGraph:
         return heap[0][2] if heap else self.constant(0.0)
 
     def _join(self, terms: Iterable[Node]) -> list[Node]:
-        """Return one term for each node that the terms are multiples of; terms that vanish are left out."""
+        """Combine the terms that are multiples of the same node into one term each; leave out terms that become zero."""
         factors: dict[int, float] = {}
         bases: dict[int, Node] = {}
         for term in terms:
@@ -345,18 +384,21 @@ class ExpressionGraph:
         scaled = (self.scale_by(factor, bases[i]) for i, factor in factors.items() if abs(factor) > 0.0)
         return [x for x in scaled if not x.zero]
 
-    def _pair(self, terms: Sequence[Node], reach: int) -> list[Node]:
-        """Replace two terms at most `reach` places apart by their sum if it is known, zero or constant; return all terms."""
+    def _pair(self, terms: Sequence[Node], distance: int) -> list[Node]:
+        """Replace two terms at most `distance` places apart by their sum, if that is a constant or a multiple of a known node.
+
+        Return the terms that remain, which have the same total.
+        """
         left, done = list(terms), []
         while left:
             a = left.pop(0)
-            for k, b in enumerate(left[:reach]):
+            for k, b in enumerate(left[:distance]):
                 total = sum_of(a.generic, b.generic)
                 known = self.recognise(total, a.generic, _ratio_key(total))
                 if known is not None:
-                    left[k] = known
+                    left[k] = known  # the sum takes the place of b, and a is in it
                     break
-            else:
+            else:  # no term fits a, which stays by itself
                 done.append(a)
         return done
 
@@ -372,7 +414,7 @@ def maximum(a: Node, b: Node) -> Node:
 
 
 def factor_out(x: Node) -> tuple[float, Node]:
-    """Return x as a number and a node without a constant factor, whose product is x."""
+    """Split x into a number and a node without a sign or a constant factor, whose product is x."""
     sign = 1.0
     if x.op == "NEG":
         sign, x = -1.0, x.args[0]
@@ -402,19 +444,25 @@ GENERIC_VALUE: dict[str, Callable[..., Generic]] = {"ADD": sum_of, "SUB": _diffe
 
 
 def _generic(at: Array) -> Generic:
-    """Return the last values, which are those at the random points."""
+    """Return the last of the values (samples + GENERIC,) of a node, which are those at the random points."""
     x, y, z = at[-GENERIC:].tolist()
     return x, y, z
 
 
 def _ratio_key(g: Generic) -> str:
-    """Return the ratios of the values at the random points to ten digits, which multiples of one expression have in common."""
+    """Return as text the ratios of the second and third to the first of the values at the random points, rounded to ten digits.
+
+    They are equal for all multiples of one expression.
+    """
     first = g[0] or 1e-300
     return f"{g[1] / first:.9e} {g[2] / first:.9e}"
 
 
 def _round(x: float) -> float:
-    """Return the number of less than nine characters that x equals up to rounding, or x if there is none."""
+    """Return x rounded to 12 digits, if it differs by rounding errors only and has at most eight characters; otherwise return x.
+
+    So a factor 0.4999999999999999 becomes 0.5.
+    """
     text = f"{x:.12g}"
     short = float(text)
     return short if abs(short - x) <= SAME * abs(x) and len(text) < 9 else x

@@ -5,7 +5,8 @@ Jacobian and its factors. Signs are moved outwards, so that a - b and b - a are 
 so that values can be computed in the order of their numbers.
 Source: Briggs, Cooper and Simpson, Value numbering, Software: Practice and Experience 27 (1997).
 
-A value is a double or a mask for each trajectory. Counts and truths are shared by all trajectories.
+A value is a double or a mask (a boolean) for each trajectory. Integers (counts) and booleans (truths) are also values; all
+trajectories share them.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -24,18 +25,23 @@ Payload = float | int | str | None
 class Graph:
     """The values of a program. A value is the index of a node, which has an operation, operands, and a payload such as a number.
 
-    Operations whose results differ from lane to lane:
+    A leaf is a named value that comes from outside the graph: an argument of a routine, or a variable that a loop changes.
+
+    Operations whose results may differ from lane to lane, as each lane has a trajectory of its own:
         reals: const, leaf, add, sub, mul, div, fma (a b + c), neg, abs, sqrt, select (mask, a, b), real (of an integer),
             number (of a count).
         integers: bits (of a real), xor; and, plus, shl with a number as payload.
         masks: lt, le, nonzero (of an integer), both, not, all (True or False as payload), mask (a leaf), everywhere (of a truth).
 
-    Operations whose results all lanes share:
-        counts, which are integers: count (a leaf), whole (a number as payload), sum, least, times (with a number as payload).
-        truths: below and same (of two counts), any and nowhere (of a mask), also (of two truths).
+    Operations whose results are the same for all lanes:
+        integers, called counts: count (a leaf), whole (a constant, its payload), sum, least (the smaller one), times (with a number
+            as payload).
+        booleans, called truths: below and same (of two counts), any and nowhere (whether a mask is true in at least one lane, or in
+            none), also (whether two truths are both true).
     """
 
     def __init__(self) -> None:
+        """Make an empty graph."""
         self.operation: list[str] = []
         self.operands: list[tuple[int, ...]] = []
         self.payload: list[Payload] = []
@@ -94,6 +100,7 @@ class Graph:
         return self.neg(total) if minus_a else total
 
     def _difference(self, a: int, b: int) -> int:
+        """Return a - b, as the older value minus the newer one, with a minus sign in front if needed."""
         if a == b:
             return self.const(0.0)
         return self.make("sub", a, b) if a < b else self.neg(self.make("sub", b, a))
@@ -140,11 +147,11 @@ class Graph:
         return self.make("select", self.make("lt", b, a), a, b)
 
     def all(self, holds: bool) -> int:
-        """Return the mask that is true everywhere, or false everywhere."""
+        """Return the mask that is true in all lanes, or false in all lanes."""
         return self.make("all", payload=holds)
 
     def both(self, masks: Sequence[int]) -> int:
-        """Return the conjunction of masks; true everywhere if there are none."""
+        """Return the mask that is true where all of the masks are; without masks it is true in all lanes."""
         always = self.all(True)
         conjunction, *others = [mask for mask in dict.fromkeys(masks) if mask != always] or [always]
         for mask in others:
@@ -152,11 +159,11 @@ class Graph:
         return conjunction
 
     def flag(self, mask: int) -> int:
-        """Return 1 where a mask holds, else 0."""
+        """Return the real number 1 where a mask is true, else 0."""
         return self.make("select", mask, self.const(1.0), self.const(0.0))
 
     def count(self, name: str) -> int:
-        """Return the count that the caller of the routine gives under a name."""
+        """Return the integer with a name: an argument of the routine, or a variable of a loop."""
         return self.make("count", payload=name)
 
     def whole(self, number: int) -> int:
@@ -170,7 +177,7 @@ class Graph:
         return self.total([self.mul(x, x) for x in values])
 
     def largest(self, values: Sequence[int]) -> int:
-        """Return the largest absolute value, at least 0; NaN is ignored."""
+        """Return the largest of the absolute values, ignoring NaN; 0 if there are none."""
         largest = self.const(0.0)
         for size in map(self.abs, values):
             largest = self.maximum(size, largest)
@@ -187,16 +194,16 @@ def find_dependents(g: Graph, leaves: Iterable[int]) -> set[int]:
 
 
 def count_operations(g: Graph, values: list[int]) -> int:
-    """Count the values that take an operation, which inputs and constants do not."""
+    """Count the values that are computed by an operation: all but inputs and constants."""
     return sum(g.operation[x] not in ("const", "all", *LEAVES) for x in values)
 
 
 def inline(g: Graph, function: Function, arguments: Sequence[Sequence[int]], sincos: Callable[[int], Pair]) -> list[list[int]]:
-    """Write a function into a graph; return the values of its outputs, one list for each result of the function.
+    """Write the operations of a function into a graph; return the values of its results, a list of components for each.
 
     Args:
         arguments: values of each argument of the function, by component.
-        sincos: value -> its sine and cosine.
+        sincos: writes sine and cosine of a value into the graph, and returns them.
 
     Raises:
         ValueError: an operation without machine arithmetic.
@@ -233,7 +240,7 @@ ARITHMETIC: dict[str, Callable[..., int]] = {
 }
 
 
-LATENCY = {  # [cycles] until a result can be used, on processors of today
+LATENCY = {  # [cycles] until the result of an operation can be used, on processors of today
     "const": 0, "leaf": 0, "neg": 0, "bits": 0, "real": 0, "abs": 1, "and": 1, "plus": 1, "shl": 1, "xor": 1, "both": 1, "select":
     1, "add": 3, "sub": 3, "mul": 3, "fma": 4, "lt": 3, "le": 3, "nonzero": 3, "div": 13, "sqrt": 20,
     "mask": 0, "all": 0, "not": 1, "everywhere": 1, "count": 0, "whole": 0, "sum": 1, "least": 1, "times": 3, "number": 4,
@@ -242,7 +249,7 @@ LATENCY = {  # [cycles] until a result can be used, on processors of today
 
 
 def live(g: Graph, roots: Iterable[int]) -> list[int]:
-    """Return the values that the roots depend on, oldest first."""
+    """Return the roots and all values that they depend on, oldest first."""
     needed: set[int] = set()
     waiting = list(roots)
     while waiting:

@@ -1,4 +1,4 @@
-"""Routines as text of LLVM's intermediate representation.
+"""Routines (`routine.py`) as text of LLVM's intermediate representation.
 
 A value is a double, or a vector of W doubles with one trajectory in each lane. Apart from its types the text is the same for one
 lane and for many. No instruction carries a flag that would allow rounding to change. A routine becomes the function
@@ -70,7 +70,10 @@ class Listing:
 
 
 def write_listing(routine: Routine, lanes: int) -> Listing:
-    """Write the module of a routine that computes `lanes` trajectories at once."""
+    """Write the module of a routine that computes `lanes` trajectories at once.
+
+    With one lane the module has a second function NAME_packed, which takes the address of a block of all arguments.
+    """
     text, packed = Writer(routine, lanes).text(), ""
     if lanes == 1:
         packed = f"{routine.name}_packed"
@@ -79,7 +82,10 @@ def write_listing(routine: Routine, lanes: int) -> Listing:
 
 
 def _write_packed(name: str, routine: Routine) -> str:
-    """Write a function whose only argument is the address of a routine's arguments: ctypes converts a single argument fastest."""
+    """Write the function `name`, which takes the address of a block of arguments and calls the routine with them.
+
+    Python calls a single trajectory through it, because ctypes converts a single argument faster than many.
+    """
     lines, arguments = [f"define void @{name}(ptr %block) {{"], []
     for k, letter in enumerate(routine.signature):
         lines += [f"  %a{k} = getelementptr i64, ptr %block, i64 {k}", f"  %x{k} = load {TYPES[letter]}, ptr %a{k}"]
@@ -94,9 +100,12 @@ class Writer(Emitter):
         lanes: number W of trajectories in a vector.
         real, mask: LLVM's types of real values and of masks.
         block: label of the basic block that is being written.
+        base: array -> address of its part for the present group.
+        places: addresses for `Scatter`, one for each lane.
     """
 
     def __init__(self, routine: Routine, lanes: int):
+        """Prepare to write a routine for groups of `lanes` trajectories."""
         super().__init__(routine)
         self.routine, self.lanes = routine, lanes
         self.lines: list[str] = []
@@ -113,15 +122,15 @@ class Writer(Emitter):
         arguments += [f"double %{x}.0" for x in r.numbers] + [f"i64 %{x}" for x in (*r.counts, "groups")]
         self.line(f"define void @{r.name}({', '.join(arguments)}) align 64 {{\nentry:")
         for x, (operation, payload) in enumerate(zip(self.graph.operation, self.graph.payload, strict=True)):
-            name = str(payload)[1:]
+            name = str(payload)[1:]  # the payload of a leaf is "%name"
             if operation == "leaf" and name in r.numbers:
-                self.names[x] = self.broadcast(f"%{name}.0")
+                self.names[x] = self.broadcast(f"%{name}.0")  # %name.0 is the scalar argument
             elif operation == "count" and name in r.counts:
                 self.names[x] = f"%{name}"
-        # elements of each array in one group
+        # number of rows of each array in one group; a row is a vector of W doubles
         sizes = {x: self.let(f"mul i64 %{a.by}, {a.rows}") if a.by else str(a.rows) for x, a in r.arrays.items()}
         self._go_to("group")
-        header = self._reserve_line()
+        header = self._reserve_line()  # for %at, the number of the group, which depends on the last block below
         self.base = {x: self.at(f"%{x}", self.let(f"mul i64 %at, {size}")) for x, size in sizes.items()}
         self.places = [place for s in nest(r.body) if isinstance(s, Scatter) for place in self._lane_addresses(s)]
         self.statements(r.body)
@@ -134,6 +143,7 @@ class Writer(Emitter):
         return "\n".join([*declarations, *self.lines])
 
     def line(self, text: str) -> None:
+        """Write one line."""
         self.lines.append(text)
 
     def label(self, name: str) -> None:
@@ -142,6 +152,7 @@ class Writer(Emitter):
         self.block = name
 
     def _new_label(self, name: str) -> str:
+        """Return a label that begins with `name` and is not in use yet."""
         self._labels += 1
         return f"{name}{self._labels}"
 
@@ -162,11 +173,11 @@ class Writer(Emitter):
         return f"%r{self._count}"
 
     def splat(self, constant: str, kind: str) -> str:
-        """Return the text of a constant in every lane."""
+        """Return the text of a vector with the same constant in every lane, or of the constant alone if there is one lane."""
         return constant if self.lanes == 1 else "<" + ", ".join([f"{kind} {constant}"] * self.lanes) + ">"
 
     def broadcast(self, scalar: str, kind: str = "double") -> str:
-        """Return the name of a vector with a scalar in every lane."""
+        """Return the name of a vector with the same scalar in every lane; with one lane, the scalar's own name."""
         if self.lanes == 1:
             return scalar
         vector = f"<{self.lanes} x {kind}>"
@@ -174,15 +185,17 @@ class Writer(Emitter):
         return self.let(f"shufflevector {vector} {one}, {vector} poison, <{self.lanes} x i32> zeroinitializer")
 
     def address(self, base: str, row: int | str, kind: str) -> str:
+        """Return the address of element number `row` of an array of LLVM's type `kind` that begins at `base`."""
         return self.let(f"getelementptr {kind}, ptr {base}, i64 {row}")
 
     def at(self, base: str, row: int | str) -> str:
-        """Return the address of a row of W doubles."""
+        """Return the address of a row of an array; a row is one vector of W doubles."""
         return self.address(base, row, self.real)
 
     def value(self, x: int) -> str:
+        """Write the instruction of a value whose operands have names already; return the name of its result, or its constant."""
         self._values += 1
-        if self._values % LONGEST_BLOCK == 0:
+        if self._values % LONGEST_BLOCK == 0:  # a long block is divided, because LLVM's time grows faster than its length
             self._go_to(self._new_label("cut"))
         operation, payload = self.graph.operation[x], self.graph.payload[x]
         operands = [self.names[k] for k in self.graph.operands[x]]
@@ -201,17 +214,19 @@ class Writer(Emitter):
                 return self._any(operands[0])
             case "nowhere":
                 return self.let(f"xor i1 {self._any(operands[0])}, true")
+        # any other operation is one instruction
         numbers = self.splat(str(payload), "i64")
         return self.let(INSTRUCTIONS[operation].format(*operands, number=payload, numbers=numbers, **self._words))
 
     def _any(self, mask: str) -> str:
-        """Return the name of the truth that a mask holds in at least one lane."""
+        """Write a test of a mask; return the name of its result (i1), which is true if the mask is true in at least one lane."""
         if self.lanes == 1:
             return mask
         bits = self.let(f"bitcast {self.mask} {mask} to i{self.lanes}")
         return self.let(f"icmp ne i{self.lanes} {bits}, 0")
 
     def statement(self, s: Statement) -> None:
+        """Write one statement; `Compute` is written by the base class."""
         match s:
             case Load():
                 base = self._row_address(s.array, s.start)
@@ -229,16 +244,25 @@ class Writer(Emitter):
                 self._if(s)
 
     def _row_address(self, array: str, start: int | None) -> str:
-        """Return the address of row `start` (a count) of an array in this group, or of its first row."""
+        """Return the address of a row in the present group's part of an array.
+
+        The row's number is the integer value `start` of the graph, or 0 if `start` is None.
+        """
         return self.base[array] if start is None else self.at(self.base[array], self.need(start))
 
     def _type_of(self, leaf: int) -> str:
+        """Return LLVM's type of a leaf."""
         return {"leaf": self.real, "mask": self.mask, "count": "i64"}[self.graph.operation[leaf]]
 
     def _loop(self, s: Loop) -> None:
-        """Write a loop; phi instructions at its head give the carried leaves their first or next values."""
+        """Write a loop.
+
+        A carried leaf is a variable that the loop changes: `s.carried` maps it to its value in the first iteration and in the next.
+        A phi instruction at the head of the loop selects one of the two. It is written last, when the names of both are known.
+        """
         carried, label = self.select_carried(s), self._new_label("loop")
-        first, above = self.first, self.block  # loops inside change both
+        # names of the first values, which the base class has written, and the block before the loop; loops inside change both
+        first, above = self.first, self.block
         self._go_to(label)
         header, inside = self._reserve_line(), {x: f"%{label}_{k}" for k, x in enumerate(carried)}
         self.names |= inside
@@ -253,7 +277,7 @@ class Writer(Emitter):
         )
 
     def _if(self, s: If) -> None:
-        """Write a branch; phi instructions after it give the merged leaves their values."""
+        """Write a branch; phi instructions after it give each merged leaf its value with the branch taken or not taken."""
         condition, old = self.need(s.condition), self.compute([b for _, b in s.merged.values()])
         above, then, join = self.block, self._new_label("then"), self._new_label("join")
         self.line(f"  br i1 {condition}, label %{then}, label %{join}")
@@ -267,33 +291,40 @@ class Writer(Emitter):
             self.line(f"  %{join}_{k} = phi {self._type_of(x)} [{a}, %{below}], [{b}, %{above}]")
 
     def _lane_addresses(self, s: Scatter) -> Iterator[str]:
-        """Yield for every lane the address at which the numbers of its trajectory begin."""
+        """Yield for every lane the address at which a `Scatter` stores the numbers of its trajectory, without `start`."""
         first, block, last = self.let(f"mul i64 %at, {self.lanes}"), self.need(s.block), self.need(s.last)
         for lane in range(self.lanes):
             begin = self.let(f"mul i64 {self.let(f'add i64 {first}, {lane}')}, {block}")
             yield self.address(self.base[s.array], self.let(f"call i64 @llvm.smin.i64(i64 {begin}, i64 {last})"), "double")
 
     def _scatter(self, s: Scatter) -> None:
-        """Store the values of each lane side by side at the lane's own address; the values are at least as many as the lanes."""
-        row, start = self.compute(s.values), self.need(s.start)
-        for low in range(0, self.lanes, BLOCK):
+        """Store the values of each lane side by side at the lane's own address; the values are at least as many as the lanes.
+
+        A vector has one value of all lanes. Blocks of `size` vectors of `size` lanes are transposed, so that each vector then has
+        `size` values of one lane, which one instruction stores.
+        """
+        vectors, start = self.compute(s.values), self.need(s.start)
+        for low in range(0, self.lanes, BLOCK):  # lanes low to low + size - 1
             size = min(BLOCK, self.lanes - low)
             kind = "double" if size == 1 else f"<{size} x double>"
             places = [self.address(place, start, "double") for place in self.places[low : low + size]]
-            part = row if size == self.lanes else [self.let(_shuffle(self.real, x, x, range(low, low + size))) for x in row]
-            for k in sorted({*range(0, len(row) - size, size), len(row) - size}):  # the last block may overlap the one before
+            part = vectors  # of these lanes
+            if size < self.lanes:
+                part = [self.let(_shuffle(self.real, x, x, range(low, low + size))) for x in vectors]
+            last = len(vectors) - size
+            for k in sorted({*range(0, last, size), last}):  # the last block may overlap the one before
                 for place, x in zip(places, self._transpose(part[k : k + size]), strict=True):
                     self.line(f"  store {kind} {x}, ptr {self.address(place, k, 'double')}, align 8")
 
     def _transpose(self, rows: list[str]) -> list[str]:
         """Transpose W vectors of W lanes: lane l of row k becomes lane k of row l.
 
-        In the round of distance d = 1, 2, 4 ... each row k without the bit d exchanges lanes with row k + d: row k keeps its lanes
-        without that bit and receives those of row k + d in place of the others.
+        In rounds d = 1, 2, 4 ..., each row k whose number has the bit d = 0 is paired with row k + d. The two exchange lanes: those
+        of row k whose numbers have the bit d = 1, and those of row k + d whose numbers have the bit d = 0.
         """
         size, distance = len(rows), 1
         while distance < size:
-            # a shuffle counts the lanes of its second vector on from `size`
+            # lanes that the two rows of a pair take; the lanes of the second row are numbered from `size` on
             low = [size + k - distance if k & distance else k for k in range(size)]
             high = [size + k if k & distance else k + distance for k in range(size)]
             kind, new = f"<{size} x double>", list(rows)
@@ -306,6 +337,6 @@ class Writer(Emitter):
 
 
 def _shuffle(kind: str, a: str, b: str, lanes: Sequence[int]) -> str:
-    """Return the instruction that picks lanes of two vectors; the lanes of b are counted on from those of a."""
+    """Return the instruction that picks lanes of two vectors; the lanes of b are numbered after those of a."""
     picked = ", ".join(f"i32 {k}" for k in lanes)
     return f"shufflevector {kind} {a}, {kind} {b}, <{len(lanes)} x i32> <{picked}>"

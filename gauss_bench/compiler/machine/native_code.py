@@ -35,7 +35,7 @@ VERSION = "1"  # of the entries in the cache
 LARGE = 10_000  # operations: longer code is generated at a lower level of optimisation, in a tenth of the time
 QUICK = "GAUSS_BENCH_QUICK_CODE"  # environment variable that asks for code that compiles sooner, runs longer, and computes the same
 KEPT = 64  # functions that stay loaded: unloading one would free only a part of its memory
-_numbers = numbers_from()  # one for each module, whose name is thereby unique
+_numbers = numbers_from()  # 0, 1, 2 ... for the names of loaded modules, which must be unique
 KINDS = {"p": ctypes.c_void_p, "d": ctypes.c_double, "i": ctypes.c_int64}  # of arguments, by the letters of a routine's signature
 
 
@@ -49,9 +49,10 @@ class NativeCode:
     """A loaded function.
 
     Attributes:
-        call: the function, with arguments of the kinds in `signature`; Python's global lock is released while it runs.
+        call: the function, with arguments of the kinds in `signature` (letters of KINDS); Python's global lock is released while
+            it runs.
         packed: the same function, with the address of a block of all arguments; None if the listing has none.
-        seconds: time to compile or to load.
+        seconds: time [s] to compile or to load.
         from_cache: whether the object code was in the cache.
         owner: object that keeps the machine code in memory.
     """
@@ -83,6 +84,7 @@ def host() -> tuple[str, str]:
 
 def best_lanes() -> int:
     """Return the number of doubles in the widest vector of the host: 8 with AVX-512, 4 with AVX2, 2 elsewhere."""
+    # without llvmlite there is no native code in lanes, and numpy's does not depend on the result
     features = host()[1].split(",") if available() else ["+avx512f"]
     if "+avx512f" in features:
         return 8
@@ -92,7 +94,7 @@ def best_lanes() -> int:
 def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
     """Compile a module given as text, or load it from the cache, and return its function."""
     start = time.perf_counter()
-    level = 3 if listing.operations <= LARGE else 1
+    level = 3 if listing.operations <= LARGE else 1  # of LLVM's optimisation, none of which changes rounding
     if os.environ.get(QUICK):
         level = 0
     key = _key(listing.text, level)
@@ -118,6 +120,7 @@ def _key(text: str, level: int) -> str:
 
 
 def _target_machine(level: int) -> Any:
+    """Return LLVM's generator of code for this processor, at a level of optimisation from 0 to 3."""
     cpu, features = host()
     target = _binding().Target.from_default_triple()
     return target.create_target_machine(cpu=cpu, features=features, opt=level, reloc="pic", codemodel="small")
@@ -145,7 +148,7 @@ _load_once = lru_cache(KEPT)(_load)
 
 
 def in_lanes(x: Array, lanes: int) -> Array:
-    """Rearrange states (k, rows) to (groups, rows, lanes); the last state is repeated to fill the last group."""
+    """Rearrange states (k, rows) to (groups, rows, lanes), one per lane; the last state is repeated to fill the last group."""
     missing = -len(x) % lanes
     full = np.concatenate([x, np.repeat(x[-1:], missing, axis=0)]) if missing else x
     return np.ascontiguousarray(full.reshape(len(full) // lanes, lanes, x.shape[1]).transpose(0, 2, 1))
@@ -158,7 +161,7 @@ def out_of_lanes(x: Array, count: int) -> Array:
 
 
 def share(part: Callable[[int, int], None], groups: int, threads: int) -> None:
-    """Call part(low, high) for consecutive ranges of the groups, one range in each thread."""
+    """Divide groups 0 to `groups` - 1 into ranges low to high - 1, and call part(low, high) for each in a thread of its own."""
     count = min(threads, groups)
     if count < 2:  # to divide the groups takes as long as a hundred samples
         part(0, groups)
@@ -173,7 +176,7 @@ def address(x: Array) -> int:
     return int(x.__array_interface__["data"][0])
 
 
-def align(size: int) -> Array:
+def aligned_zeros(size: int) -> Array:
     """Return zeros (size,) aligned to 64 bytes, so that no vector straddles two cache lines."""
     room = np.zeros(size + 8)  # 64 bytes are 8 doubles
     start = -(address(room) // room.itemsize) % 8  # number of doubles up to the next multiple of 64 bytes
@@ -181,22 +184,25 @@ def align(size: int) -> Array:
 
 
 class Single:
-    """The arguments of a routine for one trajectory, converted once, because a conversion takes as long as several steps.
+    """A routine in native code with memory for its arguments, for calls that compute one trajectory.
 
-    An object of this class also keeps the code that it calls in memory.
+    The arguments stand in a block of 8-byte words, whose address is passed to the code: addresses of arrays, then real numbers,
+    then counts (integers). A caller changes them in place. To convert arguments anew at each call would take as long as several
+    steps. An object of this class also keeps its code in memory.
 
     Attributes:
         arrays: flat arrays, in the order of the routine.
         q, v: views of the two halves of the first array, which is a state.
-        numbers, counts: views of the arguments behind the arrays, to be set before a call. Counts are 1 at first; the last is the
-            number of groups.
+        numbers, counts: views of the real numbers and of the counts in the block, to be set before a call. Every count is 1 at
+            first; the last one is the number of groups, and stays 1.
     """
 
     __slots__ = ("_block", "_code", "_packed", "arrays", "counts", "numbers", "q", "v")
 
     def __init__(self, code: NativeCode, sizes: Sequence[int]):
-        self.arrays = [align(size) for size in sizes]
-        block = align(len(code.signature))  # the arguments, 8 bytes each: addresses, numbers, counts
+        """Prepare the arguments of a routine; `sizes` are the numbers of doubles in its arrays."""
+        self.arrays = [aligned_zeros(size) for size in sizes]
+        block = aligned_zeros(len(code.signature))
         integers, first = block.view(np.int64), len(sizes)
         last = first + code.signature.count("d")
         integers[:first] = [address(x) for x in self.arrays]
@@ -207,11 +213,12 @@ class Single:
         self._block, self._packed, self._code = ctypes.c_void_p(address(block)), code.packed, code
 
     def run(self) -> None:
+        """Call the code; results are in `arrays`."""
         self._packed(self._block)
 
 
 class Singles(threading.local):
-    """The arguments of one thread for a single trajectory, None before its first call."""
+    """The arguments for a single trajectory, of each thread its own; None before the thread's first call."""
 
     one: Single | None = None
 
@@ -262,14 +269,16 @@ def in_plain_c(*routines: Routine) -> str:
 
 
 class Loaded:
-    """A routine on a target, with one lane for a single trajectory and the target's number of lanes for many.
+    """A routine on a target: machine code with one lane for a single trajectory and with the target's lanes for many, or Python.
 
     Attributes:
-        make: function that writes the routine; its argument tells whether several lanes are needed.
-        codes: number of lanes -> machine code, as far as it has been compiled or loaded.
+        make: function that writes the routine; its argument tells whether it is for several lanes.
+        codes: number of lanes -> machine code. It is compiled, or loaded from the cache, when it is first needed.
+        singles: the arguments of each thread for a single trajectory.
     """
 
     def __init__(self, make: Callable[[bool], Routine], target: Target):
+        """Prepare a routine; without a compiler it is made a Python function at once."""
         self.make, self.target = make, target
         self.codes: dict[int, NativeCode] = {}
         self.singles = Singles()
@@ -292,13 +301,16 @@ class Loaded:
             return self.codes[lanes].call
 
     def given(self, arrays: list[Array]) -> list[Any]:
-        """Return arrays as the function of `call` takes them: addresses for machine code."""
+        """Return arrays as the function of `call` takes them: as their addresses for machine code, unchanged for Python."""
         return list(arrays) if self._plain else [address(x) for x in arrays]
 
     def single(self, *sizes: int) -> Single:
-        """Return this thread's arguments for one trajectory; `sizes` are the numbers of doubles in the arrays."""
+        """Return this thread's memory of arguments for one trajectory, which is allocated in its first call.
+
+        `sizes` are the numbers of doubles in the arrays, the same in every call.
+        """
         one = self.singles.one
         if one is None:
-            self.call(1)
+            self.call(1)  # compiles the code with one lane, if it is not there yet
             one = self.singles.one = Single(self.codes[1], sizes)
         return one

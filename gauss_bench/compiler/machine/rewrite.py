@@ -29,16 +29,18 @@ class Summand(NamedTuple):
 class _Rewriter:
     """Writes the values that the roots need from one graph into another.
 
-    A sum is a part of another sum if nothing else uses it. A product is a part if only sums use it, or if one product alone uses
-    it. A part is not written by itself: its terms are regrouped together with those of its user, also where its sign changes.
+    A value that is used in one place only need not be computed by itself. A sum is a part of the sum or difference that uses it,
+    if nothing else does: its terms become terms of that sum, which are then regrouped. A product is a part of every sum that uses
+    it, if only sums do (it is fused into the additions), or of the product that uses it, if nothing else does.
 
     Attributes:
         known: old value -> new value.
-        parts: old values that are written only as parts of others.
+        parts: old values that are absorbed into the values that use them, as above.
         shared: old values by which several others are divided.
     """
 
     def __init__(self, old: Graph, roots: list[int], new: Graph):
+        """Write everything that the roots of the old graph need into the new one."""
         self.old, self.new = old, new
         self.known: dict[int, int] = {}
         needed = [x for x in live(old, roots) if old.operation[x] != "neg"]
@@ -55,30 +57,30 @@ class _Rewriter:
                 self.get(x)
 
     def _strip(self, x: int) -> tuple[int, bool]:
-        """Return a value without its change of sign, and whether there was one."""
+        """Return an old value without a minus sign in front, and whether there was one."""
         return (self.old.operands[x][0], True) if self.old.operation[x] == "neg" else (x, False)
 
     def _is_part(self, x: int, users: list[str]) -> bool:
-        """Tell whether a value is a part of the values that use it; `users` are the operations of these."""
+        """Tell whether an old value is absorbed into the sums or products that use it; `users` are the operations that use it."""
         operation, summed = self.old.operation[x], all(user in SUMS for user in users)
         if operation in SUMS:
             return len(users) == 1 and summed
         return operation == "mul" and bool(users) and (summed or users == ["mul"])
 
     def get(self, x: int) -> int:
-        """Return the value in the new graph that corresponds to an old one."""
+        """Return the value in the new graph that corresponds to an old one, and write it there first if necessary."""
         base, negative = self._strip(x)
         if base not in self.known:
             self.known[base] = self._write(base)
         return self.new.neg(self.known[base]) if negative else self.known[base]
 
     def _write(self, x: int) -> int:
-        """Write an old value without its sign into the new graph."""
+        """Write an old value, which has no minus sign in front, into the new graph."""
         operation, operands = self.old.operation[x], self.old.operands[x]
         if operation in SUMS:
             return self._sum(self._terms(x))
         if operation == "mul":
-            return self.new.mul(*self._last_two(x))
+            return self.new.mul(*self._reduce_to_two(x))
         if operation == "div":
             return self._ratio(*operands)
         return self.new.make(operation, *map(self.get, operands), payload=self.old.payload[x])
@@ -97,17 +99,18 @@ class _Rewriter:
             if operation in SUMS and (base == x or base in self.parts):  # its terms are terms of x
                 waiting += [(operands[0], negative), (operands[1], negative ^ (operation == "sub"))]
             elif base in self.parts:  # a product, which may be fused with the addition
-                (a, minus_a), (b, minus_b) = map(self.new.split_sign, self._last_two(base))
+                (a, minus_a), (b, minus_b) = map(self.new.split_sign, self._reduce_to_two(base))
                 terms.append(Summand(negative ^ minus_a ^ minus_b, a, b))
             else:
                 value, minus = self.new.split_sign(self.get(base))
                 terms.append(Summand(negative ^ minus, value, None))
         return terms
 
-    def _last_two(self, x: int) -> Pair:
-        """Return two factors of a product, whose other factors are multiplied into them, earliest ready first.
+    def _reduce_to_two(self, x: int) -> Pair:
+        """Return two values of the new graph whose product is the old product x.
 
-        The last multiplication is left to the caller, which may fuse it into a sum.
+        Factors are multiplied until two are left, those first that are ready first. The last multiplication is left to the caller,
+        which may fuse it into a sum.
         """
         factors, waiting, ready = [], [x], self.new.ready
         while waiting:
@@ -135,10 +138,11 @@ class _Rewriter:
         return self.new.neg(total) if negative else total
 
     def _ready(self, term: Summand) -> int:
+        """Return the time [cycles] at which the value of a term, or both factors of a product, are ready."""
         return max(self.new.ready[k] for k in (term.value, term.factor) if k is not None)
 
     def _join(self, early: Summand, late: Summand) -> Summand:
-        """Add two terms; if both are products, the earlier one is multiplied and the other fused into the addition."""
+        """Return the sum of two terms; if both are products, the earlier is multiplied and the other fused into the addition."""
         g = self.new
         if early.factor is not None and late.factor is None:
             early, late = late, early
@@ -152,11 +156,15 @@ class _Rewriter:
         return Summand(early.negative ^ minus, total, None)
 
     def _ratio(self, a: int, b: int) -> int:
-        """Divide, or multiply by the reciprocal where that is ready before a or serves several divisions."""
-        g, above, below = self.new, self.get(a), self.get(b)
-        if g.number(above) != 1 and (b in self.shared or g.ready[above] > g.ready[below] + EARLIER):
-            return g.mul(above, g.div(g.const(1.0), below))
-        return g.div(above, below)
+        """Return the ratio of the old values a and b in the new graph.
+
+        It is a product with the reciprocal of b if that serves several divisions, or if the reciprocal can be computed before a is
+        ready, so that only the time of a multiplication passes after a.
+        """
+        g, numerator, denominator = self.new, self.get(a), self.get(b)
+        if g.number(numerator) != 1 and (b in self.shared or g.ready[numerator] > g.ready[denominator] + EARLIER):
+            return g.mul(numerator, g.div(g.const(1.0), denominator))
+        return g.div(numerator, denominator)
 
 
 def rewrite(g: Graph, roots: list[int], into: Graph | None = None) -> tuple[Graph, list[int]]:

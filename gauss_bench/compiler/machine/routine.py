@@ -2,17 +2,19 @@
 
 A routine is a function with loops and branches, independent of the target machine: a list of statements over the values of one
 graph. A value is computed where a statement first needs it, or where `Compute` lists it. Values that do not change in a loop are
-computed before it.
+computed before it. A leaf is a value without operands: an argument, an element that `Load` reads, or a variable that a loop or a
+branch sets. A count is an integer value, a truth a boolean one; both are the same for all trajectories of a group.
 
     Compute(values)                      values in this order
     Load(array, rows, start)             rows of an array become leaves
     Store(array, values, start)          values become rows of an array
     Scatter(array, values, start, block, last)   the values of each lane, side by side, at a place of its own
-    Loop(carried, body, again)           the body; if `again` holds, once more with the next values of the carried leaves
-    If(condition, body, merged)          leaves that have one value after the body, and another without it
+    Loop(carried, body, again)           the body; if `again` is true, once more with the next values of the carried leaves
+    If(condition, body, merged)          the body if the condition is true; merged leaves have one value after it, another without
 
-The same routine computes one trajectory, or a vector of them with one trajectory in each lane. An array has rows, the trajectories
-of a group last in memory; each group of trajectories has its own part of it. The emitters are in `llvm.py` and `source.py`.
+The same routine computes one trajectory, or a group of them with one trajectory in each lane of a vector. An array consists of rows
+with one number for each trajectory of the group, which are neighbours in memory. Each group has its own part of an array. The
+emitters are in `llvm.py` and `source.py`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -44,7 +46,7 @@ class Compute:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Load leaves from an array: leaf -> its row, counted from the row `start` (a count; None for 0)."""
+    """Load leaves from an array: `rows` maps each leaf to its row, counted from the row `start` (a count; None for 0)."""
 
     array: str
     rows: Mapping[int, int]
@@ -53,7 +55,7 @@ class Load:
 
 @dataclass(frozen=True, eq=False)
 class Store:
-    """Store values in neighbouring rows of an array, from the row `start` (a count; None for 0) on."""
+    """Store values in consecutive rows of an array, the first one in the row `start` (a count; None for 0)."""
 
     array: str
     values: Sequence[int]
@@ -64,7 +66,7 @@ class Store:
 class Scatter:
     """Store the values of each trajectory side by side in a flat array.
 
-    Those of trajectory k begin at min(k block, last) + start; `block`, `last` and `start` are counts.
+    The values of trajectory k begin at the index min(k * block, last) + start; `block`, `last` and `start` are counts.
     """
 
     array: str
@@ -76,10 +78,11 @@ class Scatter:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """Do `body`, and repeat it while the truth `again` holds at its end.
+    """Execute `body`, and repeat it as long as the boolean `again` is true at its end.
 
     Attributes:
-        carried: leaf -> its value in the first turn, and its value in every next turn.
+        carried: leaf, a variable of the loop -> its value in the first iteration, and its value in the next iteration, as computed
+            in the present one.
     """
 
     carried: Mapping[int, tuple[int, int]]
@@ -89,10 +92,10 @@ class Loop:
 
 @dataclass(frozen=True, eq=False)
 class If:
-    """Do `body` if the truth `condition` holds.
+    """Execute `body` if the boolean `condition` is true.
 
     Attributes:
-        merged: leaf -> its value after `body`, and its value if the condition does not hold.
+        merged: leaf -> its value after `body`, and its value if the condition is false.
     """
 
     condition: int
@@ -108,9 +111,10 @@ class Routine:
     """A function in statements.
 
     Attributes:
-        arrays, numbers, counts: arguments in this order, by name; the number `x` is the leaf "%x" of the graph, and so is a count.
-        sound: mask that holds where the routine has done all that was asked; in C it returns 1 where the mask does not hold.
-        operations: number of operations in one turn of its loop, or in one evaluation.
+        arrays, numbers, counts: arguments in this order, by name; a number or a count named `x` is the leaf "%x" of the graph.
+        sound: mask that is true for trajectories for which the routine has done all that was asked. A routine in C computes one
+            trajectory, and returns 0 if the mask is true, else 1.
+        operations: number of operations in one iteration of its loop, or in one evaluation if it has no loop.
     """
 
     name: str
@@ -129,7 +133,7 @@ class Routine:
 
 
 def nest(statements: Sequence[Statement]) -> Iterator[Statement]:
-    """Yield all statements, with those inside loops and branches."""
+    """Yield the statements and, after each loop or branch, all statements inside it."""
     for s in statements:
         yield s
         if isinstance(s, Loop | If):
@@ -153,7 +157,7 @@ def list_needed(r: Routine) -> set[int]:
 
 
 def find_changing(g: Graph, loop: Loop) -> set[int]:
-    """Return the values that may change between turns of a loop."""
+    """Return the values that may differ between iterations of a loop: all that depend on leaves which it sets or loads."""
     defined = set(loop.carried)
     for s in nest(loop.body):
         match s:
@@ -172,16 +176,17 @@ class Emitter:
     Attributes:
         names: value -> its name in the text, for the values written so far.
         needed: all values that the routine uses.
-        first: for each leaf that the next loop carries, the name of its first value.
+        first: names of the first values of the variables of the loop that is written next, in the order of `select_carried`.
     """
 
     def __init__(self, routine: Routine) -> None:
+        """Prepare to write a routine, with nothing written yet."""
         self.graph, self.needed = routine.graph, list_needed(routine)
         self.names: dict[int, str] = {}
         self.first: list[str] = []
 
     def value(self, x: int) -> str:
-        """Write a value whose operands have names already; return its name."""
+        """Write the operation of a value whose operands have names already; return the name of its result."""
         raise NotImplementedError
 
     def statement(self, s: Statement) -> None:
@@ -199,29 +204,29 @@ class Emitter:
                 self.statement(s)
 
     def _before(self, s: Loop) -> None:
-        """Write what a loop needs before it: the first values of its carried leaves, and values that do not change in it."""
+        """Write the code in front of a loop: the first values of its variables, and all values that do not change in the loop."""
         self.first = self.compute([first for first, _ in self.select_carried(s).values()])
         changing = find_changing(self.graph, s)
         for inner in nest(s.body):
             if isinstance(inner, Compute):
                 self.compute([x for x in inner.values if x not in changing])
-        # names of changing values are those of an earlier loop: this loop computes them again
+        # a changing value that has a name was computed by an earlier loop: without a name it is computed anew in this loop
         self.names = {x: name for x, name in self.names.items() if x not in changing}
 
     def select_carried(self, loop: Loop) -> dict[int, tuple[int, int]]:
-        """Return the leaves of `loop.carried` that are needed, with their values."""
+        """Return the variables of a loop that the routine needs: leaf -> its first and its next value."""
         return {x: pair for x, pair in loop.carried.items() if x in self.needed}
 
     def select_rows(self, load: Load) -> dict[int, int]:
-        """Return the leaves of `load.rows` that are needed, with their rows."""
+        """Return the leaves that a statement loads and the routine needs: leaf -> its row."""
         return {x: row for x, row in load.rows.items() if x in self.needed}
 
     def compute(self, values: Sequence[int]) -> list[str]:
-        """Return the names of values; write those that are missing."""
+        """Return the names of values; first write the values that have no name yet."""
         return [self.need(x) for x in values]
 
     def need(self, x: int) -> str:
-        """Return the name of a value; write it and its operands first if necessary."""
+        """Return the name of a value; if it has none yet, first write it and those of its operands that have none."""
         waiting = [x]
         while x not in self.names:
             missing = [k for k in self.graph.operands[waiting[-1]] if k not in self.names]

@@ -1,10 +1,11 @@
 """Routines as source text: Python on arrays, for hosts without a compiler, and plain C for any other machine.
 
-Sines are left to the functions of the target. In C a routine computes one trajectory, and returns 0, or 1 if it is not sound:
+Sines are left to the functions of the language. A routine in C computes one trajectory, and returns 0 if it has done all that was
+asked, or 1 if not, for example because a pivot became too small:
 
     int NAME(arrays, numbers, counts)
 
-In Python it takes the arguments of the native code; a group has as many trajectories as the arrays have columns.
+A routine in Python takes the same arguments as the native code of `llvm.py`, with arrays (groups, rows, trajectories of a group).
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -22,7 +23,7 @@ C_HEADER = "#include <math.h>\n\n"
 
 @dataclass(frozen=True)
 class Language:
-    """The phrases of a language for the parts of a routine, in which {0}, {1} ... stand for operands.
+    """The text of a programming language for the parts of a routine, in which {0}, {1} ... stand for operands.
 
     Attributes:
         operations: operation -> its expression; {p} stands for the payload.
@@ -77,19 +78,23 @@ class Source(Emitter):
 
     Attributes:
         variables: name of each variable so far -> its type in C.
+        depth: number of indentations of the next line.
     """
 
     def __init__(self, routine: Routine, language: Language):
+        """Prepare to write a routine in a language."""
         super().__init__(routine)
         self.routine, self.language = routine, language
         self.lines: list[str] = []
         self.variables: dict[str, str] = {}
         self.depth = 1
+        # arguments keep their names; the payload of their leaves is "%name"
         for x, (operation, payload) in enumerate(zip(self.graph.operation, self.graph.payload, strict=True)):
             if operation in ("leaf", "count") and str(payload)[1:] in (*routine.numbers, *routine.counts):
                 self.names[x] = str(payload)[1:]
 
     def line(self, text: str) -> None:
+        """Write one line, indented."""
         self.lines.append("    " * self.depth + text)
 
     @contextmanager
@@ -103,7 +108,10 @@ class Source(Emitter):
             self.line(self.language.close)
 
     def let(self, x: int, text: str, letter: str = "r") -> str:
-        """Assign an expression to the variable of a value; return the variable's name."""
+        """Write a line that assigns an expression to a variable of value x; return the variable's name, `letter` and then x.
+
+        The letter is r for a result, v for a leaf that a loop or branch sets, n for a copy that is made before such an assignment.
+        """
         name, operation = f"{letter}{x}", self.graph.operation[x]
         self.variables[name] = "double"
         if operation in COUNTS:
@@ -114,23 +122,28 @@ class Source(Emitter):
         return name
 
     def value(self, x: int) -> str:
+        """Return the text for a value whose operands have names: a constant, or a variable to which a line assigns the result."""
         operation, payload, number = self.graph.operation[x], self.graph.payload[x], self.graph.number(x)
         c = self.language is C
         if number is not None:
             text = number.hex() if c else repr(number)
             return text if number >= 0 else f"({text})"
-        if operation == "all":
+        if operation == "all":  # the constant mask True or False
             return str(int(bool(payload))) if c else str(payload)
         operands = [self.names[k] for k in self.graph.operands[x]]
         return self.let(x, self.language.operations[operation].format(*operands, p=payload))
 
     def assign_leaves(self, values: Mapping[int, str]) -> None:
-        """Give leaves their values by name; they are copied first, because a new value may be another leaf's old one."""
+        """Write the assignments of values to leaves at once; `values` maps each leaf to the name of its new value.
+
+        Several values are copied to variables of their own first, because a new value may be the old value of another leaf.
+        """
         copies = {x: self.let(x, name, "n") for x, name in values.items()} if len(values) > 1 else values
         for x, name in copies.items():
             self.names[x] = self.let(x, name, "v")
 
     def statement(self, s: Statement) -> None:
+        """Write the lines of one statement; `Compute` is written by the base class."""
         match s:
             case Load():
                 for x, row in self.select_rows(s).items():
@@ -139,7 +152,7 @@ class Source(Emitter):
                 copies = [self.let(x, name, "n") for x, name in zip(s.values, self.compute(s.values), strict=True)]
                 for row, name in enumerate(copies):
                     self.line(self.language.assign.format(f"{s.array}[{self._row(s.start, row)}]", name))
-            case Scatter():
+            case Scatter():  # in Python only: `place` has the index at which the numbers of each trajectory begin
                 values, (start, block, last) = self.compute(s.values), self.compute([s.start, s.block, s.last])
                 lanes = f"np.arange({next(iter(self.routine.arrays))}.shape[-1])"
                 place = self.let(s.start, f"np.minimum({lanes} * {block}, {last}) + {start}", "place")
@@ -160,10 +173,11 @@ class Source(Emitter):
                     self._assign({x: new for x, (new, _) in s.merged.items()})
 
     def _assign(self, values: Mapping[int, int]) -> None:
-        """Write the statements that compute values and assign them to leaves, as leaf -> value."""
+        """Write lines that compute values and assign them to leaves; `values` maps each leaf to its new value."""
         self.assign_leaves(dict(zip(values, self.compute([*values.values()]), strict=True)))
 
     def _row(self, start: int | None, row: int) -> str:
+        """Return the index of a row as text; it is counted from the row `start` (a count of the graph; None for 0)."""
         return str(row) if start is None else f"{self.need(start)} + {row}"
 
 
@@ -182,7 +196,11 @@ def in_c(routine: Routine) -> str:
 
 
 def in_python(routine: Routine) -> Callable[..., None]:
-    """Return a routine as a function of arrays (groups, rows, trajectories); the arrays of `Scatter` are flat."""
+    """Return a routine as a Python function, which takes arrays, numbers and counts as the routine names them, and then a count.
+
+    The last count is the number of groups. Arrays have the axes (groups, rows, trajectories of a group); an array that a `Scatter`
+    statement writes has one axis.
+    """
     s = Source(routine, PYTHON)
     s.statements(routine.body)
     names = ", ".join([*routine.arrays, *routine.numbers, *routine.counts])
@@ -191,9 +209,11 @@ def in_python(routine: Routine) -> Callable[..., None]:
     step_group: Callable[..., None] = space[routine.name]
 
     def call(*arguments: Any) -> None:
+        """Compute one group after the other; results are in the arrays."""
         arrays, numbers = arguments[: len(routine.arrays)], arguments[len(routine.arrays) : -1]  # the last is the number of groups
         with np.errstate(all="ignore"):
             for k in range(arguments[-1]):
+                # an array with 0 rows is shared by all groups
                 parts = [x[k] if a.rows else x for x, a in zip(arrays, routine.arrays.values(), strict=True)]
                 step_group(*parts, *numbers)
 

@@ -13,7 +13,8 @@ From a neighbouring angle: with d small, sin d = d + d z P(z) and 1 - cos d = z 
 
     sin(x + d) = sin x + (cos x sin d - sin x (1 - cos d)),   cos(x + d) = cos x - (sin x sin d + cos x (1 - cos d))
 
-P and Q interpolate at Chebyshev nodes for |d| up to a reach, with the fewest terms whose error is below an eighth of a rounding.
+P and Q interpolate the series of sin and cos at Chebyshev nodes. They are made for |d| up to a largest rotation [rad], called the
+reach, and have the fewest terms whose error is below an eighth of a rounding.
 Source: Cody and Waite, Software Manual for the Elementary Functions (1980), chapter 8.
 """
 
@@ -79,7 +80,7 @@ def _sign(g: Graph, odd: int, if_odd: int, if_even: int, k: int) -> int:
 def rotate(g: Graph, pair: Pair, d: int, reach: float) -> Pair:
     """Return sine and cosine at x + d from the pair (sine, cosine) at x, valid for |d| <= reach [rad]."""
     s, c = pair
-    P, Q = short_series(reach)  # without a coefficient if the reach is so short that the term is below rounding
+    P, Q = short_series(reach)  # P or Q is empty if the reach is so short that its whole term is below rounding
     z = g.mul(d, d)
     sine = g.fma(g.mul(d, z), polynomial(g, P, z), d) if P else d
     if not Q:
@@ -93,7 +94,10 @@ def rotate(g: Graph, pair: Pair, d: int, reach: float) -> Pair:
 
 @cache
 def short_series(reach: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the coefficients of P and Q, as few as the reach [rad] allows.
+    """Return the coefficients of P and Q at the head of this file, the fewest that are exact to rounding for |d| <= reach [rad].
+
+    The lowest degree comes first. In sin d = d + d^3 P(d^2) and 1 - cos d = d^2 Q(d^2), an error of P has the factor d^3 and one of
+    Q the factor d^2.
 
     Raises:
         ValueError: SERIES_TERMS coefficients are not enough.
@@ -104,7 +108,10 @@ def short_series(reach: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def _economise(series: list[Fraction], reach: float, factor: float) -> tuple[float, ...]:
-    """Interpolate a series in z at Chebyshev nodes of [0, reach^2], as many as keep its error times `factor` below TOLERANCE."""
+    """Interpolate a series in z at Chebyshev nodes of [0, reach^2]; return the coefficients, the lowest degree first.
+
+    There are the fewest whose error times `factor` is at most TOLERANCE.
+    """
     width = reach * reach
     for terms in range(SERIES_TERMS):
         # error: the next term, whose z^terms counts as the Chebyshev polynomial of size width^terms / 2^(2 terms - 1)

@@ -1,4 +1,8 @@
-"""Continuation of trajectories that a guard has stopped: by another program, or by single steps with a rank decision."""
+"""Continuation of trajectories that a guard has stopped, because a pivot of the program's elimination is too small at a state.
+
+Another program, with other pivots, continues if one is usable there. Otherwise a single step is taken by rank decision: dense
+linear algebra decides at the state which rank the constraint rows have.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -11,22 +15,33 @@ from gauss_bench.compiler.stepping.programs import Batch, Outcome, Programs, Sto
 from gauss_bench.integrate.legs import legs
 from gauss_bench.terms import Array
 
-Numbers = Callable[[float], Array]  # time [s] -> all open numbers (k, n_p) there
+Numbers = Callable[[float], Array]  # time [s] -> all open numbers (k, n_p), which the code takes as arguments, at that time
 
-STRIDE = 1e-4  # size of an adaptive step past a singular position, relative to the duration
+STRIDE = 1e-4  # size of a step by rank decision under step size control, relative to the duration
 INTEGRATORS = ("rk4", "semi_implicit_euler", "dop853_fixed", "gauss_legendre")
 
 
 class ByRank(Protocol):
     """Single steps of a mechanism with the numbers of its file; the rank of its rows is determined at each step."""
 
-    def step(self, integrator: str, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]: ...
-    def project(self, t: float, q: Array, v: Array) -> tuple[Array, Array]: ...
+    def step(self, integrator: str, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
+        """Return q, v (n,) after one step of h [s] from the time t."""
+        ...
+
+    def project(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return q, v (n,) projected onto the constraints at the time t."""
+        ...
 
 
 @dataclass
 class Tally:
-    """Counts of exceptional events: changes of the program, steps by rank decision, lost trajectories."""
+    """Counts of exceptional events in a rollout.
+
+    Attributes:
+        switches: number of times that another program continued a trajectory.
+        fallbacks: number of steps by rank decision, where no program was usable.
+        lost: number of trajectories that could not be continued.
+    """
 
     switches: int = 0
     fallbacks: int = 0
@@ -37,9 +52,10 @@ class Driver:
     """Steps trajectories to their end, and changes the program where a guard fails; a lost trajectory is NaN from there on.
 
     Attributes:
-        by_rank: steps by rank decision, for states at which no program is usable.
+        by_rank: takes steps by rank decision, for states at which no program is usable.
         projected: whether samples must lie on the constraints.
-        given: number of open numbers that a user may change. The further ones follow from time, and the rank decision knows them.
+        given: number of open parameters, which a user may change. They are the first of the open numbers. The others are functions
+            of time, which `by_rank` evaluates by itself.
         tally: counts of the last rollout.
     """
 
@@ -48,19 +64,24 @@ class Driver:
         self.tally = Tally()
 
     def nominal(self, p: Array) -> bool:
-        """Tell whether open numbers p (..., n_p) have the values of the file: rank decisions are only possible for these."""
+        """Tell whether the open parameters among the open numbers p (..., n_p) have the values of the linkage file.
+
+        Steps by rank decision are possible only with these values.
+        """
         return not self.given or bool((p[..., : self.given] == self.programs.values[: self.given]).all())
 
     @property
     def drifting(self) -> bool:
-        """True if each program drops redundant rows of its own, and no projection removes the error of the dropped rows."""
+        """True if programs leave out redundant constraint rows, and no projection removes the error of these rows."""
         return bool(self.programs.dropped) and not self.projected
 
     def best(self, t: float, state: Array, p: Array, without: set[int]) -> int | None:
-        """Return the index of the program with the largest margin at a state (2n,), or None if none is usable there.
+        """Return the index of the best program at a state (2n,), or None if none is usable there.
 
-        The programs with the indices in `without` are left out.
+        The best is the one with the largest margin: the smallest ratio of a pivot to its threshold, 1 or more if it is usable.
+        Programs are generated until one is usable. Those with the indices in `without` are not considered.
         """
+        # a change of the program may need a projection by rank decision if programs leave out rows, see `_switch`
         if not np.isfinite(state).all() or (self.drifting and not self.nominal(p)):
             return None
         while True:
@@ -68,14 +89,15 @@ class Driver:
             usable = [k for k, margin in margins.items() if margin >= 1.0]
             if usable:
                 return max(usable, key=lambda k: margins[k])
-            if not self.programs.further():
+            if not self.programs.generate_next():
                 return None
 
     def _switch(self, t: float, state: Array, p: Array, without: set[int]) -> tuple[int, Array] | None:
         """Return the index of another program and the state (2n,) from which it continues, or None if no program is usable.
 
-        Without projection the error of a dropped row has grown by the inverse of the smallest pivot. The state is therefore first
-        projected onto the rows that the new program keeps, or by a rank decision if that fails.
+        If the old program left out redundant rows and did not project, the errors of these rows are about those of the other rows
+        times the inverse of its smallest pivot. The state is therefore first projected onto the rows that the new program keeps. If
+        that fails, it is projected by rank decision.
         """
         k, n = self.best(t, state, p, without), self.programs.n
         if k is None:
@@ -87,7 +109,11 @@ class Driver:
         return k, np.concatenate(self.by_rank.project(t, state[:n], state[n:])) if settled is None else settled
 
     def _step(self, integrator: str, t: float, state: Array, p: Array, h: float) -> Array:
-        """Return the state (2n,) after one step by rank decision, or NaN if it is lost; with h = 0 the state is only projected."""
+        """Return the state (2n,) after one step by rank decision, which finds the rank of the constraint rows at each evaluation.
+
+        With h = 0 the state is only projected, if samples must lie on the constraints. The state is NaN if it is lost: if it
+        overflows, or if the open parameters p have not the values of the linkage file.
+        """
         self.tally.fallbacks += 1
         q, v = np.split(state, 2)
         if self.nominal(p) and np.isfinite(state).all():
@@ -107,7 +133,7 @@ class Driver:
     def resume(self, batch: Batch, outcome: Outcome, integrator: str) -> Outcome:
         """Step the trajectories that stopped early to their end, one by one, and store them in the outcome."""
         for row in np.flatnonzero(~outcome.complete).tolist():
-            at = int(outcome.done[row])
+            at = int(outcome.done[row])  # number of steps that are done
             samples = self._continue(batch, integrator, outcome.states[row].copy(), batch.parameters[row], at)
             for slot, sample in enumerate(samples, count_before(at, batch.every)):
                 outcome.samples[row, slot:] = sample  # also the later slots, which stay NaN if the trajectory is lost
@@ -117,58 +143,67 @@ class Driver:
         return outcome
 
     def _continue(self, batch: Batch, integrator: str, state: Array, p: Array, at: int) -> Iterator[Array]:
-        """Yield the remaining samples (2n,) of a trajectory that the first program stopped at step `at`; NaN last if it is lost."""
+        """Yield the remaining samples (2n,) of a trajectory that the first program stopped after `at` steps.
+
+        `state` (2n,) is the state after these steps. The last sample is NaN if the trajectory is lost.
+        """
         n = self.programs.n
-        used, tried, stopped = 0, {0}, True  # index of the program in use; those that have failed here; whether it has stopped
+        used, failed = 0, {0}  # index of the program in use, and those that have failed at the present state
+        stopped = True  # whether the program in use has stopped at the present state
         for slot in range(count_before(at, batch.every), batch.slots):
-            goal, there = min((slot + 1) * batch.every, batch.n), False  # step of the next sample, and whether it is reached
-            while not there:
+            goal, reached = min((slot + 1) * batch.every, batch.n), False  # step of the next sample, and whether it is reached
+            while not reached:
                 t = batch.t0 + at * batch.h
-                found = self._switch(t, state, p, tried) if stopped else (used, state)
+                found = self._switch(t, state, p, failed) if stopped else (used, state)
                 if found is None:
                     # no program is usable here: take one step by rank decision, after which all programs may be tried again
-                    there = at == goal  # the state of the sample itself is only projected
-                    state = self._step(integrator, t, state, p, 0.0 if there else batch.h)
+                    reached = at == goal  # the state of the sample itself is only projected
+                    state = self._step(integrator, t, state, p, 0.0 if reached else batch.h)
                     if not np.isfinite(state).all():
                         yield np.full_like(state, np.nan)
                         return
-                    at, tried, stopped = at + (not there), set(), False
+                    at += 0 if reached else 1
+                    failed, stopped = set(), False
                     continue
                 used, state = found
                 end = self.programs.runner(used, integrator).run_one(state[:n], state[n:], p, t, batch.h, goal - at)
                 stopped = isinstance(end, Stop)
                 if isinstance(end, Stop):
-                    # a program that took steps is excluded alone; one that took none is excluded with those tried before
-                    state, at, tried = end.state, at + end.done, {used} if end.done else tried | {used}
+                    state, at = end.state, at + end.done
+                    # after steps the state is a new one, at which only this program has failed
+                    failed = {used} if end.done else failed | {used}
                 else:
-                    state, at, there = end, goal, True
+                    state, at, reached = end, goal, True
             yield state
 
     def integrate(self, state: Array, p: Array, times: Array, tolerances: tuple[float, float]) -> tuple[Array, int, int]:
-        """Integrate one trajectory with step size control; return states (k, 2n) at times (k,), and counts of steps.
+        """Integrate one trajectory with step size control.
 
-        The counts are those of accepted and of attempted steps.
+        Return the states (k, 2n) at the times (k,), NaN after the trajectory is lost, and the numbers of accepted and of attempted
+        steps. `state` (2n,) is that at the first time, p are the open numbers (n_p,), and `tolerances` are relative and absolute.
         """
         samples, accepted, attempted = np.full((len(times), len(state)), np.nan), 0, 0
-        stored, t, used, tried = 0, float(times[0]), 0, set[int]()
+        stored, t = 0, float(times[0])  # number of samples so far, and time of the state
+        used, failed = 0, set[int]()  # index of the program in use, and those that have failed at the present state
         while True:
-            again = int(stored > 0)  # after a stop the course begins between samples, and its first state is not stored
-            part = np.append(t, times[stored:]) if again else times
+            extra = int(stored > 0)  # 1 after a stop: the state is then between samples, and is not stored as one itself
+            part = np.append(t, times[stored:]) if extra else times
             course = integrate(self.programs.adaptive(used), state, p, part, tolerances)
-            new = course.samples[again:]
+            new = course.samples[extra:]
             samples[stored : stored + len(new)], stored = new, stored + len(new)
             accepted, attempted = accepted + course.taken, attempted + course.tried
             if stored == len(times):
                 return samples, accepted, attempted
-            tried = {used} if course.taken else tried | {used}
+            # the program stopped early, at course.state; after steps only this program has failed there
+            failed = {used} if course.taken else failed | {used}
             state, t = course.state, course.t
-            found = self._switch(t, state, p, tried)
+            found = self._switch(t, state, p, failed)
             if found is not None:
                 used, state = found
                 continue
             # no program is usable here: take a short step by rank decision, after which all programs may be tried again
             h = min(float(times[stored]) - t, STRIDE * float(times[-1] - times[0]))
-            state, t, tried = self._step("dop853_fixed", t, state, p, h), t + h, set()
+            state, t, failed = self._step("dop853_fixed", t, state, p, h), t + h, set()
             if np.isfinite(state).all() and t >= times[stored]:
                 samples[stored], stored = state, stored + 1
             if stored == len(times) or not np.isfinite(state).all():
@@ -176,25 +211,33 @@ class Driver:
                 return samples, accepted, attempted
 
     def advance_over(self, batch: Batch, numbers: Numbers, kinks: Sequence[float], integrator: str, threads: int) -> Outcome:
-        """Step all trajectories to their end as `advance` does, with open numbers that change at the kinks of forces."""
+        """Step all trajectories to their end as `advance` does, with open numbers that change at the times `kinks` [s].
+
+        At these times forces or their derivatives jump. A leg (`integrate/legs.py`) is a part of the batch's steps without a kink
+        inside; a step that contains a kink is divided there. `numbers` at the middle of a leg hold for the whole leg.
+        """
         samples = np.full((len(batch.states), batch.slots, batch.states.shape[1]), np.nan)
         states = batch.states.copy()
         for leg in legs(batch.t0, batch.h, batch.n, batch.every, kinks):
-            going = np.flatnonzero(np.isfinite(states).all(axis=1))
+            going = np.flatnonzero(np.isfinite(states).all(axis=1))  # trajectories that are not lost
             if not len(going):
                 break
             part = Batch(states[going], numbers(leg.middle)[going], leg.t, leg.h, leg.n, leg.every)
             outcome = self.advance(part, integrator, threads)
             states[going] = outcome.samples[:, -1]
             begin, end = leg.slots
-            samples[going, begin:end] = outcome.samples[:, : end - begin]  # a leg that ends between samples has one more
+            # the last sample of the part is the end of the leg, and is left out if that lies between samples of the batch
+            samples[going, begin:end] = outcome.samples[:, : end - begin]
         complete = np.asarray(np.isfinite(states).all(axis=1))
         return Outcome(states, samples, np.where(complete, batch.n, 0), complete)
 
     def integrate_over(
         self, state: Array, numbers: Numbers, times: Array, tolerances: tuple[float, float], kinks: Sequence[float]
     ) -> tuple[Array, int, int]:
-        """Integrate one trajectory as `integrate` does, restarted at each kink with the open numbers of the next interval."""
+        """Integrate one trajectory as `integrate` does, but restart at each kink [s] of a force, where open numbers change.
+
+        `numbers` at the middle of an interval between kinks hold for the whole interval. Return what `integrate` returns.
+        """
         begin, end = float(times[0]), float(times[-1])
         samples, accepted, attempted = np.full((len(times), len(state)), np.nan), 0, 0
         for a, b in pairwise([begin, *(x for x in kinks if begin < x < end), end]):

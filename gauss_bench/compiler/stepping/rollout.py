@@ -2,23 +2,27 @@
 
     rollout(y, p, samples, report; h, t0; n, every, slots)
 
-takes n steps of h from the time t0 with a group of trajectories. Rows of the arrays, each with one number for each trajectory:
+takes n steps of h from the time t0 with a group of trajectories, one in each lane of a vector. Rows of the arrays, each with one
+number for each trajectory:
 
     y        2 n_q            q and v at the start; on return, if a trajectory stopped early, the state at which it stopped
-    p        n_p              parameters
+    p        n_p              open numbers: the numbers of the linkage that are not constants in the code
     samples  slots x 2 n_q    states after every `every`-th step and after the last; slots = ceil(n / every), at least one
-    report   3                number of steps done; 1 if all were done; 1 if a step only turned a link too far for the last body
+    report   3                number of steps done; 1 if all were done; 1 if a step only turned a link farther than the code allows
 
-A trajectory stops before the first step whose guards fail, and that step is not counted. The other lanes go on, while the stopped
-one keeps its state by selection. A sample is the state at the beginning of a step, where projection has corrected the velocities.
-The loop therefore runs once more than there are steps.
+A trajectory stops before the first step whose guards fail, and that step is not counted. The other lanes go on. In the stopped lane
+a selection between the old and the new state keeps the old one. A sample is the state at the beginning of a step, where projection
+has corrected the velocities. The loop therefore runs once more than there are steps.
 
     accelerate(y, p, t, out)     out: n_q accelerations, then 1 if the guards hold
     settle(y, p, t, out)         out: the state (2 n_q) taken back onto the constraints, then 1 if the guards hold
 
 The code of one step is a `Body`, in which all stages are written out: equal expressions of different stages are one value, sines
-rotate from stage to stage, and the processor overlaps the stages. The code grows with the linkage. If an acceleration has more than
-`steps.LONG` operations, the body of Runge and Kutta's method contains it once, in a loop over the stages.
+are updated by rotations from stage to stage, and the processor overlaps the stages. A body is valid while no link turns in a step
+by more than its reach (`steps.Reach`). A routine has several bodies with growing reaches.
+
+The code grows with the linkage. If an acceleration has more than `steps.LONG` operations, the body of Runge and Kutta's method
+contains it once, in a loop over the stages.
 """
 
 from collections.abc import Sequence
@@ -33,41 +37,52 @@ from gauss_bench.compiler.machine.schedule import order
 from gauss_bench.compiler.machine.trigonometry import sincos
 from gauss_bench.compiler.stepping.steps import EXACT, REACHES, STEPS, TINY, Builder, Reach, Step, dop853, is_looped, rk4_looped
 
-Carried = dict[int, tuple[int, int]]  # leaf -> its first and its next value
+Carried = dict[int, tuple[int, int]]  # leaf, a variable of a loop -> its first value, and its value in the next iteration
 
-# Steps after which the state is projected if rows are redundant and no stabilisation acts. Redundant rows that have drifted apart
-# would count as independent, and a solver that relies on the rank would find the linkage locked.
+# Number of steps after which the state is projected onto the constraints if rows are redundant and there is no stabilisation.
+# Otherwise redundant rows would drift apart and count as independent, and a solver that relies on the rank would find the linkage
+# locked.
 SETTLED = 32
 
 
 class Body:
-    """One step, whose state is carried in registers; if `plain`, its operations are not put in another order.
+    """One step as statements of a routine that repeats it, with the state in registers from step to step.
 
     Attributes:
-        step: the step, rewritten unless it is plain.
+        step: the step, with its arithmetic regrouped unless it is plain.
         graph: graph of the whole routine.
-        rows: numbers of a state, 2 n_q.
-        values: the values of the step in the order in which they are computed; operations: number of operations among them.
+        rows: length 2 n_q of a state.
+        values: the values of the step in the order in which they are computed.
+        operations: number of operations among these values.
         statements: statements of one step.
         state: leaves q, then v.
         entry: statements before the loop.
         arrays: arguments of the routine besides y, samples and report.
         carried: leaf -> its first value, and its value at the next step.
-        settled: leaf -> its value at the next step after every SETTLED steps, instead of the one in `carried`; may be empty.
+        settled: leaf -> its value at the next step where the state is projected after SETTLED steps, instead of the one in
+            `carried`; empty if it never is.
     """
 
     def __init__(self, code: Code, step: Step, plain: bool = False, into: Graph | None = None):
+        """Put the operations of a step in order, and make the statements around them.
+
+        Args:
+            plain: operations are neither regrouped nor put in another order.
+            into: graph with other bodies of the same routine; None for a new graph.
+        """
         self.step = step = step if plain else step.rewrite_into(into)
         self.graph, self.rows = step.graph, 2 * code.program.n
         g = self.graph
         self.values = order(g, step.roots(), step.carried, plain)
         self.operations = count_operations(g, self.values)
         self.statements: list[Statement] = [Compute(self.values)]
-        if step.stages:
+        if step.stages:  # a loop over the stages comes first; another stage follows the stages 0, 1 and 2
             following = [x for _, x in step.stages.values()]
             again = g.make("below", g.count("%stage"), g.whole(3))
             in_order = order(g, following, {str(k): x for k, x in enumerate(following)})
             self.statements.insert(0, Loop(step.stages, [Compute(in_order)], again))
+        # leaves: %q0, %v0 ... are the state in the loop, %y0 ... the initial state, %p0 ... the open numbers; %s and %c are sines
+        # and cosines of angles, which one step hands to the next
         names = [f"%{letter}{i}" for letter in "qv" for i in range(code.program.n)]
         y = [g.leaf(f"%y{k}") for k in range(self.rows)]
         self.state = [g.leaf(name) for name in names]
@@ -82,7 +97,7 @@ class Body:
         self.settled = {g.leaf(name): x for name, x in step.settled.items()}
 
     def store_end(self, complete: int) -> Store:
-        """Store the last state in y: the projected one where the mask holds, else the state before the failed step."""
+        """Store the last state in y: the projected one where the mask `complete` is true, else the state before the failed step."""
         pairs = zip(self.step.out, self.state, strict=True)
         return Store("y", [self.graph.make("select", complete, projected, before) for projected, before in pairs])
 
@@ -90,9 +105,10 @@ class Body:
 def rollout(bodies: Sequence[Body], many: bool) -> Routine:
     """Build the routine that steps one trajectory, or `many` at once.
 
-    The bodies share one graph. The first one steps until its reach is exceeded, and the next one continues from there. Many
-    trajectories change the body together, so that lanes compute the same bits as a single trajectory.
+    The bodies have growing reaches, and share one graph. The first one steps until a link turns by more than its reach in a step.
+    The next one continues from there. All lanes change to it together, so that they compute the same bits as a single trajectory.
     """
+    # built from the last body to the first: each loop of steps contains, after its end, a branch with the loops of later bodies
     first, statements = bodies[0], list[Statement]()
     for level in reversed(range(len(bodies))):
         steps = _step_in_loop(bodies, level, many)
@@ -105,7 +121,13 @@ def rollout(bodies: Sequence[Body], many: bool) -> Routine:
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """A loop of steps: its statements, and the masks of the trajectories that are finished and that need a longer reach."""
+    """A loop of steps with one body.
+
+    Attributes:
+        statements: the loop and what follows it.
+        complete: mask of the trajectories of which all steps are done.
+        too_far: mask of the trajectories that stopped only because a link turned by more than the body's reach in a step.
+    """
 
     statements: list[Statement]
     complete: int
@@ -113,17 +135,23 @@ class _Steps:
 
 
 def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
-    """Build the loop over the body number `level`; the first body begins the steps, the last has no other behind it."""
+    """Build the loop that repeats body number `level`.
+
+    The loop of the first body starts from the initial state, a later one from the values at which the loop before it stopped. The
+    variables of the loop are the state, the time, the numbers `i`, `due`, `slot` and `done`, and the masks `alive` and `far`.
+    """
     body = bodies[level]
-    g, begins, ends = body.graph, level == 0, level == len(bodies) - 1
-    # step number i; number of the step at which a sample is due, and its slot
+    g, is_first, is_last = body.graph, level == 0, level == len(bodies) - 1
+    # i: number of the step; due: number of the step at whose beginning the next sample is stored; slot: number of that sample
     i, due, slot, n, every = (g.count(f"%{x}") for x in ("i", "due", "slot", "n", "every"))
     one, zero, always, none = g.whole(1), g.whole(0), g.all(True), g.all(False)
     h, t0, t, done = (g.leaf(f"%{x}") for x in ("h", "t0", "t", "done"))
+    # masks of the lanes that have not stopped, and of those that need a body with a larger reach
     alive, far = (g.make("mask", payload=x) for x in ("%alive", "%far")) if many else (always, none)
-    # a lane goes on if its guards hold; `beyond`: only its reach was exceeded, so that a longer one will do
+    # a lane goes on if its guards hold; `beyond`: in this step it only exceeded the reach, so that a larger one will do
     beyond = g.both([alive, body.step.regular, g.make("not", body.step.within)])
     going = g.both([alive, body.step.regular, body.step.within])
+    # number of the next step, whether there is one, and its time
     following, more = g.make("sum", i, one), g.make("below", i, n)
     later = g.make("add", t0, g.make("mul", g.make("number", following), h))
     due_later, slot_later = g.count("%due_later"), g.count("%slot_later")
@@ -137,18 +165,20 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
     carried |= {i: (zero, following), due: (g.make("least", every, n), due_later), slot: (zero, slot_later)}
     if many:
         carried[alive] = always, going
-    if not begins:  # continue from the values at which the previous body stopped
+    if not is_first:  # continue from the values at which the loop of the previous body stopped
         carried = {x: (x, next_value) for x, (_, next_value) in carried.items()}
     if many:
         carried[far] = none, _either(g, far, beyond)
+    # stores a sample at the beginning of step `due`, and sets the step and the slot of the next sample
     sample = If(
         g.make("same", i, due),
         [Store("samples", body.step.out, g.make("times", slot, payload=body.rows))],
         {due_later: (g.make("least", g.make("sum", due, every), n), due), slot_later: (g.make("sum", slot, one), slot)},
     )
     again = g.make("also", g.make("any", going), more)
-    if many and not ends:  # all lanes change to the next body as soon as one of them needs it
+    if many and not is_last:  # all lanes change to the next body as soon as one of them needs it
         again = g.make("also", again, g.make("nowhere", beyond))
+    # the last state is valid if the pivots on which its sample depends are large enough, whatever the step after it would be
     complete = g.both([alive, body.step.regular_out, g.make("everywhere", g.make("same", i, n))])
     too_far = g.both([_either(g, far, beyond), g.make("not", complete)])
     report = Store("report", [done, g.flag(complete), g.flag(too_far)])
@@ -157,11 +187,12 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
 
 
 class _Settling(NamedTuple):
-    """The part of a loop that projects the state after every SETTLED steps.
+    """The part of a loop of steps that projects the state after every SETTLED steps.
 
     Attributes:
-        chosen: leaf -> its value at the next step, projected or not.
-        counter: the number of the next step that projects, as a carried value.
+        statements: a branch that is taken after every SETTLED steps.
+        chosen: leaf of the state -> a leaf which the branch sets to its value at the next step, projected or not.
+        counter: a variable of the loop: the number of the next step before which the state is projected.
     """
 
     statements: list[Statement]
@@ -170,7 +201,10 @@ class _Settling(NamedTuple):
 
 
 def _settle_regularly(body: Body, following: int) -> _Settling:
-    """Build the projection after every SETTLED steps, if the body has one; `following` is the number of the next step."""
+    """Build the projection after every SETTLED steps, if the body has one; `following` is the number of the next step.
+
+    The projected values are computed inside the branch only, so that other steps do not pay for them.
+    """
     if not body.settled:
         return _Settling([], {}, {})
     g = body.graph
@@ -182,13 +216,13 @@ def _settle_regularly(body: Body, following: int) -> _Settling:
 
 
 def _either(g: Graph, a: int, b: int) -> int:
-    """Return the mask that holds where one of two masks holds."""
+    """Return the mask that is true where at least one of two masks is true."""
     return g.make("not", g.both([g.make("not", a), g.make("not", b)]))
 
 
 def bodies(code: Code, integrator: str, reaches: Sequence[Reach]) -> list[Body]:
-    """Build a body for each reach, all in one graph."""
-    if is_looped(code, integrator):
+    """Build the code of a step for each reach (largest rotation per step), all in one graph."""
+    if is_looped(code, integrator):  # this code computes sines from scratch, and is valid for any rotation
         return [Body(code, rk4_looped(code))]
     graph = Graph()
     return [Body(code, STEPS[integrator](code, reach), into=graph) for reach in reaches]
@@ -200,44 +234,49 @@ SAFETY, SHRINK, GROW = 0.9, 0.2, 10.0  # usual factors of step size control: saf
 def adaptive(code: Code, plain: bool = False) -> Routine:
     """Build the routine `integrate(y, p, times, samples, report; rtol, atol, longest, least, h0; count, limit)` for one trajectory.
 
-    DOP853 chooses its steps by the tolerances. Steps end at each of `count` times, where the state is stored; `times` has two more
-    entries. The first step is h0, and no step is longer than `longest`. The integration stops when a step becomes shorter than
-    `least`, or after `limit` steps. Afterwards y has the state reached, and `report` the numbers of stored samples, accepted steps
-    and attempted steps, and the time reached.
+    DOP853 chooses its steps by the tolerances. Steps end at each of `count` times, where the state is stored. `times` has two
+    entries more, equal to the last time, because the loop loads ahead the time at which the next step must end. The first step is
+    h0, and no step is longer than `longest`. The integration stops when a step becomes shorter than `least`, or after `limit`
+    steps. Afterwards y has the state reached, and `report` the numbers of stored samples, accepted steps and attempted steps, and
+    the time reached.
     Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), section II.10.
     """
     body = Body(code, dop853(code, EXACT, plain, estimated=True), plain)
     g, step = body.graph, body.step
     assert step.error is not None
-    # index i of the next sample; due: 1 at the beginning of a step where it is to be stored; attempted steps; number of samples
+    # i: index of the next sample; due: 1 if it is stored at the beginning of this step, else 0; tried: number of attempted steps
     i, due, tried, count = (g.count(f"%{x}") for x in ("i", "due", "tried", "count"))
-    t, h, taken, goal, following = (
-        g.leaf(f"%{x}") for x in ("t", "h", "taken", "goal", "next")
-    )  # goal, next: the next two samples
+    # taken: number of accepted steps; goal: time of the sample that this step must not pass; following: the same of the next step
+    t, h, taken, goal, following = (g.leaf(f"%{x}") for x in ("t", "h", "taken", "goal", "next"))
+    # later: i after this step's sample; due_later: `due` of the next step
     later, due_later, one, zero = g.count("%later"), g.count("%due_later"), g.whole(1), g.whole(0)
     sample = Store("samples", step.out, g.make("times", i, payload=body.rows))
     store = If(g.make("same", due, one), [sample], {later: (g.make("sum", i, one), i)})
+    # the step is accepted if its guards hold (`sound`) and its error is small enough
     sound = g.both([step.regular, step.within])
     good = g.both([sound, g.make("le", step.error, g.const(1.0))])
     best = _choose_step(g, step.error, sound, good)
+    # whether the step ends at a sample, which is stored at the beginning of the next one
     reached = g.both([good, g.make("le", g.make("sub", goal, t), h)])
     t_new = g.make("select", reached, goal, g.make("select", good, g.add(t, h), t))
-    place = If(g.make("any", reached), [], {due_later: (one, zero)})
+    mark_due = If(g.make("any", reached), [], {due_later: (one, zero)})
     planned = _plan_step(g, g.make("sub", following, t_new), best)
-    start, end = g.leaf("%start"), g.leaf("%end")
-    settling = _settle_regularly(body, g.make("sum", tried, one))  # a refused step leaves settling to the next one
+    start, end = g.leaf("%start"), g.leaf("%end")  # the first two times
+    settling = _settle_regularly(body, g.make("sum", tried, one))  # after SETTLED attempts, unless the last of them is refused
+    # variables of the loop; %wanted is the step size that the error asked for, before a sample cut the step short
     carried = dict(settling.counter)
     for x, (initial, next_value) in body.carried.items():
         carried[x] = initial, g.make("select", good, settling.chosen.get(x, next_value), x)
     carried |= {t: (start, t_new), goal: (end, following), h: (g.leaf("%h0"), planned), g.leaf("%wanted"): (g.leaf("%h0"), best)}
     carried |= {taken: (g.const(0.0), g.add(taken, g.flag(good))), tried: (zero, g.make("sum", tried, one))}
     carried |= {i: (zero, later), due: (one, due_later), g.make("mask", payload="%refused"): (g.all(False), g.make("not", good))}
+    # the loop ends after the last sample, after `limit` steps, or if a refused step would become too short
     hopeless = g.both([g.make("not", good), g.make("lt", planned, g.leaf("%least"))])
     again = g.make("also", g.make("below", later, count), g.make("below", tried, g.count("%limit")))
     again = g.make("also", again, g.make("nowhere", hopeless))
     complete = g.make("everywhere", g.make("same", later, count))
     first_times, next_time = Load("times", {start: 0, end: 1}), Load("times", {following: 0}, g.make("sum", later, due_later))
-    loop = Loop(carried, [*body.statements, store, place, *settling.statements, next_time], again)
+    loop = Loop(carried, [*body.statements, store, mark_due, *settling.statements, next_time], again)
     report = [g.make("number", later), taken, g.make("number", tried), t]
     statements: list[Statement] = [*body.entry, first_times, loop, body.store_end(complete), Store("report", report)]
     arrays = {"y": Array(body.rows), **body.arrays, "times": Array(1), "samples": Array(1), "report": Array(4)}
@@ -246,10 +285,10 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
 
 
 def _choose_step(g: Graph, error: int, sound: int, good: int) -> int:
-    """Return the step size that the error of a step asks for: h clip(SAFETY / root, SHRINK, GROW), at most `longest`.
+    """Return the value of the step size that the error of a step asks for: h clip(SAFETY / root, SHRINK, GROW), at most `longest`.
 
-    `error` is the squared error norm, proportional to h^16. `sound` is the mask where all guards hold, `good` where the error is
-    small enough too.
+    `error` is the squared error norm, proportional to h^16, and `root` its 16th root. `sound` is true if all guards hold, and
+    `good` if the error is small enough too. The step shrinks by SHRINK if it is not sound.
     """
     h, wanted = g.leaf("%h"), g.leaf("%wanted")
     root = error
@@ -265,9 +304,9 @@ def _choose_step(g: Graph, error: int, sound: int, good: int) -> int:
 
 
 def _plan_step(g: Graph, left: int, best: int) -> int:
-    """Return the next step size, with `left` the time to the next sample: the best one, or what ends the step at the sample.
+    """Return the value of the next step size: `best`, or `left`, the time to the next sample, if that is not longer.
 
-    If the sample is less than two steps away, the distance is halved, which avoids a tiny last step.
+    If `left` is longer than one and shorter than two best steps, it is divided into two equal steps, which avoids a tiny last step.
     """
     half = g.mul(g.const(0.5), left)
     shorter = g.make("select", g.make("lt", left, g.mul(g.const(2.0), best)), half, best)
@@ -275,27 +314,34 @@ def _plan_step(g: Graph, left: int, best: int) -> int:
 
 
 def plain_body(code: Code, integrator: str) -> Body:
-    """Build the body without a reach, whose sines and order of operations are left to the target."""
+    """Build the code of a step for C or Python, which is valid for any rotation of the links.
+
+    Sines are computed by the functions of the language, and operations are not put in another order.
+    """
     return Body(code, STEPS[integrator](code, REACHES[integrator][-1], library=True), plain=True)
 
 
 def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routine:
-    """Build the routine `accelerate`; sines are computed from scratch, or by the target if `plain`.
+    """Build the routine `accelerate`, which computes accelerations at a state.
 
-    With `margin`, its last output is the smallest ratio of a pivot to its threshold, or 0 if a number is not finite.
+    Args:
+        plain: sines are computed by functions of the target, and operations are not put in another order.
+        margin: its last output is the smallest ratio of a pivot to its threshold, or 0 if a number is not finite. Without `margin`
+            it is 1 if the guards hold, else 0.
     """
     b = Builder(code, EXACT, library=plain)
     a = b.acceleration(b.t, b.q, b.v)
     within = b.within(a)
-    last = b.margin(within) if margin else b.g.flag(b.g.both([*b.pivots, within]))
-    return _at_one_state("accelerate", b, a, last, plain)
+    validity = b.margin(within) if margin else b.g.flag(b.g.both([*b.pivots, within]))
+    return _at_one_state("accelerate", b, a, validity, plain)
 
 
 def settling(code: Code) -> Routine:
-    """Build the routine `settle`, which projects a state back onto the constraint rows of the program; it needs projecting code.
+    """Build the routine `settle`, which projects a state back onto the constraint rows of the program.
 
-    Positions get as many chord-Newton corrections as a step of the exact reach, and velocities get one. The guards also require
-    that the last correction was at rounding level.
+    `code` must have been read for the stabilisation "projection". Positions get EXACT.corrections Newton corrections, all with the
+    Jacobian of the state that is given, and velocities get one. The guards also require that the last correction of the positions
+    is at most LAST_CORRECTION, so that what is left is rounding.
     """
     b = Builder(code, EXACT)
     q, _ = b.correct_position(b.t, b.q, [], b.q)
@@ -303,9 +349,12 @@ def settling(code: Code) -> Routine:
     return _at_one_state("settle", b, [*q, *v], b.g.flag(b.g.both([*b.pivots, b.within(v)])), plain=False)
 
 
-def _at_one_state(name: str, b: Builder, values: Sequence[int], last: int, plain: bool) -> Routine:
-    """Build the routine name(y, p, t, out), which stores `values` and then `last`."""
-    roots, g = [*values, last], b.g
+def _at_one_state(name: str, b: Builder, values: Sequence[int], validity: int, plain: bool) -> Routine:
+    """Build the routine name(y, p, t, out), which stores `values` in `out`, and behind them `validity`.
+
+    `validity` is a number; the routine is sound where it is positive. With `plain`, operations are not put in another order.
+    """
+    roots, g = [*values, validity], b.g
     if not plain:
         g, roots = rewrite(g, roots)
     needed = order(g, roots, {str(k): x for k, x in enumerate(roots)}, plain)

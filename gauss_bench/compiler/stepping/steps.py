@@ -1,5 +1,7 @@
 """One step of an integrator as a graph, with its guards and, if asked for, its projection.
 
+A guard is a condition that the step must meet: no pivot of the elimination is too small, and no link turns too far.
+
 Runge-Kutta of order 4 for q'' = a(t, q, v), with the positions of the stages written out (Nystroem's form: the same numbers but for
 rounding, and q_k+1 does not wait for v_k+1):
 
@@ -7,12 +9,13 @@ rounding, and q_k+1 does not wait for v_k+1):
     v2 = v + h/2 a1,        v3 = v + h/2 a2,      v4 = v + h a3
     q' = B + h^2/6 (a1 + a2 + a3),                v' = v + h/6 (a1 + 2 a2 + 2 a3 + a4)
 
-Sines. Sine and cosine of the angles are rotated from stage to stage by h/2 v and h v (`Reach.step`), and by the small rest in h^2
-(`Reach.bend`). Rotation after rotation would accumulate rounding. Sine and cosine at q are therefore also computed from scratch,
-beside the chain of dependent operations, and everything after the second stage starts from those. A step of order 8 goes farther:
-its later stages rotate sine and cosine from the position q + h/2 v.
+Sines. Sine and cosine of an angle x + d follow from those of x by a rotation by d, which is cheap for small d. They are updated so
+from stage to stage by h/2 v and h v (`Reach.step`), and by the small rest in h^2 (`Reach.bend`). Rotation after rotation would
+accumulate rounding. Sine and cosine at q are therefore also computed from scratch, beside the chain of dependent operations, and
+everything after the second stage starts from those. A step of order 8 goes farther: its later stages rotate sine and cosine from
+the position q + h/2 v.
 
-Projection. At the end of a step q gets chord-Newton corrections with the Jacobian of the last stage, whose factors are known
+Projection. At the end of a step q gets Newton corrections, all with the Jacobian of the last stage, whose factors are known
 already. At its beginning v is corrected with the Jacobian at q, whose factors the first stage needs anyway. Only the first stage is
 evaluated before that correction. The correction is of the size h^5 of the local error, and so does not change the order of the
 method. Samples have corrected states, and the other stages start from them.
@@ -21,7 +24,7 @@ If rows are redundant and no step projects, the loop around the steps corrects t
 `rollout.SETTLED` steps (`Builder.settle`).
 
 Gauss's collocation (`gauss_legendre`) is implicit: its positions and velocities at the stages follow from the accelerations there,
-which a fixed number of passes computes. A guard demands that they have converged.
+which a fixed number of passes computes. A guard demands that the accelerations have converged.
 Sources: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), sections II.1 and II.14; Hairer and Wanner,
 Solving Ordinary Differential Equations II (1996), section VII.2 (projection).
 """
@@ -52,11 +55,15 @@ Coefficients = Sequence[float]
 class Tableau:
     """An explicit Runge-Kutta method of s stages for q'' = a(t, q, v).
 
+    A velocity is an integral of accelerations, with the weights A or b; a position is an integral of velocities, and so has the
+    weights A A or b A of the same accelerations.
+
     Attributes:
         c: (s,) nodes.
         A, twice: (s, s) weights of the accelerations in velocities and in positions of the stages, A and A A.
         b, end: (s,) weights in the velocity and the position after the step, b and b A.
-        estimates: weights (s,) of the same two kinds, for the difference from a less exact step; each set of weights has the sum 0.
+        estimates: pairs of weights (s,) in the velocity and in the position, e and e A, for the difference from a less exact step;
+            each set of weights has the sum 0.
     """
 
     c: Coefficients
@@ -69,7 +76,7 @@ class Tableau:
 
 @cache
 def order_eight() -> Tableau:
-    """Return the tableau of DOP853."""
+    """Return the tableau of DOP853, with the weights of accelerations in velocities and in positions."""
     c, rows, b = dop853_tableau()
     A = np.zeros((len(b), len(b)))
     for k, row in enumerate(rows):
@@ -80,7 +87,10 @@ def order_eight() -> Tableau:
 
 @dataclass(frozen=True)
 class Reach:
-    """How far angles may move in a step for its rotated sines to be exact; a step that goes further is not counted.
+    """The largest changes of angles in a step for which its code is valid.
+
+    Sines and cosines that are updated by a rotation are exact to rounding up to these changes. A step with a larger change is not
+    accepted, and is repeated by code with a larger reach.
 
     Attributes:
         step: largest norm of h v of the angles [rad]; infinite for code that computes every sine from scratch.
@@ -96,13 +106,14 @@ class Reach:
 
     @property
     def rotates(self) -> bool:
-        """True if sines are rotated, and not computed from scratch."""
+        """True if sines and cosines are updated by a rotation of their previous values, instead of being computed from scratch."""
         return isfinite(self.step)
 
 
-EXACT = Reach(inf, inf, inf, 4)
-# Series with an error below an eighth of a rounding reach 0.0065 rad with 2 terms, 0.0625 rad with 4, and 0.25 rad, from the middle
-# of a step of order 8 to either side, with 5; for `bend` they have 1 term, and 2. Each integrator takes its shortest reach first.
+EXACT = Reach(inf, inf, inf, 4)  # code that computes every sine from scratch, with four Newton corrections
+# The series of a rotation (`trigonometry.rotate`) have an error below an eighth of a rounding up to 0.0065 rad with 2 terms, 0.0625
+# rad with 4, and 0.25 rad with 5; a step of order 8 rotates so far from its middle to either side. The series for `bend` have 1 or
+# 2 terms. Each integrator begins with its smallest reach.
 REACHES = {
     "rk4": (Reach(0.0065, 1.5e-4, 2.0**-28, 1), Reach(0.0625, 6.5e-3, 2.0**-20, 2), EXACT),
     "dop853_fixed": (Reach(0.25, inf, 6.5e-3, 4), EXACT),
@@ -111,10 +122,12 @@ REACHES = {
 }
 
 
-# Steps of a millisecond turn angles farther than the first reach, while their corrections are as small as within it: one is enough.
+# The second reach with a single Newton correction. It is for projected steps of about a millisecond: they turn angles farther than
+# the first reach, but their corrections are as small as within the first reach, so that one is enough.
 ONCE = replace(REACHES["rk4"][1], correction=2.0**-28, corrections=1)
 
-# Operations of an acceleration. Code with four longer ones takes long to compile, and does not fit into the processor's caches.
+# Largest number of operations of an acceleration that is written out for each of four stages. Longer code would take long to
+# compile, and would not fit into the processor's caches.
 LONG = 3_500
 
 
@@ -124,7 +137,7 @@ def is_looped(code: Code, integrator: str) -> bool:
 
 
 def reaches(code: Code, integrator: str) -> tuple[Reach, ...]:
-    """Return the reaches of a program's steps, the shortest first."""
+    """Return the reaches (largest changes of angles per step) for which code of a step is generated, the smallest first."""
     if is_looped(code, integrator):
         return (EXACT,)
     first, *others = REACHES[integrator]
@@ -133,16 +146,17 @@ def reaches(code: Code, integrator: str) -> tuple[Reach, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """The values of a step.
+    """The values of a step in a graph. A leaf is a value that comes from outside the step, such as the old state.
 
     Attributes:
         carried: name of a leaf -> its value at the next step.
         out: q, v (2n) at the beginning of the step, to be stored as a sample.
-        regular: mask where no pivot is too small; regular_out: the same for the pivots that `out` needs.
-        within: mask where the step stays within its reach and all values are finite.
+        regular: mask that is true where no pivot is too small; regular_out: the same for the pivots on which `out` depends.
+        within: mask that is true where the step stays within its reach and all values are finite.
         error: squared norm of the estimated local error relative to the tolerances, proportional to h^16; None if not estimated.
         settled: name of a leaf -> its value at the next step if the state is projected there; empty if it never is.
-        stages: leaf -> its value at the first stage, and at the next one, in a loop over the stages; empty if there is no loop.
+        stages: leaf, a variable of a loop over the stages -> its value at the first stage, and at the next one; empty without a
+            loop.
     """
 
     graph: Graph
@@ -156,7 +170,7 @@ class Step:
     stages: dict[int, tuple[int, int]] = field(default_factory=dict)
 
     def roots(self) -> list[int]:
-        """Return all values that must be computed in every step."""
+        """Return all values that must be computed in every step; those in `settled` are needed in few steps only."""
         error = [] if self.error is None else [self.error]
         of_stages = [x for pair in self.stages.values() for x in pair]
         return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within, *error, *of_stages]
@@ -165,10 +179,11 @@ class Step:
         """Return the step with its arithmetic regrouped, in a graph that may have other steps already."""
         every = [*self.roots(), *self.settled.values()]
         graph, roots = rewrite(self.graph, every, into)
-        moved = dict(zip(every, roots, strict=True))
+        moved = dict(zip(every, roots, strict=True))  # value of the old graph -> the same value in the new one
         carried, settled = ({name: moved[x] for name, x in leaves.items()} for leaves in (self.carried, self.settled))
         regular, regular_out, within = (moved[m] for m in (self.regular, self.regular_out, self.within))
         error = None if self.error is None else moved[self.error]
+        # leaves are no roots: they are found in the new graph, or made there, by their operation and name
         stages = {
             graph.make(self.graph.operation[leaf], payload=self.graph.payload[leaf]): (moved[first], moved[following])
             for leaf, (first, following) in self.stages.items()
@@ -177,17 +192,21 @@ class Step:
 
 
 class Builder:
-    """Writes the stages of a step into a graph, and collects their guards. Vectors are lists of n values, one per coordinate.
+    """Writes the stages of a step into a graph, and collects their guards.
+
+    All int values are nodes of the graph. Vectors are lists of n nodes, one per coordinate; `pairs` are lists with sine and cosine
+    of each angle in `code.angles`.
 
     Attributes:
-        library: whether sines are computed by the functions of the target.
+        library: whether sines are computed by functions of the target, such as those of C.
         q, v, p, t, h: leaves of the state, the parameters, the time and the step size.
         known: angle -> its sine and cosine, where a rotation or an earlier stage has computed them.
-        pivots: masks where a pivot is not too small.
-        score: squares of norms, each divided by its bound: the sum must be at most 1.
+        pivots: guards, masks that are true where a pivot is not too small.
+        score: terms (norm / bound)^2 for the norms that are limited; a guard requires that their sum is at most 1.
     """
 
     def __init__(self, code: Code, reach: Reach, library: bool = False):
+        """Make a graph with the leaves of a step."""
         self.g = g = Graph()
         self.library = library
         self.code, self.reach, self.n = code, reach, code.program.n
@@ -207,7 +226,7 @@ class Builder:
         return [(self.g.leaf(f"%s{i}"), self.g.leaf(f"%c{i}")) for i in self.code.angles]
 
     def times_h(self, factor: float, power: int = 1) -> int:
-        """Return factor h^power, which is computed once before the loop."""
+        """Return factor * h^power; it does not change from step to step, and is computed once before the loop."""
         product = self.g.const(factor)
         for _ in range(power):
             product = self.g.mul(product, self.h)
@@ -218,20 +237,20 @@ class Builder:
         return [self.g.add(a, b) for a, b in zip(x, y, strict=True)]
 
     def times(self, factor: int, x: list[int]) -> list[int]:
-        """Return the vector factor x."""
+        """Return the vector factor * x."""
         return [self.g.mul(factor, a) for a in x]
 
     def along(self, x: list[int], factor: int, d: list[int]) -> list[int]:
-        """Return the vector x + factor d."""
+        """Return the vector x + factor * d."""
         return self.plus(x, self.times(factor, d))
 
     def weighted(self, a: list[list[int]], weights: Coefficients) -> list[int]:
-        """Return the weighted sum of the accelerations a at the stages so far."""
+        """Return the weighted sum of the accelerations a (stages, n) at the stages so far; further weights are not used."""
         used = [(self.g.const(w), x) for w, x in zip(weights, a, strict=False) if w]
         return [self.g.total([self.g.mul(w, x[i]) for w, x in used]) for i in range(self.n)]
 
     def sincos(self, x: int) -> Pair:
-        """Return sine and cosine of an angle: known ones, else computed by the target's functions or from scratch."""
+        """Return sine and cosine of an angle: known ones, or else computed by functions of the target or from scratch."""
         if x not in self.known and self.library:
             self.known[x] = self.g.make("sin", x), self.g.make("cos", x)
         elif x not in self.known:
@@ -245,25 +264,27 @@ class Builder:
         return [trigonometry.sincos(self.g, self.q[i]) for i in self.code.angles]
 
     def limit(self, values: list[int], bound: float, factor: int | None = None) -> None:
-        """Demand that the norm of some values, times a factor, stays below a bound."""
+        """Add the guard that the norm of some values, times the node `factor`, stays below a bound; infinite bounds need none."""
         if isfinite(bound):
             g = self.g
             weight = g.const(bound**-2) if factor is None else g.mul(g.const(bound**-2), g.mul(factor, factor))
             self.score.append(g.mul(weight, g.squares(values)))
 
-    def turn(self, pairs: list[Pair], change: list[int], largest: float, to: list[int]) -> list[Pair]:
-        """Return sine and cosine of each angle after a change [rad] of the coordinates, whose norm is at most `largest`.
+    def turn(self, pairs: list[Pair], change: list[int], bound: float, to: list[int]) -> list[Pair]:
+        """Return sine and cosine of each angle after a change of the positions, rotated from `pairs` before the change.
 
-        They are registered for the angles of the positions `to`. The list is empty if sines are computed from scratch.
+        The change of each angle must be at most `bound` [rad], which the caller guards by `limit`. The results are stored in
+        `known` under the angles of the new positions `to`, so that functions of `to` use them. The list
+        is empty if the step computes sines from scratch.
         """
         if not self.reach.rotates:
             return []
-        turned = [trigonometry.rotate(self.g, pair, change[i], largest) for pair, i in zip(pairs, self.code.angles, strict=True)]
+        turned = [trigonometry.rotate(self.g, pair, change[i], bound) for pair, i in zip(pairs, self.code.angles, strict=True)]
         self.share(to, turned)
         return turned
 
     def share(self, q: list[int], pairs: list[Pair]) -> None:
-        """Register sine and cosine of each angle of the positions q; an empty list of pairs registers nothing."""
+        """Store sine and cosine of each angle of the positions q in `known`; an empty list of pairs stores nothing."""
         self.known.update(zip(self.of_angles(q), pairs, strict=False))
 
     def of_angles(self, x: list[int]) -> list[int]:
@@ -271,20 +292,26 @@ class Builder:
         return [x[i] for i in self.code.angles]
 
     def acceleration(self, t: int, q: list[int], v: list[int]) -> list[int]:
-        """Return the acceleration at a stage, and add its pivots to the guards."""
+        """Return the acceleration at a stage, and add guards for the pivots of its elimination."""
         a, guard = inline(self.g, self.code.acceleration, ([t], q, v, self.p), self.sincos)
         self._watch(guard, self.code.program.thresholds)
         return a
 
     def directions(self, t: int, q: list[int], v: list[int]) -> list[list[int]]:
-        """Return for each independent coordinate the free motion in which it moves by 1, and add their pivots to the guards."""
+        """Return for each independent coordinate a velocity that the constraints allow, the free motion along it.
+
+        In it this coordinate has the velocity 1, and the other independent coordinates have 0. Add guards for the pivots.
+        """
         g, free = self.g, self.code.program.independent
         *motions, guard = inline(g, self.code.program.directions, ([t], q, v, self.p), self.sincos)
         self._watch(guard, self.code.program.direction_thresholds)
         return [[g.div(x, motion[k]) for x in motion] for k, motion in zip(free, motions, strict=True)]
 
     def constrain(self, t: int, q: list[int], v: list[int], a: list[int], z: list[int]) -> list[int]:
-        """Return the accelerations that the rows allow and whose independent components are z; a are any that the rows allow."""
+        """Return the accelerations that satisfy the constraint rows and whose independent components are z.
+
+        The accelerations `a` satisfy the rows; they are shifted along each free motion until the component is reached.
+        """
         for k, wanted, motion in zip(self.code.program.independent, z, self.directions(t, q, v), strict=True):
             a = self.along(a, self.g.sub(wanted, a[k]), motion)
         return a
@@ -292,11 +319,16 @@ class Builder:
     def newton(self, q: list[int], v: list[int], a: list[int], A: Array) -> Callable[[list[list[int]]], list[list[int]]]:
         """Return a function that solves for the changes (s, f) of the f independent accelerations of all s stages.
 
-        Its argument are the errors (s, f) of the accelerations. All stages have the Jacobian of the state q, v, whose acceleration
-        is a:  (1 - h^2 A A x K - h A x D) change = error,  as in `gauss_legendre`.
+        The function takes the errors (s, f) of these accelerations, and solves
+
+            (1 - h^2 kron(A A, K) - h kron(A, D)) change = error
+
+        A is the method's matrix of weights (s, s). K and D (f, f) are the derivatives of the independent accelerations along the
+        free motions by positions and by velocities. They are taken by differences at the state q, v, whose acceleration is a, for
+        all stages.
         """
         g, free = self.g, self.code.program.independent
-        moved, per = g.const(DIFFERENCE), g.const(1 / DIFFERENCE)
+        moved, per = g.const(DIFFERENCE), g.const(1 / DIFFERENCE)  # displacement of a difference, and its inverse
         motions = self.directions(self.t, q, v)
 
         def derivatives(states: Iterable[tuple[list[int], list[int]]]) -> list[list[int]]:
@@ -316,6 +348,7 @@ class Builder:
         solve = self.factorise([[entry(*row, *column) for column in places] for row in places])
 
         def solve_stages(errors: list[list[int]]) -> list[list[int]]:
+            """Return the changes (s, f) for errors (s, f)."""
             x = solve([y for row in errors for y in row])
             return [x[i * len(free) : (i + 1) * len(free)] for i in range(len(A))]
 
@@ -334,6 +367,7 @@ class Builder:
                     U[i][j] = g.sub(U[i][j], g.mul(L[i][k], U[k][j]))
 
         def solve(right: list[int]) -> list[int]:
+            """Return the solution (k,) for a right side (k,), by substitution forwards with L and backwards with U."""
             x = list(right)
             for i in range(size):
                 for k in range(i):
@@ -347,14 +381,14 @@ class Builder:
         return solve
 
     def _watch(self, guard: list[int], thresholds: Array) -> None:
-        """Demand that pivots are not below their thresholds; constant pivots need no guard."""
+        """Add the guards that pivots are not below their thresholds; constant pivots need none."""
         g = self.g
         for pivot, threshold in zip(guard, thresholds, strict=True):
             if g.number(pivot) is None:
                 self.pivots.append(g.make("le", g.const(threshold), g.abs(pivot)))
 
     def margin(self, finite: int) -> int:
-        """Return the smallest ratio of a pivot to its threshold over all stages; 0 where the mask `finite` does not hold."""
+        """Return the smallest ratio of a pivot to its threshold over all stages; 0 where the mask `finite` is false."""
         g, least = self.g, self.g.const(FINITE)
         for mask in self.pivots:
             threshold, size = g.operands[mask]  # `_watch` has made the mask: threshold <= size
@@ -362,9 +396,10 @@ class Builder:
         return g.make("select", finite, least, g.const(0.0))
 
     def correct_velocity(self, q: list[int] | None = None) -> list[int]:
-        """Return the velocity, projected onto the constraints at the positions q, if the code projects.
+        """Return the velocity at the beginning of the step.
 
-        By default q is the position at the beginning of the step.
+        Under the stabilisation "projection" it is projected onto the constraints at the positions q, by default those at the
+        beginning of the step.
         """
         if not self.code.projected:
             return self.v
@@ -373,9 +408,13 @@ class Builder:
         return nearest
 
     def correct_position(self, t: int, q: list[int], pairs: list[Pair], at: list[int]) -> tuple[list[int], list[Pair]]:
-        """Return the positions and their sines, projected onto the constraints if the code projects.
+        """Return the positions and their sines; under the stabilisation "projection" they are projected onto the constraints.
 
-        All corrections have the Jacobian of the positions `at`.
+        Args:
+            t: time of the positions.
+            pairs: sine and cosine of each angle at q; empty if they are computed from scratch.
+            at: positions whose Jacobian all corrections use, usually those of the last stage. Pass the list `q` itself if no stage
+                was evaluated at q or near.
         """
         if not self.code.projected:
             return q, pairs
@@ -387,26 +426,30 @@ class Builder:
                 self._watch(guard, self.code.program.correcting_thresholds)
             q = self.plus(q, dq)
             last = k == self.reach.corrections - 1
-            reach = min(self.reach.correction, LAST_CORRECTION if last else inf)
-            self.limit(self.of_angles(dq) or dq, reach)
-            pairs = self.turn(pairs, dq, reach, q)
+            bound = min(self.reach.correction, LAST_CORRECTION if last else inf)
+            self.limit(self.of_angles(dq) or dq, bound)  # without angles, of all coordinates
+            pairs = self.turn(pairs, dq, bound, q)
         return q, pairs
 
     def within(self, v: list[int]) -> int:
-        """Return the mask where all limited norms stay in bounds and v is finite."""
+        """Return the mask that is true where all limited norms stay within their bounds and v is finite."""
         g = self.g
+        # one sum tests all of v: it is infinite or NaN, and fails the comparison, if a component is
         score = g.make("le", g.total(self.score), g.const(1.0))
         return g.both([score, g.make("le", g.abs(g.total(v)), g.const(FINITE))])
 
     def step(self, q: list[int], v: list[int], pairs: list[Pair], out_v: list[int], out_pivots: list[int]) -> Step:
-        """Return the step that ends at q, v and these sines; its sample has the velocity `out_v`, which `out_pivots` guard."""
+        """Return the step that ends at positions q and velocities v with the sines `pairs`.
+
+        The sample at its beginning has the velocity `out_v`, which is valid if the masks `out_pivots` are true.
+        """
         g, regular_out = self.g, self.g.both(out_pivots if self.code.projected else [])
         regular, within = g.both(self.pivots), self.within(v)
         settled = self.carried(*self.settle(q, v, pairs)) if self.code.settles else {}
         return Step(g, self.carried(q, v, pairs), [*self.q, *out_v], regular, regular_out, within, settled=settled)
 
     def carried(self, q: list[int], v: list[int], pairs: list[Pair]) -> dict[str, int]:
-        """Return name of a leaf -> its value at the beginning of the next step."""
+        """Return the variables that a step hands to the next one: name of a leaf -> its value at the beginning of the next step."""
         carried = {f"%q{i}": x for i, x in enumerate(q)} | {f"%v{i}": x for i, x in enumerate(v)}
         for i, (s, c) in zip(self.code.angles, pairs, strict=False):
             carried |= {f"%s{i}": s, f"%c{i}": c}
@@ -415,9 +458,10 @@ class Builder:
     def settle(self, q: list[int], v: list[int], pairs: list[Pair]) -> tuple[list[int], list[int], list[Pair]]:
         """Return positions, velocities and sines at the end of the step, projected onto the constraints by one correction.
 
-        The guards of the next step check them.
+        There are no guards for it here, because the next step begins at these values and checks its own pivots there.
         """
         g, end = self.g, self.g.add(self.t, self.h)
+        # the correction has the Jacobian of the first two arguments, time and positions, and corrects the positions of the others
         dq, _ = inline(g, self.code.program.position_correction, ([end], q, [end], q, self.p), self.sincos)
         nearest = self.plus(q, dq)
         pairs = self.turn(pairs, dq, self.reach.step, nearest) if pairs else []
@@ -426,22 +470,26 @@ class Builder:
 
 
 def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
-    """Write one step of the classical Runge-Kutta method, by the formulas at the head of this file."""
+    """Write one step of the classical Runge-Kutta method, by the formulas at the head of this file.
+
+    `pairs2` and `pairs_B` are sines and cosines at q2 and B, `pairs` those at the end.
+    """
     b = Builder(code, reach, library=library)
-    g, q, u = b.g, b.q, b.v  # u is the velocity before its correction v
+    g, q, u = b.g, b.q, b.v  # u is the velocity before its correction v: a1 and q2 use u, in order not to wait for v
     half, h, sixth = b.times_h(0.5), b.times_h(1.0), b.times_h(1 / 6)
     middle, end = g.add(b.t, half), g.add(b.t, h)
     start = b.carried_sines() if reach.rotates else []
     b.share(q, start)
     v = b.correct_velocity()
     a1 = b.acceleration(b.t, q, u)
-    out_pivots = list(b.pivots)  # the sample at q, v needs no other guard
+    out_pivots = list(b.pivots)  # the sample at q, v needs the guards so far and no others
     q2, B = b.along(q, half, u), b.along(q, h, v)
     pairs2 = b.turn(start, b.times(half, u), reach.step / 2, q2)
     a2 = b.acceleration(middle, q2, b.along(v, half, a1))
     q3 = b.along(q2, b.times_h(0.25, 2), a1)
     b.turn(pairs2, b.times(b.times_h(0.25, 2), a1), reach.bend, q3)
     a3 = b.acceleration(middle, q3, b.along(v, half, a2))
+    # from here on, sines start from those at q that are computed from scratch
     pairs_B = b.turn(b.compute_sines() if reach.rotates else [], b.times(h, v), reach.step, B)
     q4 = b.along(B, b.times_h(0.5, 2), a2)
     b.turn(pairs_B, b.times(b.times_h(0.5, 2), a2), reach.bend, q4)
@@ -450,6 +498,7 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     bend = b.times(b.times_h(1 / 6, 2), b.plus(a1, inner))
     q_new = b.plus(B, bend)
     v_new = b.along(v, sixth, b.along(b.plus(a1, a4), g.const(2.0), inner))
+    # guards of the rotations above: h v, and h^2/2 a at three stages
     b.limit(b.times(h, b.of_angles(v)), reach.step)
     b.limit([x for a in (a1, a2, a3) for x in b.of_angles(a)], reach.bend, b.times_h(0.5, 2))
     pairs = b.turn(pairs_B, bend, reach.bend, q_new)
@@ -460,17 +509,20 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
 def rk4_looped(code: Code) -> Step:
     """Write one step of the classical Runge-Kutta method, with one acceleration in a loop over the stages.
 
-    Stage j = 0, 1, 2, 3 is at x, u and the time s. It adds w u and w a to the sums X and U, with w = 1, 2, 2, 1, and the next stage
-    is at q + c u and v + c a, with c = h/2, h/2, h. The step ends at q + h/6 X and v + h/6 U.
+    Stage j = 0, 1, 2, 3 is at the position x, the velocity u and the time s. It adds w u and w a to the sums X and U, with
+    w = 1, 2, 2, 1. The next stage is at q + c u, v + c a and the time t + c, with c = h/2, h/2, h. The step ends at q + h/6 X and
+    v + h/6 U.
     """
     b = Builder(code, EXACT)
     g, q, h = b.g, b.q, b.h
     first_v = b.correct_velocity()
     if code.projected:
         b.acceleration(b.t, q, b.v)  # for its guards, which the corrected velocity needs
-    out_pivots, b.pivots = list(b.pivots), []
+    out_pivots, b.pivots = list(b.pivots), []  # the loop collects guards of its own
+    # variables of the loop: vectors, number and time of the stage, and a mask that is true while all guards so far hold
     x, u, X, U = (b.vector(letter) for letter in "xuXU")
-    stage, s, steady = g.count("%stage"), g.leaf("%s"), g.make("mask", payload="%steady")  # steady: all guards so far hold
+    stage, s, steady = g.count("%stage"), g.leaf("%s"), g.make("mask", payload="%steady")
+    # body of the loop, with c = h/2 in the stages 0 and 1, and w = 2 in the stages 1 and 2
     early = g.make("below", stage, g.whole(2))
     middle = g.make("also", g.make("below", g.whole(0), stage), g.make("below", stage, g.whole(3)))
     c = g.make("select", g.make("everywhere", early), b.times_h(0.5), h)
@@ -478,13 +530,15 @@ def rk4_looped(code: Code) -> Step:
     a = b.acceleration(s, x, u)
     sum_X, sum_U = b.along(X, weight, u), b.along(U, weight, a)
     regular = g.both([steady, *b.pivots, b.within(a)])
+    # each variable with its value at stage 0 and at the next stage
     zero = [g.const(0.0)] * b.n
     leaves = [*x, *u, *X, *U]
     first = [*q, *first_v, *zero, *zero]
     following = [*b.along(q, c, u), *b.along(first_v, c, a), *sum_X, *sum_U]
     stages = dict(zip(leaves, zip(first, following, strict=True), strict=True))
     stages |= {s: (b.t, g.add(b.t, c)), stage: (g.whole(0), g.make("sum", stage, g.whole(1))), steady: (g.all(True), regular)}
-    b.pivots, b.score = [regular, *out_pivots], []  # `regular` has the guards of all stages
+    # after the loop: `regular` has the guards of all stages
+    b.pivots, b.score = [regular, *out_pivots], []
     sixth = b.times_h(1 / 6)
     q_new, v_new = b.along(q, sixth, sum_X), b.along(first_v, sixth, sum_U)
     q_new, _ = b.correct_position(g.add(b.t, h), q_new, [], q_new)
@@ -492,46 +546,48 @@ def rk4_looped(code: Code) -> Step:
 
 
 def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step:
-    """Write one step of v' = v + h a(q, v), q' = q + h v'; v and q' are corrected if the code projects.
+    """Write one step of v' = v + h a(q, v), q' = q + h v'.
 
-    Sines are carried from step to step, rotated by h v', whose norm must stay below `reach.step`.
+    Under the stabilisation "projection", v and q' are corrected. The sines at q' are rotated by h v' from those at q, computed from
+    scratch, and the next step begins with them; the norm of h v' must stay below `reach.step`.
     """
     b = Builder(code, reach, library=library)
     g, q = b.g, b.q
     b.share(q, b.carried_sines() if reach.rotates else [])
     v = b.correct_velocity()
     a = b.acceleration(b.t, q, v)
-    out_pivots = list(b.pivots)
+    out_pivots = list(b.pivots)  # guards of the sample at q, v; the correction of q' adds others
     v_new = b.along(v, b.h, a)
     q_new = b.along(q, b.h, v_new)
     b.limit(b.times(b.h, b.of_angles(v_new)), reach.step)
     pairs = b.turn(b.compute_sines() if reach.rotates else [], b.times(b.h, v_new), reach.step, q_new)
-    q_new, pairs = b.correct_position(g.add(b.t, b.h), q_new, pairs, q_new)
+    q_new, pairs = b.correct_position(g.add(b.t, b.h), q_new, pairs, at=q_new)
     return b.step(q_new, v_new, pairs, v, out_pivots)
 
 
 def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = False) -> Step:
     """Write one step of Dormand and Prince of order 8, twelve stages, with the positions of the stages written out as in `rk4`.
 
-    With `estimated`, formulas of order 5 and 3 over the same stages give the error. The tolerances are the leaves "%rtol", "%atol":
+    With `estimated`, formulas of order 5 and 3 over the same stages give the error. The tolerances are the leaves "%rtol" and
+    "%atol". y and y' are the states (2n,) before and after the step:
 
-        error = h^2 e5^4 / ((e5^2 + e3^2 / 100) 2 n),   e5, e3 norms of the differences relative to atol + rtol max(|y|, |y'|)
+        error = h^2 e5^4 / ((e5^2 + e3^2 / 100) 2 n),   e5, e3 norms of differences / (h (atol + rtol max(|y|, |y'|)))
     """
     b, method = Builder(code, reach, library=library), order_eight()
     g, q, u, h = b.g, b.q, b.v, b.times_h(1.0)  # u is the velocity before its correction v
     b.share(q, b.compute_sines() if reach.rotates else [])
-    # sines at q + h/2 u, from which those of the stages are rotated; `turned` collects the angles of these rotations
+    # sines at q + h/2 u, from which those of the stages are rotated; `turned` collects the angles of these rotations for a guard
     to_middle, turned = b.times(b.times_h(0.5), u), list[int]()
     middle = [b.sincos(x) for x in b.of_angles(b.along(q, b.times_h(0.5), u))] if reach.rotates else []
     v = b.correct_velocity()
-    a = [b.acceleration(b.t, q, u)]
-    out_pivots = list(b.pivots)
+    a = [b.acceleration(b.t, q, u)]  # accelerations of the stages so far
+    out_pivots = list(b.pivots)  # guards of the sample at q, v
 
     def rotate_sines(x: list[int], moved: list[int]) -> list[Pair]:
-        """Return the sines at positions x = q + moved, rotated from those at the middle of the step."""
-        ahead = [g.sub(d, half) for d, half in zip(moved, to_middle, strict=True)]
-        turned.extend(b.of_angles(ahead))
-        return b.turn(middle, ahead, reach.step, x)
+        """Return the sines at positions x = q + moved, rotated from those at the middle; add the angles of rotation to `turned`."""
+        from_middle = [g.sub(d, half) for d, half in zip(moved, to_middle, strict=True)]
+        turned.extend(b.of_angles(from_middle))
+        return b.turn(middle, from_middle, reach.step, x)
 
     def at(c: float, weights: Coefficients, twice: Coefficients) -> tuple[list[int], list[int]]:
         """Return displacement and velocity at the fraction c of the step: c h v + h^2 sum twice_k a_k, v + h sum weights_k a_k."""
@@ -539,29 +595,35 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
         return moved, b.along(v, h, b.weighted(a, weights))
 
     for k in range(1, len(method.c)):
-        moved, w = at(method.c[k], method.A[k], method.twice[k])
-        x = b.plus(q, moved)
-        rotate_sines(x, moved)
-        a.append(b.acceleration(g.add(b.t, b.times_h(method.c[k])), x, w))
+        moved, stage_v = at(method.c[k], method.A[k], method.twice[k])
+        stage_q = b.plus(q, moved)
+        rotate_sines(stage_q, moved)
+        a.append(b.acceleration(g.add(b.t, b.times_h(method.c[k])), stage_q, stage_v))
     moved, v_new = at(1.0, method.b, method.end)
     q_new = b.plus(q, moved)
     pairs = rotate_sines(q_new, moved)
     b.limit([g.largest(turned)], reach.step)
-    q_new, _ = b.correct_position(g.add(b.t, h), q_new, pairs, x if reach.rotates else q_new)
+    # the corrections use the Jacobian of the last stage, which is at the end of the step and near q_new
+    q_new, _ = b.correct_position(g.add(b.t, h), q_new, pairs, at=stage_q if reach.rotates else q_new)
     step = b.step(q_new, v_new, [], v, out_pivots)
     return replace(step, error=_error(b, a, [*q, *v], [*q_new, *v_new])) if estimated else step
 
 
 def _error(b: Builder, a: list[list[int]], old: list[int], new: list[int]) -> int:
-    """Return the square of a step's estimated error over the allowed one, for `dop853`; `old`, `new` are states (2n)."""
-    g, squares = b.g, []
-    inverses = []  # 1 / (atol + rtol max(|y|, |y'|)) of each coordinate and rate
+    """Return the square of a step's estimated error over the allowed one, by the formula of `dop853`.
+
+    Args:
+        a: (s, n) accelerations of the stages.
+        old, new: states (2n,) before and after the step, y and y' of the formula.
+    """
+    g, squares = b.g, []  # squares: e5^2 and e3^2
+    inverses = []  # 1 / (atol + rtol max(|y|, |y'|)) of each coordinate and velocity
     for x, y in zip(old, new, strict=True):
         larger = g.maximum(g.abs(y), g.abs(x))
         inverses.append(g.div(g.const(1.0), g.add(g.leaf("%atol"), g.mul(g.leaf("%rtol"), larger))))
-    for weights, twice in order_eight().estimates:
-        # errors of q and v divided by h; h^2 comes back in the last line
-        errors = [*b.times(b.h, b.weighted(a, twice)), *b.weighted(a, weights)]
+    for of_velocity, of_position in order_eight().estimates:
+        # errors of q and v divided by h; the factor h^2 of the formula is in the last line
+        errors = [*b.times(b.h, b.weighted(a, of_position)), *b.weighted(a, of_velocity)]
         squares.append(g.squares([g.mul(x, inverse) for x, inverse in zip(errors, inverses, strict=True)]))
     fifth, third = squares
     both = g.add(g.add(fifth, g.mul(g.const(0.01), third)), g.const(TINY))
@@ -571,13 +633,18 @@ def _error(b: Builder, a: list[list[int]], old: list[int], new: list[int]) -> in
 def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
     """Write one step of Gauss's collocation with three stages, order 6, implicit, for springs and dampers that are stiff.
 
-    A motion can be stiff only along the free motions N, because rows and not forces hold the others. The unknowns of a stage are
-    its independent accelerations z. The other accelerations follow from the rows at the stage, a + N (z - a), and each pass solves
+    A motion can be stiff only along the free motions N, because constraints and not forces determine all other directions. The
+    unknowns of a stage are its independent accelerations z, the components of the independent coordinates. The accelerations of all
+    coordinates that satisfy the constraint rows at the stage are then a + N (z - a). Each pass solves
 
-        (1 - h^2 A A x K - h A x D) dz = a - z        K, D = derivatives of a along N by positions and velocities, independent part
+        (1 - h^2 kron(A A, K) - h kron(A, D)) dz = a - z
 
-    with K and D by differences at the beginning of the step. A step counts only if the change of velocities in its last pass is
-    below CONVERGED. A linkage that is driven completely has no free motions: its passes replace the accelerations.
+    for the changes dz of z, with the independent components of a on the right. A is the method's matrix. K and D are the
+    derivatives of these components along N by positions and by velocities, taken by differences at the beginning of the step. A
+    step is accepted only if the change of velocities in its last pass is below CONVERGED.
+
+    A linkage whose inputs are all driven has no free motions. Each pass then replaces the accelerations of the stages by those that
+    are evaluated there.
     Source: Hairer and Wanner, Solving Ordinary Differential Equations II (1996), sections IV.5 and IV.8.
     """
     b, (nodes, A, weights) = Builder(code, reach, library=library), gauss_tableau()
@@ -585,13 +652,13 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
     s = len(c)
     v = b.correct_velocity()
     start = b.acceleration(b.t, q, v)
-    out_pivots = list(b.pivots)
+    out_pivots = list(b.pivots)  # guards of the sample at q, v
     newton = b.newton(q, v, start, A) if free else None
 
-    def at(c: float, weights: Coefficients, twice: Coefficients) -> tuple[list[int], list[int]]:
-        """Return position and velocity at the fraction c of the step, from the accelerations of the stages."""
-        moved = b.along(b.times(b.times_h(c), v), b.times_h(1.0, 2), b.weighted(stages, twice))
-        return b.plus(q, moved), b.along(v, h, b.weighted(stages, weights))
+    def at(fraction: float, of_velocity: Coefficients, of_position: Coefficients) -> tuple[list[int], list[int]]:
+        """Return position and velocity at a fraction of the step, by weights of the accelerations `stages` below."""
+        moved = b.along(b.times(b.times_h(fraction), v), b.times_h(1.0, 2), b.weighted(stages, of_position))
+        return b.plus(q, moved), b.along(v, h, b.weighted(stages, of_velocity))
 
     stages, z = [start] * s, [[start[k] for k in free]] * s  # accelerations (s, n), and their independent components (s, f)
     for _ in range(NATIVE_PASSES):

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.compiler.user_cache import is_trusted
+from gauss_bench.compiler.user_cache import trusted_folder
 from gauss_bench.terms import Array
 
 ONE_CORE = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
@@ -44,7 +44,7 @@ def load_libraries() -> Libraries:
 
     jax.config.update("jax_platforms", "cpu")
     jax.config.update("jax_enable_x64", True)
-    if folder := is_trusted():
+    if folder := trusted_folder():
         jax.config.update("jax_compilation_cache_dir", str(folder / FOLDER))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", KEPT_ABOVE)
     import mujoco

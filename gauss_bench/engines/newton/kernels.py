@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.compiler.user_cache import is_trusted
+from gauss_bench.compiler.user_cache import trusted_folder
 
 FOLDER = "warp"  # folder of machine code, in the user's cache
 MADE = "kamino-{}.made"  # file in FOLDER that marks that all kernels of these versions are compiled
@@ -37,7 +37,7 @@ def load_libraries() -> Libraries:
     import warp
 
     folder: Path | tempfile.TemporaryDirectory[str]
-    if trusted := is_trusted():
+    if trusted := trusted_folder():
         folder = trusted / FOLDER
         warp.config.kernel_cache_dir = str(folder)
     else:
@@ -52,7 +52,7 @@ def load_libraries() -> Libraries:
 
 def find_mark() -> Path | None:
     """Return the path of the file that marks the kernels of the installed versions as compiled; None if none can be kept."""
-    folder = is_trusted()
+    folder = trusted_folder()
     return folder / FOLDER / MADE.format("-".join(map(version, PACKAGES))) if folder else None
 
 

@@ -113,7 +113,7 @@ def build_loop() -> None:
     Raises:
         RunFailure: the compiled loop cannot be built on this machine, the compiler rejects it, or the library cannot be kept.
     """
-    name, folder = _cache_name(), user_cache.is_trusted()
+    name, folder = _cache_name(), user_cache.trusted_folder()
     if folder is None:
         raise RunFailure(Status.ERROR, f"{user_cache.folder()} is not this user's own: Pinocchio's compiled loop is not kept there")
     with _hold_lock(folder / "pinocchio-loop.lock"):
