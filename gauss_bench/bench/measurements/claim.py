@@ -22,7 +22,7 @@ from gauss_bench.bench.clock import Key, Row, foreseen, gather_rounds, row
 from gauss_bench.bench.measurements import cost
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE
 from gauss_bench.bench.survived import race_survivors
-from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, patient, place_of
+from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, place_of, with_race_limit
 from gauss_bench.compiler.elimination.program import known_program
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.linkage.load import load
@@ -74,7 +74,7 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
         asked = part.model_copy(update={"linkages": {}})
         for number, place in product(range(part.processes), part.linkages.items()):
             task = context.task("claim_races", race_claim, (*place, asked, number), *place, process=number)
-            tasks.append(patient(task))
+            tasks.append(with_race_limit(task))
     return tasks
 
 

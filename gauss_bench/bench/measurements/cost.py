@@ -28,7 +28,7 @@ from gauss_bench.bench.cases import combinations
 from gauss_bench.bench.clock import Key, Measured, gather_rounds, key_of, ratio_columns, time_of
 from gauss_bench.bench.measurements.processor import PROCESSOR, processor
 from gauss_bench.bench.survived import race_survivors
-from gauss_bench.bench.tasks import LIMIT, LOST, Context, Rows, Tables, Task, patient, place_of
+from gauss_bench.bench.tasks import LIMIT, LOST, Context, Rows, Tables, Task, place_of, with_race_limit
 from gauss_bench.engines import environment_of, get, names
 from gauss_bench.engines.base import Choice, Engine, ask
 from gauss_bench.linkage.load import load
@@ -63,7 +63,7 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
             fit = tuple(x for x in part.engines or names() if (name, x) not in lost and offer(x).usable)
             chosen = part.model_copy(update={"engines": fit, "linkages": {linkage: scenario}})
             task = context.task("untimed", race_cost, (linkage, scenario, chosen, number), linkage, scenario)
-            tasks.append(patient(task))
+            tasks.append(with_race_limit(task))
     for cold in suite.cold_builds:
         for place, engine in product(cold.linkages.items(), cold.engines):
             if offer(engine).usable:

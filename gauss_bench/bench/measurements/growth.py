@@ -22,7 +22,7 @@ import numpy as np
 
 from gauss_bench.bench.clock import Key, Row, foreseen, gather_rounds, row, spread
 from gauss_bench.bench.survived import race_survivors
-from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, patient
+from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, with_race_limit
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import compile_kernel
 from gauss_bench.engines.base import LibraryCall
@@ -52,7 +52,7 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     for part in suite.growth:
         for number, size in product(range(part.processes), part.sizes):
             arguments = (size, part.rounds, number, calls)
-            tasks.append(patient(context.task("scaling_races", race_growth, arguments, size=size, process=number)))
+            tasks.append(with_race_limit(context.task("scaling_races", race_growth, arguments, size=size, process=number)))
     return tasks
 
 

@@ -26,7 +26,7 @@ from gauss_bench.bench.clock import Measured, Row, at_least, gather_rounds, quar
 from gauss_bench.bench.measure import reference_of
 from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, pick_winner, tolerances
 from gauss_bench.bench.survived import Entries, list_survivors, race_here
-from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, patient, place_of
+from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, place_of, with_race_limit
 from gauss_bench.bench.ways import (
     BEATS,
     ROUGH_ROUNDS,
@@ -124,7 +124,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """Return a task for the first process of every race; the ladders decide which ways race."""
-    return [patient(_task(context, first_race, part, place, tables), 2) for part, place in _races(suite)]
+    return [with_race_limit(_task(context, first_race, part, place, tables), 2) for part, place in _races(suite)]
 
 
 def second_timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
@@ -136,7 +136,7 @@ def second_timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[
     for number in range(1, max((part.processes for part in suite.search), default=1)):
         for part, place in _races(suite):
             if number < part.processes and _has_times(_rows_at(tables, "search_races", place)):
-                tasks.append(patient(_task(context, further_race, part, place, tables, number)))
+                tasks.append(with_race_limit(_task(context, further_race, part, place, tables, number)))
     return tasks
 
 
