@@ -35,6 +35,7 @@ from gauss_bench.trajectory import Failure, RunFailure, Status
 SLOW, SLOW_ROUNDS = 0.1, 4  # [s] a block that takes longer runs in the first rounds only: all rounds would take minutes
 CERTAIN = 0.99  # probability that the result of a repeated race falls within a spread
 RESAMPLES = 200  # resamplings of the rounds, for the spread of a ratio
+NO_KEY = None  # stands for the key of a block's entry until a race enters the block under a key
 
 Row = dict[str, Any]
 K = TypeVar("K", bound=Hashable)

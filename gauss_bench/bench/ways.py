@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gauss_bench.bench.clock import NO_KEY
 from gauss_bench.bench.tasks import CASE_LIMIT
 from gauss_bench.engines import environment_of
 from gauss_bench.engines.base import Choice, Variant
@@ -28,7 +29,6 @@ from gauss_bench.trajectory import Reference
 # numbers of equal parts of a run, at whose ends errors are taken (beats); the first number is used for which the reference has a
 # sample at the end of every part
 BEATS = (50, 40, 30, 20, 10)
-NO_KEY = None  # in place of the key of an entry, which a race gives to a block when it is entered
 ROUGH_ROUNDS = 8  # rounds of the estimate of a step's time, whose error must be small compared with the factor `search.NEAR`
 
 
