@@ -79,7 +79,7 @@ class Answer:
         gamma: the smallest share of gamma, the velocity term of J a = gamma, that a row of J a contains; 1 if it is complete.
         refused: why the engine does not take the linkage, or an empty text.
         wrong: why there are no accelerations, or an empty text.
-        given: the accelerations (k, n), or None.
+        given: the engine's accelerations (k, n), or None.
     """
 
     off: float = float("nan")
@@ -134,8 +134,9 @@ def ask(subject: Subject, choice: Choice, at: Probe) -> Answer:
 def is_excusable(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism) -> bool:
     """Tell whether a run failed for a reason that is no fault of the engine.
 
-    There are three such reasons: the engine refuses the linkage; the engine does not take the linkage's redundant rows; the solver
-    gave up under a variant. Variants may give up because only searches try them. Settings may not, because users are offered them.
+    There are four such reasons: the engine refuses the linkage; the time for all checks is used up; the engine does not take the
+    linkage's redundant rows; the solver gave up under a variant. Variants may give up because only searches try them. Settings may
+    not, because users are offered them.
     """
     redundant = run.status is Status.RANK_LOST and mechanism.redundant > 0
     return run.status is Status.SKIP or redundant or (choice.settings in subject.offer.variants and run.status in GAVE_UP)
@@ -307,7 +308,7 @@ def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str
     soft = choice.settings in subject.offer.soft and not unfinished
     motion = partial(follow_accelerations, dop853_tableau(), TIMES, mechanism.q0, mechanism.v0, finer=finer)
     count = len(LEVELS) * len(TIMES) * mechanism.n  # numbers of such a motion
-    runs, samples = [], []  # of each run its samples (3, k, n)
+    runs, samples = [], []  # `samples` has of each run its positions, velocities and accelerations (3, k, n)
     for tried in _from_coarse_to_fine(choice, choice.integrator in subject.offer.adaptive):
         run = subject.perform(mechanism, tried, TIMES, motion if soft else nothing, count, again=True)
         if run.trajectory is None:

@@ -64,10 +64,10 @@ def entries(linkage: str, scenario: str, part: Batch) -> Iterator[tuple[Key, Cal
     states = random_states(mechanism, part.states)
     order = np.random.default_rng(1).permutation(len(states.q))
     for key, steps in zip(list_keys(part), (part.step_count, part.rival_step_count), strict=True):
-        yield key, partial(make, mechanism, part, key, states.q[order], states.v[order], steps)
+        yield key, partial(make_block, mechanism, part, key, states.q[order], states.v[order], steps)
 
 
-def make(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, steps: int) -> Block:
+def make_block(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, steps: int) -> Block:
     """Return the timing block of one engine: `steps` steps of each trajectory from the states q, v (k, n).
 
     Its time is that of one step of one trajectory. The block of our own engine (`part.own`) also has facts: columns about its

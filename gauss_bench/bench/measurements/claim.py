@@ -52,7 +52,7 @@ def pairs(part: Claim) -> dict[str, list[Key]]:
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """Return the tasks that count operations, one for each linkage of the races."""
     places = [x for part in suite.claim for x in part.linkages.items()]
-    return [context.task("kernel_claim", count, x, *x) for x in dict.fromkeys(places)]
+    return [context.task("kernel_claim", count, place, *place) for place in dict.fromkeys(places)]
 
 
 def count(linkage: str, scenario: str) -> Tables:

@@ -123,6 +123,7 @@ def complete(suite: Suite, tables: Tables) -> None:
         for linkage, scenario in part.linkages.items():
             place = place_of(load(linkage, scenario or None))
             missing = {"status": str(Status.SKIP), "settings": "", "integrator": "", "stabilization": "", "step": part.step}
+            # the error for an unknown name says how the engine can be installed
             rows += [place | missing | {"engine": x, "message": str(unknown(x).args[0])} for x in absent(part)]
             for row in rows:
                 if {k: row[k] for k in place} == place:

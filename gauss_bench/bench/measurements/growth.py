@@ -99,7 +99,7 @@ def list_calls() -> list[tuple[str, str]]:
 
 def contenders(outside: Sequence[Sequence[str]]) -> dict[str, Contender]:
     """Return name -> contender of a race: CONTENDERS, and library calls (engine, name) of engines from outside."""
-    return CONTENDERS | {f"{engine}, {call}": ((CALLED,), partial(make_offered, engine, call)) for engine, call in outside}
+    return CONTENDERS | {f"{engine}, {call}": ((CALLED,), partial(make_offered_blocks, engine, call)) for engine, call in outside}
 
 
 def race_growth(
@@ -155,7 +155,7 @@ def entries(size: int, outside: Sequence[Sequence[str]] = ()) -> Iterator[tuple[
             yield Key(quantity, contender), partial(pick, contender, k)
 
 
-def make_kernel(formulation: str, state: ExactState) -> list[Block]:
+def make_kernel_blocks(formulation: str, state: ExactState) -> list[Block]:
     """Compile a kernel, and return its two timing blocks: right-hand sides in its own loop, and single calls from Python.
 
     Raises:
@@ -173,12 +173,12 @@ def make_kernel(formulation: str, state: ExactState) -> list[Block]:
     return [replace(x, facts=lambda: facts) for x in (steps, single)]
 
 
-def make_library(asked: Callable[[Mechanism, Array, Array], LibraryCall], state: ExactState) -> list[Block]:
+def make_library_blocks(asked: Callable[[Mechanism, Array, Array], LibraryCall], state: ExactState) -> list[Block]:
     """Return the timing block of a library's call in this process, as a list; asked(mechanism, q, v) prepares the call."""
     return [with_facts(prepare_call(asked, state.mechanism, state.q, state.v), state)]
 
 
-def make_offered(engine: str, call: str, state: ExactState) -> list[Block]:
+def make_offered_blocks(engine: str, call: str, state: ExactState) -> list[Block]:
     """Return the timing block, as a list, of a library call that a plug-in or an engine of another environment offers.
 
     Raises:
@@ -197,14 +197,14 @@ def with_facts(made: TimedCall, state: ExactState) -> Block:
 
 
 CONTENDERS: dict[str, Contender] = {
-    f"{formulation}-native": ((LOOP, CALLED), partial(make_kernel, formulation)) for formulation in ("gauss", "lagrange")
+    f"{formulation}-native": ((LOOP, CALLED), partial(make_kernel_blocks, formulation)) for formulation in ("gauss", "lagrange")
 }
 for library, calls, quantity in (
     ("pinocchio", pinocchio.CALLS, CALLED),
     ("mujoco", mujoco.CALLS, CALLED),
     ("exudyn", exudyn.CALLS, IMPLICIT),
 ):
-    CONTENDERS |= {f"{library}, {way}": ((quantity,), partial(make_library, asked)) for way, asked in calls.items()}
+    CONTENDERS |= {f"{library}, {way}": ((quantity,), partial(make_library_blocks, asked)) for way, asked in calls.items()}
 
 
 def over_races(races: Rows) -> Rows:

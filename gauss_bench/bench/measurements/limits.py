@@ -42,7 +42,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     if not suite.bounds:
         return []
     places = dict.fromkeys(x for part in suite.cost if part.processor for x in part.linkages.items())
-    return [context.task("kernel_bounds", count_operations, x, *x) for x in places]
+    return [context.task("kernel_bounds", count_operations, place, *place) for place in places]
 
 
 def count_operations(linkage: str, scenario: str) -> Tables:

@@ -24,7 +24,7 @@ from gauss_bench.runs.blocks import Block, lasting
 from gauss_bench.suites.schema import Suite, Turns
 
 METHODS = NATIVE, LINK_UNITS = "closure, compiled", "link units, numpy"
-PLAIN_SAMPLES = 36  # samples of the numpy method: a whole turn would take longer than the rest of the race
+PLAIN_SAMPLES = 36  # positions that the method in numpy computes: a whole turn would take longer than the rest of the race
 LEVELS = ("position_error", "velocity_error", "acceleration_error")
 
 
