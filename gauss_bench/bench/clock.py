@@ -130,7 +130,10 @@ class Measured:
 class Race:
     """Entries that are timed against each other; an entry that cannot be built is left out, and its reason is kept.
 
-    `watch` tells which entry is at work, so that a crash can be attributed to it.
+    Attributes:
+        watch: called with the key of an entry before its code runs, so that a crash can be attributed to it.
+        blocks: the blocks to be timed.
+        failed: key of an entry -> why it has no block, or no times.
     """
 
     def __init__(self, watch: Watch = watch_nothing) -> None:
@@ -173,7 +176,8 @@ def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, 
     """Collect the rows of races by entry.
 
     Args:
-        rows: each has the seconds of one round in one process, the facts of an entry, or a status with its reason.
+        rows: each has the seconds of one round in one process, the facts (further columns) of an entry, or a status with its
+            reason.
         key: returns the key of the entry that a row belongs to.
         strict: whether an entry that failed in one process counts as failed even if it has times in other processes.
     """
@@ -194,8 +198,8 @@ def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, 
 def pad(processes: Sequence[Array]) -> Array:
     """Return the rounds of several processes, (rounds,) each, as one array (processes, rounds); short rows end with NaN."""
     table = np.full((len(processes), max(map(len, processes), default=0)), np.nan)
-    for row, x in zip(table, processes, strict=True):
-        row[: len(x)] = x
+    for line, rounds in zip(table, processes, strict=True):
+        line[: len(rounds)] = rounds
     return table
 
 
@@ -220,7 +224,7 @@ def time_of(samples: Array) -> float:
 
 
 def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
-    """Return values of the ratio samples / baseline that show its scatter.
+    """Return several values of the ratio samples / baseline, whose scatter is that of the ratio.
 
     They are one value (processes,) for each process that ran both, or RESAMPLES values from resampled rounds if only one did.
     """
@@ -322,16 +326,23 @@ def row(start: Row, make: Callable[..., Row], *arguments: Any) -> Row:
         return start | failure.columns
 
 
-def at_least(row: Row, column: str, target: float | None) -> Row:
+def at_least(columns: Row, column: str, target: float | None) -> Row:
     """Return the row with a target, and with whether the value of a column is at least the target.
 
     A missing value does not meet the target. Without a target, the row is returned as it is.
+
+    Args:
+        columns: the row: name of a column -> value.
+        column: name of the column that has a target.
     """
     if target is None:
-        return row
-    return row | {"target": target, "met": row.get(column) is not None and bool(row[column] >= target)}
+        return columns
+    return columns | {"target": target, "met": columns.get(column) is not None and bool(columns[column] >= target)}
 
 
-def at_most(row: Row, column: str, target: float) -> Row:
-    """Return the row with a target, and with whether the value of a column is at most the target; a missing value is not."""
-    return row | {"target": target, "met": row.get(column) is not None and bool(row[column] <= target)}
+def at_most(columns: Row, column: str, target: float) -> Row:
+    """Return the row with a target, and with whether the value of a column is at most the target; a missing value is not.
+
+    `columns` is the row: name of a column -> value.
+    """
+    return columns | {"target": target, "met": columns.get(column) is not None and bool(columns[column] <= target)}

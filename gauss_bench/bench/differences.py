@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.bench.gate import Verdict, compare, facts
+from gauss_bench.bench.gate import Verdict, compare, figures_of
 from gauss_bench.bench.runner import frame
 from gauss_bench.checksums import require_unchanged
 from gauss_bench.tables import ENDS, KEY, TABLES, TableError, key_of, read_table
@@ -40,7 +40,7 @@ def differences(here: Path, there: Path) -> Differences:
     cases, references, figures = [], [], []
     for folder in (here, there):
         rows = accuracy_rows(folder)
-        long = facts(frame("results", rows), frame("references", read_table("references", folder)))
+        long = figures_of(frame("results", rows), frame("references", read_table("references", folder)))
         cases.append({_key(row) for row in rows})
         references.append({_key(row) for row in long[long["engine"] == "reference"].to_dict("records")})
         figures.append(long)

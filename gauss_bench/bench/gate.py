@@ -86,7 +86,7 @@ class Verdict:
         return f"{self.outcome}: {self.case}: {cause}{self.metric} = {self.value}, limit {self.limit} (baseline {self.baseline})"
 
 
-def facts(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
+def figures_of(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
     """Return the figures that the gate judges, of accuracy rows and references: one row for each case and metric.
 
     A run with large errors has only its status, its validity and its acceleration error, because its other figures differ between

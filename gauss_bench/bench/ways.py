@@ -124,7 +124,7 @@ def request_of(run: Run, way: Way, adaptive: bool, wanted: Sampling) -> Request:
 
 
 def judge_trial(run: Run, judge: Evaluator, truth: Reference, way: Way, ran: Ended) -> Trial:
-    """Return the trial of a run that ended: its largest errors at the times that it shares with the reference."""
+    """Return the trial of a run (`ran`): its failure, or its largest errors at the times that it shares with the reference."""
     if ran.trajectory is None:
         return Trial(way.size, {}, ran.sampling.count, ran.status, ran.message)
     errors = state_errors(run.mechanism, ran.trajectory, truth)

@@ -91,6 +91,7 @@ def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0, race: Ca
         race: `race_survivors`, or `race_here` in tests.
     """
     start = place_of(load(linkage, scenario or None))
+    # the loops that measure the processor are entries of an engine named PROCESSOR
     rows = race(entries, (linkage, scenario, part), part.rounds, (*part.engines, PROCESSOR))
     samples = [start | r | {"step": part.step, "process": number} for r in rows if "seconds" in r]
     return {"samples": samples, "untimed": [start | r for r in rows if "status" in r]}

@@ -284,10 +284,10 @@ def rivals(rows: Rows, part: Search) -> list[dict[Way, Trial]]:
     groups: list[dict[Way, Trial]] = []
     for wanted in requirements(part):
         for engine in engines_of(part):
-            by_prize: dict[tuple[str, str], dict[Way, Trial]] = {}  # time loop and owner -> ways
+            by_loop_and_owner: dict[tuple[str, str], dict[Way, Trial]] = {}  # time loop and owner -> ways
             for way, trial in passing_ways(ladders, wanted, engine.name).items():
-                by_prize.setdefault((loop_of(way), owner_of(way, owners)), {})[way] = trial
-            groups += by_prize.values()
+                by_loop_and_owner.setdefault((loop_of(way), owner_of(way, owners)), {})[way] = trial
+            groups += by_loop_and_owner.values()
     return groups
 
 
@@ -408,7 +408,7 @@ def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Ro
         ladder_rows: those of `search_ladder` of the linkage.
         races: the rows of all processes of the race.
     """
-    if not _has_times(races):
+    if not _has_times(races):  # nothing raced: only the rows of races that failed as a whole are kept
         return {"search_winners": [{k: x for k, x in r.items() if k != "process"} for r in races if not r.get("engine")]}
     run, ladders, owners = motion_of(linkage, scenario, part), read_ladders(ladder_rows), owners_of(ladder_rows)
     measured, lost = gather_measured(races), list_lost(races)
@@ -448,7 +448,7 @@ def _time_over_processes(measured: Measured, way: Way) -> Row:
 
 def list_lost(races: Rows) -> dict[str, Row]:
     """Return engine -> status and reason, of each engine that crashed or hung in a race."""
-    lost = [r for r in races if r.get("engine") and r.get("integrator") is None]
+    lost = [r for r in races if r.get("engine") and r.get("integrator") is None]  # rows of an engine as a whole, not of a way
     return {r["engine"]: {k: r[k] for k in ("status", "message")} for r in lost}
 
 
