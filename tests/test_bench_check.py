@@ -7,7 +7,7 @@ import pytest
 
 from gauss_bench.bench import gate
 from gauss_bench.bench.cases import Case
-from gauss_bench.bench.gate import accept, compare, facts, failures, read_baseline
+from gauss_bench.bench.gate import accept, compare, failures, figures_of, read_baseline
 from gauss_bench.bench.runner import measure_all
 from gauss_bench.cli import main
 from gauss_bench.tables import KEY
@@ -18,7 +18,7 @@ CASES = [Case("four_bar", "torque", "gauss", "default", "rk4", "none", h, 1.0) f
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
-    return facts(*measure_all(CASES, tmp_path_factory.mktemp("gate")))
+    return figures_of(*measure_all(CASES, tmp_path_factory.mktemp("gate")))
 
 
 @pytest.fixture

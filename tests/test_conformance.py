@@ -12,7 +12,7 @@ import pytest
 
 import gauss_bench.bench.conformance as rules
 from gauss_bench.bench import agreement, subject
-from gauss_bench.bench.agreement import Answer, _compare, _from_coarse_to_fine, digits, effect, find_loose, refusal
+from gauss_bench.bench.agreement import Answer, _compare, _from_coarse_to_fine, digits, effect, find_loose, is_excusable
 from gauss_bench.bench.conformance import conformance, explains_lateness, lateness, rates_fault
 from gauss_bench.bench.probes import AS_IT_IS, EVERYTHING, PROBE, Probe, _share, changes, probe
 from gauss_bench.bench.subject import Check
@@ -255,7 +255,7 @@ def test_errors_as_large_as_those_of_single_precision_are_said_to_be() -> None:
     """An engine that computes in float32 has errors of 1e-7 to 1e-5; a wrong number of the file has larger ones."""
     on = probe("four_bar", "torque")
     rounded = on.a.astype(np.float32).astype(float)
-    assert "single precision" in Answer(on.off(rounded), on.off_along(rounded)).fault(soft=False)
+    assert "single precision" in Answer(on.error(rounded), on.residual_along_free(rounded)).fault(soft=False)
     for off, along in ((3e-7, 3e-7), (9e-6, 1e-9)):
         assert "single precision" in Answer(off, along).fault(soft=False)
     for off, along in ((3e-5, 1e-9), (5e-9, 1e-9), (2e-2, 2e-2)):
@@ -274,11 +274,12 @@ def test_variants_may_give_up_with_a_sentence_and_settings_may_not() -> None:
     pairs = [("default", x) for x in (Status.WARNING, Status.SKIP, Status.RANK_LOST)]
     pairs += [("lean/rk4", x) for x in (Status.WARNING, Status.ERROR, Status.NAN)]
     found = [
-        refusal(asked, asked.offer.choose(label, "rk4", None, 1e-3), replace(lost, status=status), m) for label, status in pairs
+        is_excusable(asked, asked.offer.choose(label, "rk4", None, 1e-3), replace(lost, status=status), m)
+        for label, status in pairs
     ]
     assert found == [False, True, False, True, False, False]
     redundant = probe("parallelogram", "torque").mechanism
-    assert refusal(asked, asked.usual, replace(lost, status=Status.RANK_LOST), redundant)
+    assert is_excusable(asked, asked.usual, replace(lost, status=Status.RANK_LOST), redundant)
 
 
 def test_a_finer_run_takes_half_the_step_or_a_tighter_tolerance() -> None:
@@ -319,7 +320,7 @@ def test_every_number_of_the_probe_shows_in_its_accelerations_or_opens_its_joint
     for name, factor in single[part::5]:
         other = AbsoluteCoordinates(probe(PROBE, "loaded", name).mechanism)
         opened = np.abs(other.evaluator.constraints(base.t, base.q, base.v).phi).max()  # by where a ground pin or guide lies
-        assert max(opened, base.off(other.acceleration(base.t, base.q, base.v))) > SEEN * (factor - 1), name
+        assert max(opened, base.error(other.acceleration(base.t, base.q, base.v))) > SEEN * (factor - 1), name
 
 
 def test_constraint_forces_do_not_show_along_what_is_free_and_anything_else_does() -> None:
@@ -327,16 +328,16 @@ def test_constraint_forces_do_not_show_along_what_is_free_and_anything_else_does
     motion, (t, q, v, a) = AbsoluteCoordinates(base.mechanism), (base.t, base.q, base.v, base.a)
     rows = [motion.evaluator.terms(*state) for state in zip(t, q, v, strict=True)]
     pushed = a + np.array([x.J.T @ np.ones(len(x.J)) / np.diag(x.M) for x in rows])
-    assert base.off(a) == 0
-    assert base.off(pushed) > 0.1
-    assert base.off_along(pushed) < 1e-12
+    assert base.error(a) == 0
+    assert base.error(pushed) > 0.1
+    assert base.residual_along_free(pushed) < 1e-12
     along = np.array([motion.null_space(x)[:, 0] for x in q])
     work = np.array([n @ x.M @ n for n, x in zip(along, rows, strict=True)])
     loads = np.array([abs(n @ x.Q) for n, x in zip(along, rows, strict=True)])
     freed = a + (0.25 * loads / work)[:, None] * along
-    assert base.off_along(freed) == pytest.approx(0.25, rel=1e-9)
-    assert base.off(2 * a) == pytest.approx(1.0)
-    assert base.off(np.nan * a) == np.inf
+    assert base.residual_along_free(freed) == pytest.approx(0.25, rel=1e-9)
+    assert base.error(2 * a) == pytest.approx(1.0)
+    assert base.error(np.nan * a) == np.inf
 
 
 def test_changes_are_one_by_one_of_a_kind_and_of_all() -> None:

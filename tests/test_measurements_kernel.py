@@ -12,7 +12,7 @@ from gauss_bench.bench.measurements import claim, limits
 from gauss_bench.bench.measurements.batch import race_batch
 from gauss_bench.bench.measurements.cost import BARE, race_cost
 from gauss_bench.bench.measurements.growth import CONTENDERS, exact_state, race_growth
-from gauss_bench.bench.measurements.limits import limit
+from gauss_bench.bench.measurements.limits import compare_with_bound
 from gauss_bench.bench.measurements.long_runs import judge_row
 from gauss_bench.bench.measurements.processor import LATENCY_KEY, RATE_KEY, processor_rows
 from gauss_bench.bench.measurements.rivals import rhs_rows
@@ -196,7 +196,7 @@ def test_the_latency_of_a_multiply_add_gives_the_length_of_a_cycle() -> None:
 def test_a_step_cannot_be_shorter_than_its_chain_nor_a_batch_than_its_operations() -> None:
     measured = samples(step=1e-6, batch=1e-7, latency=4e-9, rate=1e-9)  # a cycle of 1 ns
     starts = limits.count_operations("four_bar", "torque")["kernel_bounds"]
-    one, many = (start | limit(start, "gauss-native", measured) for start in starts)
+    one, many = (start | compare_with_bound(start, "gauss-native", measured) for start in starts)
     assert one["bound"] == pytest.approx(one["cycles"] * 1e-9)
     assert one["share"] == pytest.approx(one["bound"] / 1e-6)
     assert many["bound"] == pytest.approx(many["flops"] * 1e-9 / (2 * native_code.best_lanes()))

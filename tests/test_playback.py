@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.bench.cases import Case
-from gauss_bench.bench.poses import keep, play, poses, true_poses
+from gauss_bench.bench.poses import choose_played, keep, poses, true_poses
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.report.build import build_report, read_run
 from gauss_bench.report.drawings.drawing import canvas_of
@@ -90,7 +90,7 @@ def test_the_default_and_the_most_exact_valid_run_of_each_engine_are_stored() ->
     steps = (1e-2, 1e-3, 1e-4)
     cases = [Case("four_bar", "torque", "gauss", "default", i, "none", h, 0.5) for h in steps for i in ("rk4", "dop853", "euler")]
     cases += [Case("four_bar", "torque", "yuan_ge_eq16", "default", "rk4", "none", h, 0.5) for h in steps]
-    chosen = play(cases)
+    chosen = choose_played(cases)
     assert {(x.engine, x.step) for x in chosen} == {("gauss", 1e-3)}
     errors = {"rk4": 1e-3, "dop853": 1e-9, "euler": 1e-12}
     gauss = CASE | {"engine": "gauss"}

@@ -375,7 +375,7 @@ def test_releases_are_engines_and_answer_in_their_environments_while_they_are_co
         assert again != once
         assert again.parent == once.parent
         worker.under(interpreter_of("twin-3.0"))
-        assert asking.ask(worker, "twin.release_cases:defaults") == {"tolerance": "1e-6"}
+        assert asking.call_engine_function(worker, "twin.release_cases:defaults") == {"tolerance": "1e-6"}
     assert FILE not in os.environ
 
 

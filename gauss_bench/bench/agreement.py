@@ -1,9 +1,11 @@
-"""Checks that measure: accelerations at given states, and runs against the motion that they should follow.
+"""Checks of an engine's numbers: accelerations at given states, and runs against the motion that they should follow.
 
 Accelerations are compared with those of the suite's own equations on linkages that hold every kind of joint, force and driver
-(`probes`), under every setting, integrator and variant. A run is compared with the suite's own motion. If the engine declares its
-closures soft, the run is compared with the motion that follows from the engine's own accelerations, which are compared first. The
-allowed error of a run is a multiple of the change that half the step, or a tighter tolerance, makes.
+(`probes`), under every setting, integrator and variant. A run is compared with the suite's own motion. An engine may declare a
+setting `soft`: its loops are closed by springs or by other compliant constraints. A run under such a setting is compared with the
+motion that follows from the engine's own accelerations, which are compared first. The allowed error of a run is a multiple of the
+change that half the step, or a tighter tolerance, makes. A variant that is declared `unfinished` is known to be wrong: its
+accelerations are not checked, and an error of its run does not count as a failed check.
 """
 
 from collections.abc import Iterator
@@ -15,7 +17,7 @@ import numpy as np
 from gauss_bench.bench.probes import AS_IT_IS, EVERYTHING, PROBE, Probe, changes, probe
 from gauss_bench.bench.subject import DURATION, PLAIN, STEP, Check, Subject
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.variants import LEAST_WORDS
+from gauss_bench.engines.variants import LEAST_LENGTH
 from gauss_bench.integrate.fixed_step import dop853_tableau
 from gauss_bench.linkage.load import document_of
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -50,14 +52,15 @@ LINKAGES = (  # linkages and scenarios, moved by loads and by drivers; parallelo
 
 
 def declarations(subject: Subject) -> Iterator[Check]:
-    """Check that every declared inexactness names its cause."""
+    """Check that what an engine declares `soft` or `unfinished` exists, may be declared so, and has a cause of some length."""
     offer = subject.offer
+    # (word, name of settings or of a variant, cause)
     declared = [("soft", *x) for x in offer.soft.items()] + [("unfinished", *x) for x in offer.unfinished.items()]
     wrong = []
     for word, label, cause in declared:
         if label not in (*offer.settings, *offer.variants):
             wrong.append(f"there are no settings and no variant {label!r}")
-        if len(cause) < LEAST_WORDS:
+        if len(cause) < LEAST_LENGTH:
             wrong.append(f"{label}: {word} without a cause")
         if word == "unfinished" and label in offer.settings:
             wrong.append(f"{label}: settings may be soft, but only variants unfinished")
@@ -71,11 +74,12 @@ class Answer:
 
     Attributes:
         off: relative error of the accelerations; NaN without accelerations.
-        along: N^T (M a - Q) relative to N^T Q; NaN without accelerations.
-        gamma: the smallest share of gamma in a row of J a.
+        along: N^T (M a - Q) relative to N^T Q, the error of the equations of motion along the free directions N; NaN without
+            accelerations.
+        gamma: the smallest share of gamma, the velocity term of J a = gamma, that a row of J a contains; 1 if it is complete.
         refused: why the engine does not take the linkage, or an empty text.
         wrong: why there are no accelerations, or an empty text.
-        given: the accelerations (k, n), or None.
+        given: the engine's accelerations (k, n), or None.
     """
 
     off: float = float("nan")
@@ -112,33 +116,35 @@ def explain_size(error: float) -> str:
     return "as large as the rounding of single precision (float32); in double precision it would be a wrong number"
 
 
-def ask(subject: Subject, choice: Choice, on: Probe) -> Answer:
+def ask(subject: Subject, choice: Choice, at: Probe) -> Answer:
     """Ask an engine for its accelerations at the states of a probe, and compare them with those of the probe."""
-    question = partial(accelerations, on.t, on.q, on.v)
-    run = subject.perform(on.mechanism, choice, np.array([0.0, STEP]), question, on.a.size)
-    if refusal(subject, choice, run, on.mechanism):
+    question = partial(accelerations, at.t, at.q, at.v)
+    one_step = np.array([0.0, STEP])  # [s] sample times of the run, before which the model answers the question
+    run = subject.perform(at.mechanism, choice, one_step, question, at.a.size)
+    if is_excusable(subject, choice, run, at.mechanism):
         return Answer(refused=run.message)
     if run.status is not Status.OK:
         return Answer(wrong=run.message)
     given = np.asarray(run.answer, dtype=float)
-    if given.shape != on.a.shape:
-        return Answer(wrong=f"accelerations have the shape {given.shape}, not {on.a.shape}")
-    return Answer(on.off(given), on.off_along(given), on.share_of_gamma(given), given=given)
+    if given.shape != at.a.shape:
+        return Answer(wrong=f"accelerations have the shape {given.shape}, not {at.a.shape}")
+    return Answer(off=at.error(given), along=at.residual_along_free(given), gamma=at.share_of_gamma(given), given=given)
 
 
-def refusal(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism) -> bool:
-    """Tell whether a run ended without a fault of the engine.
+def is_excusable(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism) -> bool:
+    """Tell whether a run failed for a reason that is no fault of the engine.
 
-    This is so if the engine refuses the linkage or its redundant rows, or if its solver gave up under a variant: searches try
-    variants, which may fail with a reason, while users are offered settings.
+    There are four such reasons: the engine refuses the linkage; the time for all checks is used up; the engine does not take the
+    linkage's redundant rows; the solver gave up under a variant. Variants may give up because only searches try them. Settings may
+    not, because users are offered them.
     """
     redundant = run.status is Status.RANK_LOST and mechanism.redundant > 0
     return run.status is Status.SKIP or redundant or (choice.settings in subject.offer.variants and run.status in GAVE_UP)
 
 
 def _check_failed(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism, title: str) -> Check:
-    """Return the check of a run without a trajectory: not made if the run is a `refusal`, else failed."""
-    return Check(title, None if refusal(subject, choice, run, mechanism) else False, run.message)
+    """Return the check of a run without a trajectory: "not made" if `is_excusable`, else failed."""
+    return Check(title, None if is_excusable(subject, choice, run, mechanism) else False, run.message)
 
 
 def name_choice(choice: Choice) -> str:
@@ -147,7 +153,7 @@ def name_choice(choice: Choice) -> str:
 
 
 def digits(error: float) -> str:
-    """Return the number of digits that agree at a relative error, from 0 to 16, in words."""
+    """Return the number of decimal digits that agree at a relative error, from 0 to 16, in words such as "9.0 digits"."""
     return f"{max(0.0, -np.log10(max(error, 1e-16))):.1f} digits"
 
 
@@ -160,18 +166,23 @@ def same_states(subject: Subject) -> Iterator[Check]:
             yield Check(title, None, f"declared unfinished: {cause}")
             continue
         subject.tell(f"Accelerations under {name_choice(choice)}.")
-        probes = [probe(*subject.moving[0])]
+        probes = [probe(*subject.moving[0])]  # the first linkage that the engine takes
         if choice.integrator == offer.integrators[0] and choice.settings in offer.settings:
+            # a setting with the default integrator: all linkages, and that first one with all its numbers changed
             probes = [*(probe(*x) for x in LINKAGES), probe(*subject.moving[0], EVERYTHING)]
         answers = {}
-        for on in probes:
-            name = f"{on.mechanism.name} {on.mechanism.scenario}"
-            answers[name if on.change == AS_IT_IS else f"{name}, {on.change}"] = ask(subject, choice, on)
+        for one in probes:
+            name = f"{one.mechanism.name} {one.mechanism.scenario}"
+            answers[name if one.change == AS_IT_IS else f"{name}, {one.change}"] = ask(subject, choice, one)
         yield _combine(title, answers, choice.settings in offer.soft)
 
 
 def _combine(title: str, answers: dict[str, Answer], soft: bool) -> Check:
-    """Combine an engine's answers (name of the probe -> answer) into one check."""
+    """Combine an engine's answers (name of the probe -> answer) into one check, whose message quotes the worst of them.
+
+    Args:
+        soft: whether the engine declares soft closures: then its accelerations must be right along the free directions alone.
+    """
     taken = {name: x for name, x in answers.items() if not x.refused}
     if not taken:
         return Check(title, None, next(iter(answers.values())).refused)
@@ -181,7 +192,7 @@ def _combine(title: str, answers: dict[str, Answer], soft: bool) -> Check:
         others = f"; it shows on {len(faults)} of {len(taken)}: {_list_few(list(faults))}"
         return Check(title, False, f"{faults[worst]} ({worst}){others}")
     message = f"agree to {digits(max(x.off for x in taken.values()))}"
-    if soft:
+    if soft:  # the number above has no limit then; the one along the free directions has
         message += f", those that constraints leave free to {digits(max(x.along for x in taken.values()))},"
     count = sum(len(x.given) for x in taken.values() if x.given is not None)
     message += f" at {count} states of {len(taken)} linkage{'s' * (len(taken) > 1)}"
@@ -195,10 +206,10 @@ def _list_few(names: list[str]) -> str:
 
 
 def change_numbers(subject: Subject) -> Iterator[Check]:
-    """Check that accelerations follow the numbers of the file, changed one by one and all of a kind."""
+    """Check that accelerations are right if numbers of the file are changed: one at a time, all of one kind, and all."""
     soft = subject.usual.settings in subject.offer.soft
     for linkage, scenario in subject.moving:
-        names = [x for x in changes(linkage, scenario) if x != AS_IT_IS]
+        names = [x for x in changes(linkage, scenario) if x != AS_IT_IS]  # AS_IT_IS names the linkage without a change
         answers = {name: ask(subject, subject.usual, probe(linkage, scenario, name)) for name in names}
         yield _combine(f"accelerations follow every number ({probe(linkage, scenario).mechanism.name})", answers, soft)
 
@@ -215,18 +226,18 @@ def forces(subject: Subject) -> Iterator[Check]:
         return
     document = document_of(KINDS)[0]
     for name in document["scenarios"]["loaded"]["forces"]:
-        on = probe(KINDS, "loaded", forces=(name,))
-        answer = ask(subject, subject.usual, on)
+        single = probe(KINDS, "loaded", forces=(name,))
+        answer = ask(subject, subject.usual, single)
         check = _combine(f"a {document['forces'][name]['type']} acts as defined ({name})", {"kinds": answer}, soft)
         if check.passed is False and answer.given is not None and unloaded.given is not None:
             # the effect of a force is the difference of accelerations with it and without it
-            check = replace(check, message=effect((answer.given - unloaded.given).ravel(), (on.a - bare.a).ravel()))
+            check = replace(check, message=effect((answer.given - unloaded.given).ravel(), (single.a - bare.a).ravel()))
         yield check
 
 
 def effect(measured: Array, true: Array) -> str:
     """Name the fault of a force, given its measured and its true effect (n,) on the accelerations."""
-    factor = float(measured @ true / (true @ true))
+    factor = float(measured @ true / (true @ true))  # of least squares: measured = factor * true
     if np.abs(measured).max() <= 1e-6 * np.abs(true).max():
         return "it has no effect"
     if np.abs(measured + true).max() <= 0.5 * np.abs(true).max():
@@ -235,25 +246,25 @@ def effect(measured: Array, true: Array) -> str:
 
 
 def reactions(subject: Subject) -> Iterator[Check]:
-    """Check that the joint forces that the engine reports are those of the accelerations, by Newton's laws."""
+    """Check that the joint forces that the engine reports are those that Newton's laws give for the true accelerations."""
     title = "joint forces follow from the accelerations"
     if subject.usual.settings in subject.offer.soft:
         yield Check(title, None, "declared soft: its joints exert other forces")
         return
     agreed = ""  # the digits on the last linkage on which the engine reports joint forces
     for linkage, scenario in (subject.moving[0], *PLAIN):
-        on = probe(linkage, scenario)
-        question = ForceQuestion(on.mechanism, Trajectory(on.t, on.q, on.v, on.a, None))
-        run = subject.perform(on.mechanism, subject.usual, np.array([0.0, STEP]), question.ask, question.answers)
+        at = probe(linkage, scenario)
+        question = ForceQuestion(at.mechanism, Trajectory(at.t, at.q, at.v, at.a, None))
+        run = subject.perform(at.mechanism, subject.usual, np.array([0.0, STEP]), question.ask, question.answers)
         if run.trajectory is None:
-            yield _check_failed(subject, subject.usual, run, on.mechanism, title)
+            yield _check_failed(subject, subject.usual, run, at.mechanism, title)
             return
         error, largest = question.compare(run.answer)
         if error > EXACT * largest:
             off = f"they are off by {error:.1e} (N, N m), where the largest is {largest:.1e}"
-            yield Check(title, False, f"{off} ({on.mechanism.name})")
+            yield Check(title, False, f"{off} ({at.mechanism.name})")
             return
-        agreed = agreed if np.isnan(error) else f"agree to {digits(error / largest)}"
+        agreed = agreed if np.isnan(error) else f"agree to {digits(error / largest)}"  # NaN if the engine reports no forces
     yield Check(title, True if agreed else None, agreed or "it reports none")
 
 
@@ -273,9 +284,10 @@ def motions(subject: Subject) -> Iterator[Check]:
 
 
 def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Check:
-    """Compare a run under one choice, and its finer repetitions, with the motion that it should follow.
+    """Compare a run under one choice, and its repetitions with shorter steps, with the motion that it should follow.
 
-    The motion by the accelerations of a soft loop may need short steps: if the comparison fails, it is repeated with STIFF steps.
+    Under a soft setting, that motion is integrated from the engine's own accelerations. The springs that close its loops may
+    vibrate so fast that the integration needs short steps: if the comparison fails, it is repeated with STIFF steps a sample.
     """
     check = _follow_motion(subject, choice, linkage, scenario, SUBSTEPS)
     if check.passed is False and choice.settings in subject.offer.soft:
@@ -284,7 +296,11 @@ def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Ch
 
 
 def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str, finer: int) -> Check:
-    """Compare as `_follow`; a motion by the engine's own accelerations takes `finer` steps between two samples."""
+    """Compare a run and its repetitions with the motion that they should follow, and return the check.
+
+    This is the suite's own motion. Under a soft setting, it is the motion that is integrated from the engine's own accelerations,
+    with `finer` steps between two samples.
+    """
     subject.tell(f"A run under {name_choice(choice)}.")
     mechanism = probe(linkage, scenario).mechanism
     title = f"a run ({name_choice(choice)}; {mechanism.name} {scenario})"
@@ -292,7 +308,7 @@ def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str
     soft = choice.settings in subject.offer.soft and not unfinished
     motion = partial(follow_accelerations, dop853_tableau(), TIMES, mechanism.q0, mechanism.v0, finer=finer)
     count = len(LEVELS) * len(TIMES) * mechanism.n  # numbers of such a motion
-    runs, samples = [], []  # of each run its samples (3, k, n)
+    runs, samples = [], []  # `samples` has of each run its positions, velocities and accelerations (3, k, n)
     for tried in _from_coarse_to_fine(choice, choice.integrator in subject.offer.adaptive):
         run = subject.perform(mechanism, tried, TIMES, motion if soft else nothing, count, again=True)
         if run.trajectory is None:
@@ -311,38 +327,43 @@ def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str
         # accelerations of a soft loop are its gap times a stiffness, and are not compared
         distance, fault = _compare(true, given, samples[-1], LEVELS[: 2 if soft else 3])
         if fault:
-            return Check(title, None if unfinished else False, fault + ", declared unfinished" * unfinished)
+            return Check(title, None, f"{fault}, declared unfinished") if unfinished else Check(title, False, fault)
     return Check(title, True, distance)
 
 
 def find_loose(mechanism: Mechanism, x: Trajectory | None) -> str:
-    """Return how far the loops of a run open if nothing holds them, or an empty text; a soft closure gives way by less."""
+    """Return a sentence if the loops of a run open so far that nothing can hold them, else an empty text.
+
+    The limit is LOOSE times the linkage's size. The loops of a soft closure open by less.
+    """
     opened = 0.0 if x is None else float(drift(Evaluator(mechanism), x).position.max())
     return f"the loops open by {opened:.2g} (m, rad): nothing holds them" if opened > LOOSE * mechanism.size else ""
 
 
 def _from_coarse_to_fine(choice: Choice, adaptive: bool) -> list[Choice]:
-    """Return the choices under which a run is repeated; the last is the finest."""
+    """Return the choices under which a run is made and repeated; the last has the shortest step or the tightest tolerance."""
     if adaptive:
         return [replace(choice, tolerance=COARSE), choice, replace(choice, tolerance=TIGHT)]
     return [choice, replace(choice, step=choice.step / 2)]
 
 
 def _compare(true: Array, given: Array, fine: Array, words: tuple[str, ...]) -> tuple[str, str]:
-    """Compare the samples of a run with the motion that it should follow; return their distance and a fault, in words or empty.
+    """Compare the samples of a run with the motion that it should follow; return a sentence on their distance, and on a fault.
+
+    One of both sentences is empty. A fault is an error that exceeds RATIO times the change that the finest repetition makes.
 
     Args:
         true: positions, velocities and accelerations (3, k, n) of that motion.
         given, fine: those of the run and of its finest repetition.
-        words: names of the levels that are compared.
+        words: names of the levels that are compared, which are the first of the three.
     """
     travel = np.array([true[0] - true[0, 0], true[1], true[2]])
     scale = np.abs(travel).max(axis=(1, 2))
-    off, moved = (np.abs(given - x).max(axis=(1, 2)) / scale for x in (true, fine))  # (3,)
-    for word, x, y in zip(words, off, moved, strict=False):
-        if not x <= RATIO * y + ROUNDING:
-            return "", f"{word} are off by {x:.1e} of the largest; a finer run changes them by {y:.1e}"
-    return f"within {off[0]:.1e} of the way that it goes; a finer run changes it by {moved[0]:.1e}", ""
+    off, changed = (np.abs(given - x).max(axis=(1, 2)) / scale for x in (true, fine))  # (3,)
+    for word, error, change in zip(words, off, changed, strict=False):  # `words` may be shorter
+        if not error <= RATIO * change + ROUNDING:
+            return "", f"{word} are off by {error:.1e} of the largest; a finer run changes them by {change:.1e}"
+    return f"within {off[0]:.1e} of the way that it goes; a finer run changes it by {changed[0]:.1e}", ""
 
 
 @lru_cache(maxsize=16)

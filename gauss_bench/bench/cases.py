@@ -97,7 +97,7 @@ def cross(
         linkages: name or path -> scenario.
         steps: [s], from large to small; an integrator that chooses its own steps has the last one only.
         t_end: end of the runs [s].
-        integrators, asked: as in `combinations`.
+        integrators, asked: those of `combinations`, which restrict the integrators and the settings.
         plain: engines that are run with their defaults only, unless a setting is asked for.
     """
     for linkage, scenario in linkages.items():
@@ -111,7 +111,7 @@ def cross(
 def as_asked(chosen: Sequence[Case], until: float | None = None, steps: Sequence[float] | None = None) -> list[Case]:
     """Return the cases, each once, with the end and the steps [s] that a user asks for.
 
-    If the user gives no end, a case ends where its suite says, or at the end of a scenario that no suite lists.
+    If the user gives no end, a case ends when its suite says or, if no suite lists the scenario, at the end of the scenario.
 
     Raises:
         ChoiceError: the end or a step cannot be used.
@@ -122,7 +122,7 @@ def as_asked(chosen: Sequence[Case], until: float | None = None, steps: Sequence
         suite_end = case.t_end if (case.linkage, case.scenario) in LISTED else None
         end = duration(scenario_duration(case.linkage, case.scenario), suite_end, until)
         used = usable_steps(steps or (case.step,), end)
-        if case.integrator in offer(case.engine).adaptive:
+        if case.integrator in offer(case.engine).adaptive:  # it chooses its own steps: one case is enough
             used = used[-1:]
         adapted |= {replace(case, step=step, t_end=end): None for step in used}
     return list(adapted)

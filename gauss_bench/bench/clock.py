@@ -6,13 +6,13 @@ waits for a shared processor would affect long blocks more often than short ones
 work is repeated within the block, because the first repetition is slow: the processor's caches hold the code of other blocks. The
 garbage collector is off during a race. No block is discarded.
 
-A race is repeated in several processes. The addresses of code and data change a time by some per cent and stay the same in one
-process, so that the rounds of one process scatter less than two races differ. A time is the median over the processes of the lower
-quartiles of their rounds. A ratio is the ratio of two times, over the processes that ran both. The spread of a time or ratio covers
-the value of each process and, with a probability of 99 %, the result of a second race of as many processes (`foreseen`). With a
-single process the spread predicts no second race. The spread of a time is then the range from the 5 % to the 95 % quantile of its
-rounds, and the spread of a ratio is the same range over resampled rounds. An entry that cannot be built or run has a reason instead
-of times.
+A race is repeated in several processes. The memory addresses of code and data change a time by some per cent, and they are fixed
+within a process. Therefore the rounds of one process scatter less than the times of two processes differ. A time is the median over
+the processes of the lower quartiles of their rounds. A ratio is the ratio of two times, over the processes that ran both. The
+spread of a time or ratio is an interval. It covers the value of each process and, with a probability of 99 %, the result of a
+repeated race of as many processes (`foreseen`). If there is only one process, the spread says nothing about a repeated race: the
+spread of a time is then the range from the 5 % to the 95 % quantile of its rounds, and the spread of a ratio is the same range over
+resampled rounds. An entry that cannot be built or run has a reason instead of times.
 
 Source: T. Kalibera and R. Jones, Rigorous benchmarking in reasonable time, 2013 (paired benchmarks).
 """
@@ -33,8 +33,9 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Failure, RunFailure, Status
 
 SLOW, SLOW_ROUNDS = 0.1, 4  # [s] a block that takes longer runs in the first rounds only: all rounds would take minutes
-CERTAIN = 0.99  # probability that the result of a second race falls within a spread
+CERTAIN = 0.99  # probability that the result of a repeated race falls within a spread
 RESAMPLES = 200  # resamplings of the rounds, for the spread of a ratio
+NO_KEY = None  # stands for the key of a block's entry until a race enters the block under a key
 
 Row = dict[str, Any]
 K = TypeVar("K", bound=Hashable)
@@ -129,10 +130,14 @@ class Measured:
 class Race:
     """Entries that are timed against each other; an entry that cannot be built is left out, and its reason is kept.
 
-    `watch` tells which entry is at work, so that a crash can be attributed to it.
+    Attributes:
+        watch: called with the key of an entry before its code runs, so that a crash can be attributed to it.
+        blocks: the blocks to be timed.
+        failed: key of an entry -> why it has no block, or no times.
     """
 
     def __init__(self, watch: Watch = watch_nothing) -> None:
+        """Begin a race without entries."""
         self.watch = watch
         self.blocks: list[Block] = []
         self.failed: dict[Hashable, Failure] = {}
@@ -171,7 +176,8 @@ def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, 
     """Collect the rows of races by entry.
 
     Args:
-        rows: each has the seconds of one round in one process, the facts of an entry, or a status with its reason.
+        rows: each has the seconds of one round in one process, the facts (further columns) of an entry, or a status with its
+            reason.
         key: returns the key of the entry that a row belongs to.
         strict: whether an entry that failed in one process counts as failed even if it has times in other processes.
     """
@@ -192,8 +198,8 @@ def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, 
 def pad(processes: Sequence[Array]) -> Array:
     """Return the rounds of several processes, (rounds,) each, as one array (processes, rounds); short rows end with NaN."""
     table = np.full((len(processes), max(map(len, processes), default=0)), np.nan)
-    for row, x in zip(table, processes, strict=True):
-        row[: len(x)] = x
+    for line, rounds in zip(table, processes, strict=True):
+        line[: len(rounds)] = rounds
     return table
 
 
@@ -218,7 +224,7 @@ def time_of(samples: Array) -> float:
 
 
 def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
-    """Return values of the ratio samples / baseline that show its scatter.
+    """Return several values of the ratio samples / baseline, whose scatter is that of the ratio.
 
     They are one value (processes,) for each process that ran both, or RESAMPLES values from resampled rounds if only one did.
     """
@@ -254,8 +260,9 @@ def ends(values: Array, several: bool) -> tuple[float, float]:
     """Return the lower and upper end of a spread.
 
     Args:
-        values: one for each process if `several`, else one for each round of a single process.
-        several: whether several processes ran; if not, the spread is the middle 90 % of the values.
+        values: times or ratios: one for each process if `several`, else one for each round of a single process.
+        several: whether several processes ran: the spread is then an interval that predicts a repeated race (`foreseen`); else it
+            is the middle 90 % of the values.
     """
     if several:
         return foreseen(values)
@@ -264,7 +271,7 @@ def ends(values: Array, several: bool) -> tuple[float, float]:
 
 
 def foreseen(values: Array) -> tuple[float, float]:
-    """Return the ends of an interval that covers all `values` (processes,) and, with probability CERTAIN, a second race's median.
+    """Return the ends of an interval that covers all `values` (processes,) and, with probability CERTAIN, a repeated race's median.
 
     With a standard deviation s of the logarithms, two medians of n values each differ with a standard deviation of s (pi /
     n)^(1/2). Because s is estimated from n values, n >= 2, the quantile is that of Student's t with n - 1 degrees of freedom.
@@ -287,40 +294,55 @@ def common(one: Array, other: Array) -> tuple[Array, Array]:
 
 
 def spread(name: str, samples: Array) -> dict[str, float]:
-    """Return the columns of a time and its spread; their names begin with `name`."""
-    found = quartiles(samples)
-    found = found[np.isfinite(found)]
+    """Return the columns of a time and its spread; their names begin with `name`.
+
+    The time is the median over the processes of their lower quartiles. The spread is `ends` of these quartiles or, if only one
+    process ran, of the times of its rounds.
+    """
+    times = quartiles(samples)  # [s] one for each process
+    times = times[np.isfinite(times)]
     rounds = samples[np.isfinite(samples)]
-    low, high = ends(found if len(found) > 1 else rounds, several=len(found) > 1)
-    return {name: float(np.median(found)), f"{name}_low": low, f"{name}_high": high}
+    low, high = ends(times if len(times) > 1 else rounds, several=len(times) > 1)
+    return {name: float(np.median(times)), f"{name}_low": low, f"{name}_high": high}
 
 
 def compare(own: Array, rival: Array) -> Row:
     """Return columns: both times, each over all its rounds, and the ratio rival / own over the rounds that both have.
 
-    A time is the same in every comparison. If one entry has fewer rounds, the ratio is therefore not the quotient of the times.
+    The time of an entry does not depend on what it is compared with. If one entry has fewer rounds, the ratio is therefore not the
+    quotient of both times.
+
+    Args:
+        own, rival: samples of both entries [s], (processes, rounds) each.
     """
     return spread("seconds", own) | {"rival_seconds": time_of(rival)} | ratio_columns(rival, own)
 
 
 def row(start: Row, make: Callable[..., Row], *arguments: Any) -> Row:
-    """Return the columns `start` with those that make(*arguments) measures and status OK, or with the reason of its failure."""
+    """Return `start`, status OK and the columns that make(*arguments) returns; if it fails, `start`, the status and the reason."""
     try:
         return start | {"status": str(Status.OK), "message": ""} | make(*arguments)
     except Failure as failure:
         return start | failure.columns
 
 
-def at_least(row: Row, column: str, target: float | None) -> Row:
-    """Return the row with a target and whether a column is at least the target; a missing measurement is not.
+def at_least(columns: Row, column: str, target: float | None) -> Row:
+    """Return the row with a target, and with whether the value of a column is at least the target.
 
-    Without a target, the row is returned as it is.
+    A missing value does not meet the target. Without a target, the row is returned as it is.
+
+    Args:
+        columns: the row: name of a column -> value.
+        column: name of the column that has a target.
     """
     if target is None:
-        return row
-    return row | {"target": target, "met": row.get(column) is not None and bool(row[column] >= target)}
+        return columns
+    return columns | {"target": target, "met": columns.get(column) is not None and bool(columns[column] >= target)}
 
 
-def at_most(row: Row, column: str, target: float) -> Row:
-    """Return the row with a target and whether a column is at most the target; a missing measurement is not."""
-    return row | {"target": target, "met": row.get(column) is not None and bool(row[column] <= target)}
+def at_most(columns: Row, column: str, target: float) -> Row:
+    """Return the row with a target, and with whether the value of a column is at most the target; a missing value is not.
+
+    `columns` is the row: name of a column -> value.
+    """
+    return columns | {"target": target, "met": columns.get(column) is not None and bool(columns[column] <= target)}

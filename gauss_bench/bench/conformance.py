@@ -1,4 +1,4 @@
-"""Check that an engine keeps the contract, by runs in a worker process.
+"""Check that an engine keeps the contract of its interface (`../engines/base.py`), by runs in a worker process.
 
     conformance("my_engine")                     an installed plug-in, or one of the built-in engines
     conformance("my_package.adapter:Engine")     a class that is not installed as a plug-in
@@ -30,7 +30,8 @@ START = 1e-9  # allowed error of the first sample: [m, rad], and relative to the
 DERIVED = 0.02
 LATE = 0.75  # [steps] allowed delay of rates: those of first-order methods are half a step late or early
 PARTS = (2, 4)  # divisors of the step, in the runs that show whether a method is of first order
-FIRST_ORDER = (1.5, 3.0)  # limits of the ratio of changes as the step is halved twice: 2 for first order, 4 for second
+# limits of the ratio of the changes that the first and the second halving of the step make: 2 for first order, 4 for second
+FIRST_ORDER = (1.5, 3.0)
 
 
 def conformance(name: str, told: Callable[[str], None] = lambda sentence: None) -> list[Check]:
@@ -100,8 +101,8 @@ def _derivatives(subject: Subject) -> Iterator[Check]:
         if run.trajectory is None:
             yield check_failed_run(title, run)
             continue
-        fault, is_late = rates_fault(run.trajectory)
-        if is_late:  # a method of first order may have such rates, which become better with shorter steps
+        fault, is_shifted = rates_fault(run.trajectory)
+        if is_shifted:  # a method of first order may have such rates, which become better with shorter steps
             mechanism, finer = mechanism_of(linkage, scenario), [replace(subject.usual, step=STEP / k) for k in PARTS]
             half, quarter = (subject.perform(mechanism, choice, EVERY_STEP).trajectory for choice in finer)
             if explains_lateness(run.trajectory, half, quarter):
@@ -111,7 +112,11 @@ def _derivatives(subject: Subject) -> Iterator[Check]:
 
 
 def rates_fault(x: Trajectory) -> tuple[str, bool]:
-    """Return the fault of a trajectory's velocities or accelerations, or an empty text, and whether it is a delay or a lead."""
+    """Return the fault of a trajectory's velocities or accelerations, or an empty text, and whether the fault is a shift in time.
+
+    The rates are compared with central differences of the positions, and of the velocities. They are shifted if they belong to a
+    slightly later or earlier time than their sample.
+    """
     for low, high, words in ((x.q, x.v, "velocities"), (x.v, x.a, "accelerations")):
         slope, reported = (low[2:] - low[:-2]) / (x.t[2:] - x.t[:-2])[:, None], high[1:-1]  # central differences (k - 2, n)
         apart = np.median(np.abs(slope - reported).max(axis=1)) / max(np.abs(slope).max(), 1e-12)
@@ -124,18 +129,20 @@ def rates_fault(x: Trajectory) -> tuple[str, bool]:
 
 
 def explains_lateness(x: Trajectory, half: Trajectory | None, quarter: Trajectory | None) -> bool:
-    """Tell whether a method of first order explains rates that are late or early.
+    """Tell whether a method of first order explains why the rates belong to a slightly later or earlier time than their sample.
 
-    If so, every halving of the step changes the velocities half as much, and the rates of the finest run are right at the samples.
-    Samples that are shifted by whole steps stay shifted, and the changes of a method of higher order fall faster.
+    If so, each halving of the step changes the velocities half as much as the halving before (the ratio lies within FIRST_ORDER),
+    and the rates of the finest run are right at the samples. Samples that are shifted by whole steps stay shifted, and the changes
+    of a method of higher order fall faster.
 
     Args:
         x, half, quarter: the run, and its repetitions with the step divided by PARTS; None if a repetition failed.
     """
     if half is None or quarter is None or rates_fault(quarter)[0]:
         return False
-    change, finer = (float(np.abs(one.v - other.v).max()) for one, other in ((x, half), (half, quarter)))
-    return FIRST_ORDER[0] * finer < change < FIRST_ORDER[1] * finer
+    change, next_change = (float(np.abs(one.v - other.v).max()) for one, other in ((x, half), (half, quarter)))
+    least, most = FIRST_ORDER
+    return least * next_change < change < most * next_change
 
 
 def lateness(slope: Array, reported: Array) -> float:
@@ -190,6 +197,7 @@ def _steps(subject: Subject) -> Iterator[Check]:
     else:
 
         def find_fault(m: Mechanism, x: Trajectory) -> str:
+            """Return a sentence if the counted steps are not those that were asked for."""
             return "" if x.steps == wanted else f"{x.steps} steps are counted, {wanted} of {STEP:g} s were asked for"
 
         yield from _check_runs(subject, title, find_fault)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.bench.gate import Verdict, compare, facts
+from gauss_bench.bench.gate import Verdict, compare, figures_of
 from gauss_bench.bench.runner import frame
 from gauss_bench.checksums import require_unchanged
 from gauss_bench.tables import ENDS, KEY, TABLES, TableError, key_of, read_table
@@ -31,7 +31,8 @@ class Differences:
 def differences(here: Path, there: Path) -> Differences:
     """Compare the figures in the folder `here` with those in the folder `there`.
 
-    A figure that is better by the factor of the gate counts as a difference too, because neither run is a baseline.
+    A figure that is better by more than the factor of its rule (`gate.RULES`) counts as a difference too, because neither run is a
+    baseline.
 
     Raises:
         TableError: a folder holds no accuracy run, a table is damaged, or its format is later than the known ones.
@@ -39,7 +40,7 @@ def differences(here: Path, there: Path) -> Differences:
     cases, references, figures = [], [], []
     for folder in (here, there):
         rows = accuracy_rows(folder)
-        long = facts(frame("results", rows), frame("references", read_table("references", folder)))
+        long = figures_of(frame("results", rows), frame("references", read_table("references", folder)))
         cases.append({_key(row) for row in rows})
         references.append({_key(row) for row in long[long["engine"] == "reference"].to_dict("records")})
         figures.append(long)
@@ -99,14 +100,18 @@ def compare_times(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
 
 
 def _apart(what: str, column: str, row: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[Clocked | None]:
-    """Yield the difference of a column between two rows, or None if they agree; yield nothing if a row lacks the column.
+    """Yield the difference of a column between two rows, or None if they agree; yield nothing if a row lacks the value.
 
-    `what` names the table and the row.
+    Ratios agree if their spreads overlap; targets and verdicts agree if they are equal.
+
+    Args:
+        what: names the table and the row.
     """
     what = f"{what}: {column}"
     if not column.endswith("ratio"):
         if row[column] not in (None, "") and other[column] not in (None, ""):
-            yield None if row[column] == other[column] else Clocked(what, _word(row[column]), _word(other[column]), True)
+            same = row[column] == other[column]
+            yield None if same else Clocked(what, _word(row[column]), _word(other[column]), matters=True)
         return
     ends = [[x[f"{column}{end}"] for end in ENDS] for x in (row, other)]  # value, lower and upper end of each row
     if all(math.isfinite(x) and x > 0 for values in ends for x in values):
@@ -114,7 +119,8 @@ def _apart(what: str, column: str, row: Mapping[str, Any], other: Mapping[str, A
         if low <= other_high and other_low <= high:  # the spreads overlap
             yield None
         else:
-            yield Clocked(what, _range(x, low, high), _range(y, other_low, other_high), (x > 1) != (y > 1), x / y)
+            crossed = (x > 1) != (y > 1)  # another side is the faster one
+            yield Clocked(what, _range(x, low, high), _range(y, other_low, other_high), matters=crossed, factor=x / y)
 
 
 def _word(value: bool | str) -> str:

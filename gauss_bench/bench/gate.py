@@ -1,4 +1,4 @@
-"""The accuracy gate: compare the figures of the gate suite with a committed baseline. Times are not compared.
+"""The accuracy gate: compare the figures (numbers and statuses) of the gate suite with a committed baseline, but no times.
 
 A figure fails if it is worse than its limit, and is reported as better if it improved by the same factor. A much better figure
 fails too, because a faulty metric may be the cause; a real improvement is accepted like any other change. Limits follow from the
@@ -81,12 +81,13 @@ class Verdict:
     cause: str = ""
 
     def __str__(self) -> str:
+        """Return the verdict as one line."""
         cause = f"{self.cause}: " if self.cause else ""
         return f"{self.outcome}: {self.case}: {cause}{self.metric} = {self.value}, limit {self.limit} (baseline {self.baseline})"
 
 
-def facts(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
-    """Return the gated figures of accuracy rows and references in long form: one row for each case and metric.
+def figures_of(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
+    """Return the figures that the gate judges, of accuracy rows and references: one row for each case and metric.
 
     A run with large errors has only its status, its validity and its acceleration error, because its other figures differ between
     machines.
@@ -144,11 +145,21 @@ def compare(figures: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
 
 
 def judge_figure(key: Key, value: str | None, base: str | None) -> Verdict:
-    """Return the verdict on a figure, given its value and that of the baseline as texts; None if one is missing."""
+    """Return the verdict on a figure: "fail", "better" or "ok".
+
+    A figure fails if it is worse than its limit, or so much better that a faulty metric may be the cause. Such a figure must be
+    accepted with a reason. Four kinds of figures have limits of their own: statuses, which must be equal; observed orders; values
+    of references; and errors, by RULES.
+
+    Args:
+        key: values of the columns FIGURE.
+        value, base: the figure and that of the baseline as texts; None if it is missing.
+    """
     metric, missing = str(key[-1]), "none"
     case = " ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in key[:-1] if x != "")
 
     def verdict(outcome: str, value: str, limit: str, baseline: str) -> Verdict:
+        """Return the verdict on this figure."""
         return Verdict(outcome, case, metric, value, limit, baseline)
 
     if base is None or value is None:
@@ -157,7 +168,7 @@ def judge_figure(key: Key, value: str | None, base: str | None) -> Verdict:
         return verdict(outcome, value or missing, "present on both sides", base or missing)
     if metric in ("status", "valid"):
         return verdict("ok" if value == base else "fail", value, base, base)
-    x, b = float(value), float(base)
+    x, b = float(value), float(base)  # of this run, and of the baseline
     if metric == "observed_order":
         low, high = b - ORDER_MARGIN, b + ORDER_FLATTERING
         if x > high:
@@ -165,8 +176,9 @@ def judge_figure(key: Key, value: str | None, base: str | None) -> Verdict:
         outcome = "fail" if x < low else "better" if x > b + ORDER_MARGIN else "ok"
         return verdict(outcome, f"{x:.2f}", f"at least {low:.2f}", f"{b:.2f}")
     if metric in TRUTHS:
-        bar = TRUTH_MARGIN * (1 + abs(b))
-        return verdict("fail" if abs(x - b) > bar else "ok", value, f"{b:.12g} +- {bar:.1g}", base)
+        margin = TRUTH_MARGIN * (1 + abs(b))
+        return verdict("fail" if abs(x - b) > margin else "ok", value, f"{b:.12g} +- {margin:.1g}", base)
+    # an error; `scatter` widens the limits for integrators whose figures vary more
     rule, scatter = RULES[metric], SCATTERING.get(str(key[KEY.index("integrator")]), 1.0)
     factor, flattering = max(rule.factor, scatter), FLATTERING * scatter
     if x < b / flattering and b > flattering * rule.floor:  # a faulty metric may be the cause
@@ -217,21 +229,22 @@ def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[st
     return changed, list(refused.values())
 
 
-def is_known(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
-    """Return the cases whose figures a baseline has, and those of its linkages and engines that cannot be used here.
+def known_cases(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
+    """Return the cases whose figures a baseline has, and the cases of its engines that cannot be used on this machine.
 
-    The latter are kept so that their missing figures fail.
+    An engine that cannot be used has one case without integrator, which is not in the baseline. This case is kept if the baseline
+    has another case of the same linkage and engine: the check must then fail, because figures of the baseline are missing.
     """
     known = {tuple(row) for row in baseline[[*KEY]].itertuples(index=False)}
     pairs = {(row[0], row[2]) for row in known}  # linkage and engine
 
-    def has(case: Case) -> bool:
-        """Tell whether the case is kept."""
+    def is_kept(case: Case) -> bool:
+        """Tell whether the baseline has the case, or the case's linkage and engine while the engine cannot be used here."""
         mechanism = load(case.linkage, case.scenario or None)
-        key = (mechanism.name, mechanism.scenario, *astuple(case)[2:])
+        key = (mechanism.name, mechanism.scenario, *astuple(case)[2:])  # in the order of the columns KEY
         return key in known or ((mechanism.name, case.engine) in pairs and not offer(case.engine).usable)
 
-    return [case for case in cases if has(case)]
+    return [case for case in cases if is_kept(case)]
 
 
 def restrict(baseline: pd.DataFrame, mechanisms: set[str], engines: set[str]) -> pd.DataFrame:

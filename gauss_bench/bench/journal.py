@@ -49,7 +49,7 @@ def entry_of(line: bytes) -> dict[str, Any] | None:
 
 
 def _add_checksum(content: bytes) -> bytes:
-    """Return a JSON object, which ends with a brace, as a line with its checksum as the last key."""
+    """Return the text of a JSON object as a line; a last key with the checksum of the text is inserted before the closing brace."""
     return content[:-1] + SUM + hashlib.sha256(content).hexdigest()[:DIGITS].encode() + b'"}\n'
 
 
@@ -62,10 +62,12 @@ class Journal:
     """
 
     def __init__(self, path: Path):
+        """Set the file of the journal, which is not opened yet."""
         self.path = path
         self.entries: dict[str, dict[str, Any]] = {}
 
     def __enter__(self) -> "Journal":
+        """Open and lock the file, and read the finished tasks."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.file = self.path.open("a+b", buffering=0)
         try:
@@ -77,6 +79,7 @@ class Journal:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Close the file, which also unlocks it."""
         self.file.close()
 
     def _read(self) -> None:

@@ -59,7 +59,10 @@ def reference_of(linkage: str, scenario: str, t_end: float, store: str) -> Refer
 
 @lru_cache(maxsize=4)
 def truth_of(linkage: str, scenario: str, t_end: float, store: str) -> Reference | str:
-    """Return the reference as `reference_of`, or the reason why there is none, which is kept too: finding it takes long."""
+    """Return the reference as `reference_of` does, or the reason why there is none.
+
+    The reason is cached like a reference, because it takes long to find out that there is none.
+    """
     try:
         return reference_of(linkage, scenario, t_end, store)
     except NO_TRUTH as error:
@@ -94,6 +97,7 @@ def measure(
     row: dict[str, Any] = {"control": case.engine in CONTROLS, "in_python": in_python(case.engine, mechanism, case.choice)}
 
     def fail(status: Status, message: str) -> Measurement:
+        """Return the measurement of a case that has no figures."""
         return Measurement(row | {"status": str(status), "message": message}, [], [])
 
     if not offered.usable:
@@ -180,9 +184,12 @@ def figures(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) ->
 
 
 def at_checkpoints(name: str, t: Array, values: Array) -> dict[str, float]:
-    """Return the columns of values (k,) at the checkpoints of tables; NaN at a checkpoint that is not among the times t (k,) [s].
+    """Return the columns of a quantity at the checkpoints, the times [s] for which tables have a column: NAME_t05 for 0.5 s.
 
-    The column of the checkpoint 0.5 s is NAME_t05.
+    Args:
+        name: of the quantity.
+        t: (k,) times [s]; the value is NaN at a checkpoint that is not among them.
+        values: (k,) of the quantity at these times.
     """
     columns = {}
     for checkpoint in metrics.CHECKPOINTS:

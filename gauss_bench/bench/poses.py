@@ -34,9 +34,13 @@ FRAMES = 50  # number of poses that are kept of a run, or a few more
 AXES = ("x", "y", "angle")
 
 
-def play(cases: Sequence[Case]) -> frozenset[Case]:
-    """Return, for each linkage, engine and setting, the case with the step nearest to STEP; negative controls are left out."""
-    nearest: dict[Case, Case] = {}  # case with the step STEP -> the case that is played
+def choose_played(cases: Sequence[Case]) -> frozenset[Case]:
+    """Return the cases whose motion the report's player shows.
+
+    This is, for each linkage, engine and setting, the case with the step nearest to STEP. Engines with a planted fault (CONTROLS)
+    are left out.
+    """
+    nearest: dict[Case, Case] = {}  # the case with STEP in place of its own step -> the case that is played
     for case in sorted(cases, key=lambda x: abs(np.log(x.step / STEP))):
         if case.engine not in CONTROLS:
             nearest.setdefault(replace(case, step=STEP), case)
@@ -63,17 +67,21 @@ def true_poses(mechanism: Mechanism, truth: Reference) -> Rows:
 
 
 def poses(mechanism: Mechanism, trajectory: Trajectory, truth: Reference) -> Rows:
-    """Return one row for the deviation of each link's pose from the reference, at each frame that the run reached."""
+    """Return one row for the deviation of each link's pose from the reference, at each frame that the run reached.
+
+    The deviation has two parts. With p the pose nearest to the run's pose q whose loops are closed, they are the columns "_ahead",
+    p - reference, and the columns "_gap", q - p.
+    """
     times = frames(truth)
-    own, reached = common_times(trajectory.t, times)  # indices of samples, and of frames
+    sampled, reached = common_times(trajectory.t, times)  # indices of the run's samples at frames, and of these frames
     true = truth.q[common_times(truth.t, times[reached])[0]]
     evaluator = Evaluator(mechanism)
     rows: Rows = []
-    for t, q, v, exact in zip(times[reached], trajectory.q[own], trajectory.v[own], true, strict=True):
+    for t, q, v, true_q in zip(times[reached], trajectory.q[sampled], trajectory.v[sampled], true, strict=True):
         closed, _ = evaluator.project(float(t), q, v)
         if not np.isfinite(closed).all():  # the loops are too far open to be closed
             break
-        rows += _rows(mechanism, float(t), {"_ahead": wrap(closed - exact), "_gap": q - closed})
+        rows += _rows(mechanism, float(t), {"_ahead": wrap(closed - true_q), "_gap": q - closed})
     return rows
 
 

@@ -4,12 +4,12 @@ Every number of `suites/linkages/probe.toml` affects the accelerations. Therefor
 one of them has wrong accelerations on a linkage in which this number is changed. The engine and the suite's own terms are given the
 same changed linkage.
 
-Let N (n, dof) be a basis of the velocities that the constraints allow. Constraint forces do no work along N, so that with any
-constraint forces the accelerations a obey
+Let the columns of N (n, dof) be a basis of the velocities that the constraints allow: J N = 0. Constraint forces do no work along
+N. Therefore the accelerations a obey, whatever the constraint forces are,
 
     N^T (M a - Q) = 0
 
-A loop that gives way keeps this equation. A wrong mass, force or row of J violates it.
+This equation holds even if the constraint forces are too weak to keep a loop closed. A wrong mass, force or row of J violates it.
 """
 
 from collections.abc import Iterator, Mapping
@@ -62,14 +62,20 @@ class Probe:
     v: Array
     a: Array
 
-    def off(self, a: Array) -> float:
+    def error(self, a: Array) -> float:
         """Return the largest error of accelerations (k, n), relative to the largest acceleration of the state."""
         return _share(np.abs(a - self.a).max(axis=1), np.abs(self.a).max(axis=1))
 
-    def off_along(self, a: Array) -> float:
-        """Return the largest N^T (M a - Q) of accelerations a (k, n), relative to N^T Q; 0 without degrees of freedom."""
+    def residual_along_free(self, a: Array) -> float:
+        """Return the largest residual N^T (M a - Q) of the equations of motion, relative to N^T Q.
+
+        N is a basis of the free directions, J N = 0. The result is 0 without degrees of freedom.
+
+        Args:
+            a: accelerations (k, n).
+        """
         motion = AbsoluteCoordinates(self.mechanism)
-        left, loads = [], []
+        left, loads = [], []  # of each state: the largest component of the residual, and of N^T Q
         for t, q, v, given in zip(self.t, self.q, self.v, a, strict=True):
             N = motion.null_space(q)  # (n, dof)
             terms = motion.evaluator.terms(float(t), q, v)
@@ -78,27 +84,34 @@ class Probe:
         return _share(np.array(left), np.array(loads))
 
     def share_of_gamma(self, a: Array) -> float:
-        """Return the smallest share c of its velocity term that a row of J has in accelerations a (k, n).
+        """Estimate which share of the velocity term each row of J a contains; return the smallest of all rows.
 
-        With f the constraint forces that the accelerations need and g the velocity terms, each row of J obeys, at all k states,
+        Exact accelerations obey J a = gamma, where gamma = -dJ/dt v (plus drivers' terms) depends on velocities. An engine may
+        leave its velocity term out, in whole or in part. Each row of J is fitted, over all k states, by
 
             J a = gamma + (c - 1) g + r f
 
-        c and r follow by least squares. A row that gives way in proportion to its force has c = 1; a row without its velocity term
-        has c = 0. g depends on the coordinates of an engine. It is gamma in absolute coordinates, and gamma - J a0 in the
-        coordinates of a joint tree, where a0 are the accelerations of the tree while its joints keep their rates. The g that
-        explains the row best is taken.
+        Here c is the share, g the velocity term, f the constraint force that the accelerations need, and r a compliance. c and r
+        follow by least squares. A row that gives way in proportion to its force has c = 1; a row without its velocity term has
+        c = 0. g depends on the coordinates of an engine: it is gamma in absolute coordinates, and gamma - J a0 in coordinates of
+        a joint tree, where a0 are the accelerations of the links while the joints of the tree keep their rates. The g that explains
+        the row best is taken.
 
         The result is 1 if no row can be judged: rows without velocity terms and rows without forces (springs may close a loop) are
         left out, and the forces of redundant rows are not determined.
+
+        Args:
+            a: accelerations (k, n).
         """
         if self.mechanism.redundant:
             return 1.0
+        # engines open each loop at different joints: both kinds of spanning tree are tried
         evaluator, trees = AbsoluteCoordinates(self.mechanism).evaluator, [spanning_tree(self.mechanism, x) for x in (False, True)]
         extra, forces, velocities = [], [], []  # at each state: J a - gamma and f, (m,), and the three candidates of g, (3, m)
         for t, q, v, given in zip(self.t, self.q, self.v, a, strict=True):
             terms = evaluator.terms(float(t), q, v)
             states = [tree.relative(q, v) for tree in trees]
+            # a0 of each tree, with second derivatives 0 of its coordinates
             moved = [tree.absolute(*y, 0.0 * y[0])[2] for tree, y in zip(trees, states, strict=True)]
             extra.append(terms.J @ given - terms.gamma)
             forces.append(np.linalg.lstsq(terms.J.T, terms.M @ given - terms.Q, rcond=None)[0])
@@ -107,17 +120,19 @@ class Probe:
 
 
 def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
-    """Return the least share c of `Probe.share_of_gamma`.
+    """Return the least share c of the velocity term in the rows of J a; 1 if no row can be judged.
+
+    Each row is fitted by J a - gamma = (c - 1) g + r f, for each candidate of g; the c of the candidate with the best fit counts.
 
     Args:
-        extra, forces: J a - gamma and f (k, m) of each row at each state.
-        velocities: candidates of g (k, 3, m); the first is gamma.
+        extra, forces: J a - gamma and the constraint forces f, (k, m) each: of each row at each state.
+        velocities: candidates of the velocity term g (k, 3, m); the first is gamma.
     """
     largest = np.abs(velocities[:, 0]).max(initial=0.0)
     held = np.abs(forces).max(axis=0) > RESTING * np.abs(forces).max(initial=0.0)  # (m,)
     shares = []
     for row in np.flatnonzero(held):
-        fits = []  # largest residual, rounded so that equal fits keep their order, and c - 1
+        fits = []  # of each candidate: largest residual, rounded so that of equally good ones the least c counts, and c - 1
         for g in velocities[:, :, row].T:
             if np.abs(g).max() > FLOOR * largest:
                 columns = np.column_stack([g, forces[:, row]])
@@ -172,7 +187,10 @@ def moving_states(mechanism: Mechanism, motion: AbsoluteCoordinates) -> tuple[Ar
 
 @lru_cache(maxsize=8)
 def changes(linkage: str, scenario: str) -> Mapping[str, Mapping[Path, float]]:
-    """Return name of a change -> path of a number -> its factor: for no number, all, those of one kind, and each alone."""
+    """Return the changes of a linkage by name, each as a map: path of a number -> factor by which it is multiplied.
+
+    There is one without a change, one of all numbers, one of all numbers of each kind, and one of each number alone.
+    """
     document, _, _ = document_of(linkage)
     every = [(path, *FACTORS[_kind(path)]) for path in numbers(document, scenario)]
     found: dict[str, dict[Path, float]] = {AS_IT_IS: {}, EVERYTHING: {path: factor for path, _, factor in every}}

@@ -2,8 +2,9 @@
 
 A measurement is a file in `measurements`. It may have these functions:
 
-    exact_tasks(suite, context)                     return tasks that measure no time; they run side by side timing_tasks(suite,
-    context, tables)            return tasks that measure times; they run one after the other, after all exact tasks
+    exact_tasks(suite, context)                     return tasks that measure no time; they run side by side
+    timing_tasks(suite, context, tables)            return tasks that measure times; they run one after the other, after all exact
+                                                    tasks
     second_timing_tasks(suite, context, tables)     return further timing tasks, which depend on the rows of the first ones
     complete(suite, tables)                         fill in columns that depend on the rows of several tasks
 
@@ -48,7 +49,12 @@ def modules() -> list[ModuleType]:
 
 
 def list_tasks(stage: str, *arguments: Any) -> list[Task]:
-    """Return the tasks of all measurements that have the function `stage`, which is called with the arguments."""
+    """Call the function `stage` of every measurement that has this function, and return the tasks of all.
+
+    Args:
+        stage: "exact_tasks", "timing_tasks" or "second_timing_tasks".
+        arguments: those of the function.
+    """
     return [task for module in modules() if hasattr(module, stage) for task in getattr(module, stage)(*arguments)]
 
 
@@ -65,7 +71,7 @@ def run(
     """Run the tasks of a suite that are not finished yet, write its tables into `folder`, and return table -> rows.
 
     Args:
-        jobs: number of tasks without times that run side by side.
+        jobs: number of tasks that run side by side if they measure no times; timing tasks run alone.
         costs: whether timing tasks are run.
         name: the name of the suite, for the report.
         until, steps: end and steps [s] of the accuracy cases, instead of the suite's.
@@ -136,7 +142,11 @@ def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:
 
 
 def _describe_engine(offer: Offer) -> dict[str, Any]:
-    """Return version and settings of an engine, the causes of soft settings, and the Python of its own environment, if any."""
+    """Return version and settings of an engine and, if it has them, two more keys.
+
+    "soft" holds the causes why settings close loops only approximately; "environment" is the Python of the engine's own
+    environment.
+    """
     soft = {label: cause for label, cause in offer.soft.items() if label in offer.settings}
     described: dict[str, Any] = {"version": offer.version, "settings": offer.settings}
     if soft:

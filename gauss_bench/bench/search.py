@@ -1,17 +1,17 @@
 """Find the cheapest of an engine's variants that meets a requirement, by fixed rules.
 
 First, each variant is evaluated at sizes from coarse to fine. A size is a step, or a tolerance if the integrator chooses its own
-steps. An evaluation is a whole run and its largest errors. Times do not affect errors, so that the same sizes pass in every search.
-The search tries some of the sizes, the rungs of a ladder, until each requirement is met or cannot be met. Then it halves the gap
-between the coarsest size that meets a requirement and the next coarser one, until no size is left between them. `budget` limits the
-evaluations of one variant.
+steps. An evaluation is a whole run and its largest errors. Errors do not depend on measured times: in every search the same sizes
+meet a requirement. The search tries a coarse selection of the sizes, the rungs of a ladder, until each requirement is met or cannot
+be met. Then it halves the gap between the coarsest size that meets a requirement and the next coarser one, until no size is left
+between them. `budget` limits the evaluations of one variant.
 
-Second, the variants that meet the requirement race. A setting is left out if its estimated cost, the time of a step times the
-number of steps, is more than NEAR times the least. All other settings run in the first process of the race; those within CLOSE
-times the fastest there run in further processes. A setting ties with the fastest if it is as fast in a quarter of the processes, so
-that 1 lies within the middle half of their ratios. If the whole range of ratios counted, a setting that takes a tenth longer would
-tie too. The winner is the first in the engine's file of those that tie, so that a second search names the same winner or one that
-tied.
+Second, the variants that meet the requirement are timed in a race. A setting is left out if its estimated cost, the time of a step
+times the number of steps, is more than NEAR times the least. All other settings run in the first process of the race. Those whose
+time in it is at most CLOSE times the least run in further processes too. A setting ties with the fastest if it takes no longer in
+at least a quarter of the processes: then the lower quartile of the ratios of their times is 1 or less. If the whole range of ratios
+counted, a setting that takes a tenth longer would tie too. The winner is, of those that tie, the first in the engine's file. A
+repeated search therefore names the same winner or another one that tied.
 """
 
 import math
@@ -29,15 +29,16 @@ from gauss_bench.trajectory import Status
 # statuses that a finer size may cure
 MENDABLE = (Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED, Status.WARNING, Status.ERROR, Status.RANK_LOST)
 COARSEST = 10  # fewest steps of a run
-PER_OCTAVE = 4  # sizes for each factor of two: neighbours differ by a fifth, or by a half at most if they must meet beats
-FIFTHS = 50  # a run of fewer steps has a multiple of five
+# sizes for each factor of two: neighbours differ by a fifth, or by a half at most if steps must end at the sample times
+PER_OCTAVE = 4
+FIFTHS = 50  # the number of steps of a run with fewer steps is a multiple of five
 SETTLED = 300  # with fewer steps, errors of fast links are as large as the motion and show no convergence
 STALLED = 3  # a ladder ends if no unmet error fell in so many rungs
 FALLS = 0.7  # an error has fallen if it is below this share of the least one before; order one at half the step gives 0.5
 HOPE = 2.0  # a ladder ends if extrapolated errors need more than HOPE times the allowed steps
 NEAR = 2.0  # times the least estimated cost; estimates are right to a few per cent unless Newton's iterations grow with the step
 CLOSE = 1.25  # times the fastest of the first process: ratios differ between processes by a tenth and more
-LUCK = 0.05  # a setting that ran in one process ties if it is as fast as the fastest in this share of the resamplings
+LUCK = 0.05  # a setting that ran in one process ties if it takes no longer than the fastest in this share of the resamplings
 FINALISTS = 8  # most settings of an engine that race for a requirement
 
 K = TypeVar("K", bound=Hashable)
@@ -54,16 +55,25 @@ class Scale:
 def equal_steps(until: float, beats: int, most: int) -> Scale:
     """Return steps [s] that divide a run into COARSEST to `most` equal parts, PER_OCTAVE sizes for each factor of two.
 
-    A run until `until` [s] is judged at those of `beats` equally spaced times, a multiple of ten, that its steps meet. The number
-    of steps is rounded so that they meet five of the times with fewer than FIFTHS steps, ten with fewer than 5 `beats` steps, and
-    all with more: there would be no coarse steps if all had to be met. The rungs are one size for each factor of two, and the
-    finest.
+    The errors of a run are taken at sample times, which must be ends of steps. There are `beats` of them at equal distances. If the
+    steps had to end at all of them, there would be no coarse steps. The number of steps is therefore rounded to a multiple of
+
+        5        below FIFTHS steps: the errors are taken at five times
+        10       below 5 `beats` steps: at ten times
+        `beats`  with more steps: at all times
+
+    The rungs are one size for each factor of two, and the finest.
+
+    Args:
+        until: end of the run [s].
+        beats: number of sample times, a multiple of ten.
+        most: largest number of steps.
     """
 
     def round_steps(x: float) -> int:
-        """Return the number of steps nearest to x that is a multiple of the number of times to meet."""
-        met = 5 if x < FIFTHS else 10 if x < 5 * beats else beats
-        return met * round(x / met)
+        """Return the number of steps nearest to x that is a multiple of the number of sample times."""
+        times = 5 if x < FIFTHS else 10 if x < 5 * beats else beats
+        return times * round(x / times)
 
     octaves = math.log2(most / COARSEST)
     near = [round_steps(COARSEST * 2 ** (k / PER_OCTAVE)) for k in range(math.floor(PER_OCTAVE * octaves) + 1)]
@@ -79,7 +89,10 @@ def no_coarser(scale: Scale, size: float) -> Scale:
 
 
 def tolerances(largest: int = 2, smallest: int = 13) -> Scale:
-    """Return tolerances from 10^-largest to 10^-smallest by factors of 10^(1/2); the rungs are the whole powers of ten."""
+    """Return tolerances from 10^-`largest` to 10^-`smallest`, with factors of 10^(1/2) between them.
+
+    The rungs, which a search tries first, are the whole powers of ten.
+    """
     exponents = range(2 * largest, 2 * smallest + 1)
     return Scale(tuple(10.0 ** (-k / 2) for k in exponents), tuple(range(0, len(exponents), 2)))
 
@@ -113,7 +126,11 @@ def explore(
 def _halve_gaps(tried: Mapping[int, Trial], wanted: Sequence[Requirement]) -> list[int]:
     """Return, for each requirement, the index halfway between the coarsest size that meets it and the next coarser one tried.
 
-    Requirements that no size meets, and those without a size in between, have none.
+    There is no index for a requirement that no size meets, nor for one with no untried size between those two.
+
+    Args:
+        tried: index of a size -> its trial.
+        wanted: the requirements.
     """
     halves = []
     for requirement in wanted:
@@ -125,9 +142,12 @@ def _halve_gaps(tried: Mapping[int, Trial], wanted: Sequence[Requirement]) -> li
 
 
 def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int = 0) -> str:
-    """Return the reason why a ladder ends with its last trial, or an empty text if it goes on.
+    """Return why a ladder (trials at ever finer sizes) ends with its last trial, or an empty text if it goes on.
 
-    `trials` are from coarse to fine; `most` is the largest number of steps, 0 if the integrator chooses its steps.
+    Args:
+        trials: from coarse to fine.
+        wanted: the requirements.
+        most: largest number of steps; 0 if the integrator chooses its steps.
     """
     last = trials[-1]
     if last.status is not Status.OK and last.status not in MENDABLE:
@@ -192,9 +212,12 @@ def pick_winner(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
 
 
 def ties_with(samples: Array, fastest: Array) -> bool:
-    """Tell whether a setting ties with the fastest: it took no longer in a quarter of the processes.
+    """Tell whether a setting ties with the fastest: it takes no longer in at least a quarter of the processes.
 
-    If only one process ran both, it took no longer in a share LUCK of the resamplings.
+    If only one process ran both settings, it must take no longer in at least a share LUCK of the resamplings of the rounds.
+
+    Args:
+        samples, fastest: seconds of both, (processes, rounds) each.
     """
     several = len(common(samples, fastest)[0]) > 1
     return bool(np.quantile(quotients(samples, fastest), 0.25 if several else LUCK) <= 1.0)

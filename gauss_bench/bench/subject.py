@@ -103,6 +103,7 @@ class Subject:
         """The linkages and scenarios that the engine takes: the one with every kind of load, else those of PLAIN."""
 
         def takes(place: tuple[str, str]) -> bool:
+            """Tell whether the engine takes a linkage and scenario."""
             return self.run(*place, np.array([0.0, STEP])).status is not Status.SKIP
 
         if takes((PROBE, "loaded")):
@@ -116,7 +117,7 @@ class Subject:
     def perform(
         self, mechanism: Mechanism, choice: Choice, times: Array, ask: Asked = nothing, answers: int = 0, again: bool = False
     ) -> Run:
-        """Run a mechanism; it is not run once the time for all checks is spent.
+        """Run a mechanism; after the time for all checks is used up, return a skipped run instead.
 
         Args:
             times: sample times [s].

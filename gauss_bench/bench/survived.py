@@ -1,4 +1,4 @@
-"""Races that survive a crash: an engine that crashes the process gets a row with the reason, and the others race again.
+"""Races that continue after a crash: an engine that crashes the process gets rows with the reason, and all others are timed again.
 
 The process of a race writes the name of the running engine into a small file. After a crash or a hang the parent reads the name
 there, and starts the race again without that engine.
@@ -25,7 +25,9 @@ Entries = Callable[
 def race_here(
     entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str] | None = None, path: str = ""
 ) -> Rows:
-    """Race entries(*arguments) in this process; return one row for each round of an entry, for its facts, and for each failure.
+    """Race entries(*arguments) in this process; return one row for each round of an entry, and one for each entry that failed.
+
+    An entry has one more row if its block has facts: further columns, which it returns after the race.
 
     Args:
         engines: the engines that take part; all if not given.
@@ -50,7 +52,11 @@ def race_here(
 
 
 def race_survivors(entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str]) -> Rows:
-    """Race as `race_here` in a process of its own; every entry of an engine that crashes the process has a row with the reason."""
+    """Race entries(*arguments) as `race_here` does, but in a process of its own.
+
+    If an engine crashes the process or hangs, each of its entries gets one row with the reason, and the race is repeated without
+    it.
+    """
     rows, lost = list_survivors(race_here, (entries, arguments, rounds), engines)
     for key, _ in entries(*arguments) if lost else ():
         if key.engine in lost:
@@ -61,13 +67,14 @@ def race_survivors(entries: Entries, arguments: tuple[Any, ...], rounds: int, en
 def race_processes(
     race: Callable[..., Rows], entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str], processes: int
 ) -> Measured:
-    """Race several times by `race`, and collect the results of all processes.
+    """Call `race` several times, and collect the times of all entries.
 
-    An engine that crashes or hangs in one of the processes has a reason and no times.
+    An engine that crashes or hangs in one of the calls has a reason and no times.
 
     Args:
-        race: `race_survivors` or `race_here`.
-        processes: how many times.
+        race: `race_survivors`, which starts a new process in each call, or `race_here`, which races in this process.
+        entries, arguments, rounds, engines: arguments of `race`.
+        processes: number of calls.
     """
     rows: Rows = []
     for number in range(processes):
@@ -90,7 +97,7 @@ def list_survivors(
         limit, longest: [s] of one race, as `Worker.call` takes them.
 
     Returns:
-        The result of the last race, and engine -> failure of the engines that it left out.
+        The result of the last race, and for each engine that this race left out its name -> its failure.
 
     Raises:
         WorkerFailure: the race crashed while no engine was running, or raised an error.

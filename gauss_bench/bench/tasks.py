@@ -77,13 +77,16 @@ class Task(NamedTuple):
         return f"{self.stamp}.{self.limit:g}"
 
     def stamp_of(self, answer: Tables) -> str:
-        """Return the stamp of the answer (table -> rows), in which a row may report that an engine crashed or was stopped."""
+        """Return the stamp with which an answer (table -> rows) is stored in the journal.
+
+        It is `stamp_if_lost` if a row of the answer reports that an engine crashed or was stopped.
+        """
         lost = any(row.get("status") in LOST for rows in answer.values() for row in rows)
         return self.stamp_if_lost if lost else self.stamp
 
 
-def patient(task: Task, processes: int = 1) -> Task:
-    """Return the task of a race with a limit that allows RACES attempts in each of `processes` processes."""
+def with_race_limit(task: Task, processes: int = 1) -> Task:
+    """Return the task of a race with a longer limit, which allows RACES attempts in each of `processes` processes."""
     return task._replace(limit=processes * RACES * LIMIT)
 
 
@@ -186,14 +189,17 @@ class Context:
         return self._loaded[linkage, scenario]
 
     def each(self, parts: Iterable[OnLinkages], table: str, function: Callable[..., Tables]) -> list[Task]:
-        """Return one task, function(linkage, scenario, part), for each linkage of some parts of a suite."""
+        """Return one task, function(linkage, scenario, part), for each linkage of some parts of a suite.
+
+        The task fails with a row of `table`. The `part` that the function is given has no linkages.
+        """
         tasks = []
         for part in parts:
             asked = part.model_copy(update={"linkages": {}})  # so that the key does not depend on the other linkages
             for place in part.linkages.items():
                 task = self.task(table, function, (*place, asked), *place)
-                processes = getattr(part, "processes", 0)  # those of a race run one after the other
-                tasks.append(patient(task, processes) if processes else task)
+                processes = getattr(part, "processes", 0)  # a race repeats itself in so many processes, one after the other
+                tasks.append(with_race_limit(task, processes) if processes else task)
         return tasks
 
     def task(

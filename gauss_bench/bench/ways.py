@@ -1,6 +1,6 @@
-"""Run, judge and time ways, for the searches in `measurements/search.py` and `../advice`.
+"""Run, judge and time settings of engines, for the searches in `measurements/search.py` and `../advice`.
 
-A way is a variant of an engine at a step or tolerance.
+Such a setting is a `Way`: an engine, one of its variants (options, integrator, stabilisation), and a step or tolerance.
 """
 
 import math
@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gauss_bench.bench.clock import NO_KEY
 from gauss_bench.bench.tasks import CASE_LIMIT
 from gauss_bench.engines import environment_of
 from gauss_bench.engines.base import Choice, Variant
@@ -25,7 +26,8 @@ from gauss_bench.runs.one_run import Run as Ended
 from gauss_bench.runs.one_run import Sampling
 from gauss_bench.trajectory import Reference
 
-# numbers of equal parts (beats) of a run; the first one is used for which the reference has a sample at the end of every part
+# numbers of equal parts of a run, at whose ends errors are taken (beats); the first number is used for which the reference has a
+# sample at the end of every part
 BEATS = (50, 40, 30, 20, 10)
 ROUGH_ROUNDS = 8  # rounds of the estimate of a step's time, whose error must be small compared with the factor `search.NEAR`
 
@@ -61,7 +63,10 @@ def space(engine: Offer) -> list[Variant]:
 
 
 def options_of(way: Way) -> Mapping[str, Any]:
-    """Return option -> value of a way's settings, which are the name of a variant, a label, or options one by one."""
+    """Return option -> value of a way's settings.
+
+    They are given as the name of a variant, as the label of one of the engine's settings, or as a list of assignments.
+    """
     offered = offer(way.engine)
     if is_assignment(way.settings):
         return offered.resolve_settings(way.settings)
@@ -70,12 +75,16 @@ def options_of(way: Way) -> Mapping[str, Any]:
 
 
 def loop_of(way: Way) -> str:
-    """Return the name of a way's time loop (its option `loop`), or an empty text if there is no such option."""
+    """Return the option `loop` of a way: the name of the loop that takes its time steps; empty if there is no such option."""
     return str(options_of(way).get("loop", ""))
 
 
 def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
-    """Return a way as the choice of a run until a time [s]; its size is a tolerance if the integrator is adaptive, else a step."""
+    """Return a way as the `Choice` of a run until a time [s], which an engine takes.
+
+    Args:
+        adaptive: whether the integrator chooses its steps: the way's size is then a tolerance, else a step.
+    """
     names = way[1:4]
     return Choice(*names, step=until, tolerance=way.size) if adaptive else Choice(*names, step=way.size)
 
@@ -88,9 +97,18 @@ def has_samples(truth: Reference, until: float, beats: int) -> bool:
 
 
 def evaluate_run(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptive: bool, beats: int) -> Trial:
-    """Run a way, with samples at the ends of `beats` equal parts that whole steps meet, and return its largest errors."""
+    """Run a way, and return its largest errors at as many of the `beats` sample times as are ends of steps.
+
+    Args:
+        run: the motion.
+        judge, truth: evaluator of its mechanism, and its reference.
+        way: the engine and its setting.
+        adaptive: whether the integrator chooses its steps; the run then has samples at all of the times.
+        beats: number of sample times, at equal distances.
+    """
     steps = beats if adaptive else round(run.until / way.size)
-    wanted = sample(run, steps, math.gcd(steps, beats))  # k samples meet steps and beats if k divides both numbers
+    # k equal parts end at ends of steps and at sample times if k divides both numbers
+    wanted = sample(run, steps, math.gcd(steps, beats))
     ran = run_of(request_of(run, way, adaptive, wanted), run.mechanism, CASE_LIMIT, again=True)
     return judge_trial(run, judge, truth, way, ran)
 
@@ -101,12 +119,12 @@ def sample(run: Run, steps: int, samples: int) -> Sampling:
 
 
 def request_of(run: Run, way: Way, adaptive: bool, wanted: Sampling) -> Request:
-    """Return the request for a run of a way."""
+    """Return the request for a run of one engine with one setting, its step or its tolerance."""
     return Request(run.linkage, run.mechanism.scenario, way.engine, choice_of(way, adaptive, run.until), wanted)
 
 
 def judge_trial(run: Run, judge: Evaluator, truth: Reference, way: Way, ran: Ended) -> Trial:
-    """Return the trial of a run: its largest errors at the times that it shares with the reference."""
+    """Return the trial of a run (`ran`): its failure, or its largest errors at the times that it shares with the reference."""
     if ran.trajectory is None:
         return Trial(way.size, {}, ran.sampling.count, ran.status, ran.message)
     errors = state_errors(run.mechanism, ran.trajectory, truth)
@@ -120,16 +138,18 @@ def judge_trial(run: Run, judge: Evaluator, truth: Reference, way: Way, ran: End
 
 
 def is_adaptive(way: Way) -> bool:
-    """Tell whether the integrator of a way chooses its steps, so that its size is a tolerance."""
+    """Tell whether the integrator of a way chooses its own steps; the way's size is then a tolerance, else a step."""
     return way.integrator in offer(way.engine).adaptive
 
 
 def block_of(run: Run, way: Way, models: Models, work: Work) -> Block:
-    """Return the block of some work with the model of a way, in this process or in the environment of its engine.
+    """Build the model of a way, or take one that was built before, and return the timing block that `work` makes of it.
+
+    This happens in this process or, if the engine has an environment of its own, in a process of that environment.
 
     Args:
         models: models of this process that were built before; a new one is added.
-        work: makes the block from the model.
+        work: returns the block, given the model.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
@@ -141,25 +161,27 @@ def block_of(run: Run, way: Way, models: Models, work: Work) -> Block:
 
 
 def one_step(run: Run, way: Way, steps: int | None, models: Models) -> Block:
-    """Return a block whose repetition is one step of a way.
+    """Return a timing block for one step of a way: its time is that of one step.
 
     If the integrator chooses its steps, the block is a whole run, which counts as `steps` repetitions, or as one if the engine does
     not count its steps (None).
     """
     if not is_adaptive(way):
-        return block_of(run, way, models, partial(stepping, None, step=way.size, native=True))
-    block = whole_run(run, way, steps, 0.0, math.inf, models)
+        return block_of(run, way, models, partial(stepping, NO_KEY, step=way.size, native=True))
+    block = whole_run(run, way, steps, seconds=0.0, lead=math.inf, models=models)  # without a limit of time
     block.count = steps or 1
     return block
 
 
 def whole_run(run: Run, way: Way, steps: int | None, seconds: float, lead: float, models: Models) -> Block:
-    """Return a block whose repetition is a whole run of a way; of a long run at equal steps only the first part is run.
+    """Return a timing block for a whole run of a way: its time is that of the run.
+
+    If the run has equal steps and would take longer than `lead`, only its first part is run, and its time is extrapolated.
 
     Args:
         steps: number of steps of the run; None if the integrator chooses its steps and the engine does not count them.
         seconds: estimated time of the run [s].
-        lead: [s] that the first part takes.
+        lead: time [s] that the first part of a longer run takes.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
@@ -167,22 +189,27 @@ def whole_run(run: Run, way: Way, steps: int | None, seconds: float, lead: float
     adaptive = is_adaptive(way)
     share = 1.0 if adaptive or steps is None else share_of(seconds, lead, steps)
     choice = choice_of(way, adaptive, run.until)
-    return block_of(run, way, models, partial(running, None, choice, np.array([0.0, share * run.until]), share))
+    return block_of(run, way, models, partial(running, NO_KEY, choice, np.array([0.0, share * run.until]), share))
 
 
 def pace_run(run: Run, way: Way, steps: int | None, lead: float, samples: int, models: Models) -> Block:
-    """Return a block as `whole_run` does, for a way whose run time is not known: the time of its first steps is measured first.
+    """Return a timing block for a whole run of a way whose time is not known yet: its time is that of the run.
+
+    If the run has equal steps, its first steps are timed at once. If this shows that the run would take longer than `lead`, only
+    its first part is run, and its time is extrapolated.
 
     Args:
-        steps, lead: as in `whole_run`.
-        samples: number of samples of the run, as many as when it was judged, if the integrator chooses its steps.
+        steps: number of steps of the run; None if the integrator chooses its steps and the engine does not count them.
+        lead: time [s] that the first part of a longer run takes.
+        samples: number of sample times of a run whose integrator chooses its steps: as many as when its errors were taken.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
     """
     choice = choice_of(way, is_adaptive(way), run.until)
     if is_adaptive(way) or steps is None:
-        work = partial(running, None, choice, np.linspace(0.0, run.until, samples + 1), 1.0)
+        whole = 1.0  # the share of the run that is timed
+        work = partial(running, NO_KEY, choice, np.linspace(0.0, run.until, samples + 1), whole)
     else:
-        work = partial(leading, None, choice, run.until, steps, lead)
+        work = partial(leading, NO_KEY, choice, run.until, steps, lead)
     return block_of(run, way, models, work)

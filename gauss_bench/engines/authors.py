@@ -33,7 +33,7 @@ from gauss_bench.engines import ELSEWHERE, get
 from gauss_bench.engines.base import CHOSEN, Variant
 from gauss_bench.engines.own_options import OptionError, write_options
 from gauss_bench.engines.variants import FILE as VARIANTS_FILE
-from gauss_bench.engines.variants import LEAST_WORDS, Variants, read_variants
+from gauss_bench.engines.variants import LEAST_LENGTH, Variants, read_variants
 from gauss_bench.untrusted import BadInput, harmless, parse_toml, read_bytes
 
 ROOMS = Path(__file__).parent  # holds the folders of all engines
@@ -219,7 +219,7 @@ def _read_reason(place: str, line: Line) -> Reason:
         _require(key in ("source", "why"), f"{place}.{key}", "no such field; there are source, why")
     source, why = (_read_text(line, key, f"{place}.{key}") for key in ("source", "why"))
     _require(source.startswith("https://"), f"{place}.source", "must be an address: https://...")
-    _require(len(why) >= LEAST_WORDS, f"{place}.why", f"must be a sentence of {LEAST_WORDS} characters at least")
+    _require(len(why) >= LEAST_LENGTH, f"{place}.why", f"must be a sentence of {LEAST_LENGTH} characters at least")
     return Reason(source, why)
 
 

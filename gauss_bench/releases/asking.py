@@ -49,8 +49,10 @@ class Answers:
     """The answers of a release.
 
     Attributes:
-        version: number of the release; library: name and version that the library reports.
-        python, numpy: versions in the environment; how: as in Release.
+        version: number of the release.
+        library: name and version that the library reports.
+        python, numpy: versions in the environment.
+        how: whether the hash of the release's file was checked, in words.
         figures: the answers; empty if the release cannot be used.
         left_out: number of cases that were not asked within the budget.
         status: "ok", or the kind of failure; message: why there are no answers, or empty.
@@ -68,6 +70,7 @@ class Answers:
 
     @property
     def usable(self) -> bool:
+        """Whether the release has answered."""
         return self.status == Status.OK
 
 
@@ -103,7 +106,7 @@ def ask_release(library: Library, release: Release, budget: float, told: Callabl
 
 
 def shorten(figure: Figure) -> Figure:
-    """Return a figure with a short message that names no folder of this machine."""
+    """Return a figure (an answer of a release) whose message is cut to LONGEST characters and names no folder of this machine."""
     message = FOLDERS.sub("", figure.message)
     return replace(figure, message=message if len(message) <= LONGEST else f"{message[: LONGEST - 3]}...")
 
@@ -125,7 +128,10 @@ def distrust(answers: Answers) -> Answers:
 
 
 def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[Figure]:
-    """Yield the figures of a case: accelerations in motion and at rest, and on the first linkage those of a run.
+    """Ask a release for a linkage under a setting, and yield the answers as figures.
+
+    They are accelerations in motion and at rest. On the first linkage they also are the motion of a run, the gaps of loops at its
+    end, and the number of its steps. If there is no answer, a figure has the status and the message of the run.
 
     Args:
         name, offered: name and offer of the release's engine.
@@ -147,7 +153,7 @@ def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[
     if run.trajectory is None:
         yield Figure(MOTION, *place, str(run.status), run.message)
         return
-    shifted = []
+    shifted = []  # runs from slightly changed starts, which show how much rounding alone changes the result
     for seed in range(SHIFTS):
         again = replace(request, ask=nothing, answers=0, alter=partial(shift_start, seed))
         shifted.append(run_apart(again, mechanism, LIMIT, worker))
@@ -158,11 +164,12 @@ def read_accelerations(case: str, setting: str, answer: Array, true: Array) -> I
     """Yield the figures of accelerations in motion and at rest.
 
     Args:
-        case, setting: for the figures' keys.
-        answer: (k, n) accelerations in the order of `States`.
+        case, setting: names of linkage and setting, for the figures' keys.
+        answer: (k, n) accelerations, in motion and at rest in turns: first at the unchanged states, then at those of each changed
+            start (the order of `States`).
         true: (2 STATES, n) true accelerations in motion and at rest.
     """
-    groups = answer.reshape(1 + SHIFTS, 2, STATES, -1)  # unchanged and changed starts, motion and rest, states, n
+    groups = answer.reshape(1 + SHIFTS, 2, STATES, -1)  # axes: unchanged and changed starts; motion and rest; states; n
     for k, quantity in enumerate((MOVING, RESTING)):
         truth = true.reshape(2, STATES, -1)[k]
         values, shifted = groups[0, k], groups[1:, k]
@@ -171,7 +178,7 @@ def read_accelerations(case: str, setting: str, answer: Array, true: Array) -> I
 
 
 def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[Run], adaptive: bool) -> Iterator[Figure]:
-    """Yield the figures of a run: its motion, the gaps at its end, and its number of steps.
+    """Yield the figures of a run: its motion, the gaps of loops at its end, and its number of steps.
 
     Args:
         place: names of linkage and setting, for the figures' keys.
@@ -196,7 +203,7 @@ def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[
 
 def ask_defaults(library: Library, worker: Worker) -> Iterator[Figure]:
     """Yield the library's default values as figures."""
-    answer = ask(worker, f"{library.room}.{CASES}:defaults")
+    answer = call_engine_function(worker, f"{library.adapter_package}.{CASES}:defaults")
     if isinstance(answer, str):
         yield Figure(DEFAULT, "", "all", str(Status.ERROR), answer)
         return
@@ -205,14 +212,18 @@ def ask_defaults(library: Library, worker: Worker) -> Iterator[Figure]:
 
 
 def ask_closures(library: Library, worker: Worker) -> Iterator[Figure]:
-    """Yield the accelerations of the library's probes as figures."""
-    listed = ask(worker, f"{library.room}.{CASES}:list_probes")
+    """Ask the library for accelerations of its probes, small models with one kind of closure each, and yield them as figures.
+
+    A figure has the answer and its error. If the library gives no accelerations, the figure has the reason.
+    """
+    module = f"{library.adapter_package}.{CASES}"  # the engine's functions that build and ask probes
+    listed = call_engine_function(worker, f"{module}:list_probes")
     if isinstance(listed, str):
         yield Figure(CLOSURE, "", "all", str(Status.ERROR), listed)
         return
     for probe in (Probe(**x) for x in listed):
         states = states_of_probe(probe.model)
-        answer = ask(worker, f"{library.room}.{CASES}:ask_probe", probe.name, states.q, states.v)
+        answer = call_engine_function(worker, f"{module}:ask_probe", probe.name, states.q, states.v)
         if isinstance(answer, np.ndarray) and answer.shape == states.q.shape and np.isfinite(answer).all():
             for figure in read_accelerations(probe.model, probe.name, answer, states.a):
                 yield replace(figure, quantity=f"{CLOSURE}, {figure.quantity}")
@@ -222,8 +233,15 @@ def ask_closures(library: Library, worker: Worker) -> Iterator[Figure]:
                 yield Figure(f"{CLOSURE}, {quantity}", probe.model, probe.name, str(Status.ERROR), message)
 
 
-def ask(worker: Worker, place: str, *arguments: object) -> Any:
-    """Return the answer of a function MODULE:FUNCTION of an engine's folder, or a sentence on why there is no answer."""
+def call_engine_function(worker: Worker, place: str, *arguments: object) -> Any:
+    """Call a function of an engine's folder in the worker, and return its result, or a sentence on why there is none.
+
+    The functions called here return no text, so that a text is always such a sentence.
+
+    Args:
+        place: MODULE:FUNCTION.
+        arguments: those of the function.
+    """
     try:
         return worker.call(ask_room, (place, *arguments), LIMIT)
     except WorkerFailure as failure:
@@ -231,7 +249,7 @@ def ask(worker: Worker, place: str, *arguments: object) -> Any:
 
 
 def as_data(answers: Answers) -> dict[str, Any]:
-    """Return answers as plain data for a journal."""
+    """Return answers as dictionaries, lists, numbers and texts, which the journal stores as JSON."""
     figures = [
         {"key": x.key, "status": x.status, "message": x.message, "text": x.text, "error": x.error}
         | {"values": x.values.tolist(), "shifted": x.shifted.tolist()}
@@ -241,13 +259,13 @@ def as_data(answers: Answers) -> dict[str, Any]:
 
 
 def from_data(data: Mapping[str, Any]) -> Answers:
-    """Return the answers that `as_data` made plain."""
+    """Return answers, given the plain data that `as_data` returned for them."""
     figures = [read_figure(x) for x in data["figures"]]
     return Answers(**{**data, "figures": tuple(figures)})
 
 
 def read_figure(x: Mapping[str, Any]) -> Figure:
-    """Return the figure that `as_data` made plain."""
+    """Return a figure, given its plain data in the result of `as_data`."""
     values, shifted = np.array(x["values"] or np.zeros((0, 0))), np.array(x["shifted"] or np.zeros((0, 0, 0)))
     quantity, case, setting = x["key"]
     return Figure(quantity, case, setting, x["status"], x["message"], values, shifted, x["error"], x["text"])

@@ -5,7 +5,8 @@
     closures        accelerations of small models in the library's own terms, one for each kind of closure (`probes`)
     defaults        the library's default values
 
-Every question is asked again from starts that differ by 1e-14 of their size. The change of the answer shows its rounding.
+Every question is asked again from starts that differ by 1e-14 of their size. The change of the answer is an estimate of its
+rounding error.
 """
 
 from dataclasses import dataclass
@@ -40,8 +41,9 @@ class States:
     """The states at which accelerations are asked for.
 
     Attributes:
-        t: (k,) zeros; q, v: (k, n). First come STATES states in motion, then as many at rest, then both groups once more for each
-            changed start.
+        t: (k,) zeros.
+        q, v: (k, n) states. First come STATES states in motion, then as many at rest, then both groups once more, slightly changed,
+            for each changed start.
         a: (2 STATES, n) true accelerations of the first two groups.
     """
 
@@ -57,7 +59,7 @@ class Case:
 
     Attributes:
         linkage, scenario: path or name of the linkage, and scenario; "" is the first one.
-        settings, integrator, stabilization: as in a Choice.
+        settings, integrator, stabilization: names, as the engine offers them.
     """
 
     linkage: str
@@ -98,7 +100,7 @@ def find_mechanism(linkage: str, scenario: str) -> Mechanism:
 
 @cache
 def states_of(linkage: str, scenario: str) -> States:
-    """Return the states of a linkage at which accelerations are asked for."""
+    """Return the states of a linkage at which accelerations are asked for: random ones in motion, and the same at rest."""
     mechanism = find_mechanism(linkage, scenario)
     drawn = random_states(mechanism, STATES, speed=SPEED)
     q, v = np.concatenate([drawn.q, drawn.q]), np.concatenate([drawn.v, np.zeros_like(drawn.v)])
@@ -108,9 +110,14 @@ def states_of(linkage: str, scenario: str) -> States:
 
 
 def with_shifts(q: Array, v: Array, a: Array) -> States:
-    """Return states q, v (k, n) with their true accelerations, followed by SHIFTS copies that differ by SHIFT.
+    """Return states with their true accelerations, followed by SHIFTS copies of the states that are slightly changed at random.
 
-    The copies show how far a release's answers follow rounding; `a` (k, n) belongs to the states themselves alone.
+    The change is `questions.SHIFT` times the largest number, the size of rounding errors. The copies show how much a release's
+    answers change with rounding.
+
+    Args:
+        q, v: (k, n) states.
+        a: (k, n) true accelerations at these states, but not at the copies.
     """
     rng = np.random.default_rng(0)
     many_q, many_v = [q], [v]

@@ -32,7 +32,8 @@ class Figure:
     Attributes:
         quantity, case, setting: names of the question; together they are the figure's key.
         status, message: "ok", or the kind and reason of a failure.
-        values: (k, n) the answer; shifted: (s, k, n) the answers from s changed starts.
+        values: (k, n) the answer.
+        shifted: (s, k, n) the answers from s changed starts.
         error: error against the truth.
         text: the answer if it is no array but a default value.
     """
@@ -49,6 +50,7 @@ class Figure:
 
     @property
     def key(self) -> Key:
+        """The names of the question."""
         return self.quantity, self.case, self.setting
 
     @property
@@ -93,7 +95,10 @@ def relative_difference(a: Array, b: Array) -> float:
 
 
 def compare_figures(before: Figure, after: Figure) -> Change | None:
-    """Return the comparison of a figure in two releases; None if neither has an answer, or if both have the same text."""
+    """Return the comparison of a figure in two releases; None if neither has an answer, or if both have the same text.
+
+    An answer counts as changed if only one release has it, if its text differs, or if its numbers differ by more than rounding.
+    """
     if before.status != OK and after.status != OK:
         return None
     if before.status != OK or after.status != OK:
@@ -103,7 +108,7 @@ def compare_figures(before: Figure, after: Figure) -> Change | None:
         return None if before.text == after.text else Change(*before.key, True, was=before.text, now=after.text)
     difference = relative_difference(before.values, after.values)
     steadier, rounding = sorted((before.rounding, after.rounding))
-    if steadier < STEADY and SCATTERED < rounding < np.inf:
+    if steadier < STEADY and SCATTERED < rounding < np.inf:  # one release scatters and the other is steady: a change by itself
         rounding = steadier
     floor = FLOOR_OF_COUNTS if before.quantity == STEPS else FLOOR
     is_real = difference > max(MARGIN * rounding, floor)
@@ -124,7 +129,7 @@ def compare_releases(before: Iterable[Figure], after: Iterable[Figure]) -> list[
 
 
 def _lacking(key: Key) -> Figure:
-    """Return the figure for a default that a release does not have."""
+    """Return a figure without an answer, in place of a default value that a release does not have."""
     return Figure(*key, status="skip", message="not there")
 
 

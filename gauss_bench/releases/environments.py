@@ -59,12 +59,12 @@ class Release:
 
     @property
     def name(self) -> str:
-        """The name of the release among engines."""
+        """The name under which the release is an engine during a comparison, such as "mujoco-3.6.0"."""
         return name_of(self.engine, self.version)
 
 
 def name_of(engine: str, version: str) -> str:
-    """Return the name of a release among engines."""
+    """Return the name under which a release of an engine's library is itself an engine, such as "mujoco-3.6.0"."""
     return f"{engine}-{version}"
 
 
@@ -74,7 +74,7 @@ def folder_of_releases() -> Path:
 
 
 def install_release(library: Library, version: str, told: Told) -> Release:
-    """Install a release unless it is installed already, and return it; if the installation fails, it has the reason."""
+    """Install a release unless it is installed already, and return it; after a failure the returned release has the reason."""
     folder = folder_of_releases()
     folder.mkdir(parents=True, exist_ok=True)
     place = folder / name_of(library.engine, version)
@@ -103,20 +103,22 @@ def _install(library: Library, version: str, place: Path) -> None:
     failure = f"{library.package} {version} cannot be installed"
 
     def fill(folder: Path) -> None:
+        """Download the release's wheel, check its hash, install it with numpy and further requirements, and note the check."""
         with tempfile.TemporaryDirectory() as downloads:
             wanted = f"{library.package}=={version}"
             fetch = [*pip_of(folder), "download", *OPTIONS, *PATIENCE, "--no-deps", "--dest", downloads, wanted]
-            run_program(fetch, failure, _nobody, quiet=True)
+            run_program(fetch, failure, _ignore, quiet=True)
             (wheel,) = Path(downloads).iterdir()
-            how, more = check_hash(library, wheel), library.besides.get(version, [])
-            run_program([*pip_of(folder), "install", *OPTIONS, *PATIENCE, NUMPY, str(wheel), *more], failure, _nobody, quiet=True)
-        (folder / HOW).write_text(how, encoding="utf-8")
+            note, further = check_hash(library, wheel), library.besides.get(version, [])
+            install = [*pip_of(folder), "install", *OPTIONS, *PATIENCE, NUMPY, str(wheel), *further]
+            run_program(install, failure, _ignore, quiet=True)
+        (folder / HOW).write_text(note, encoding="utf-8")
 
-    make_environment(place, fill, _nobody, quiet=True)
+    make_environment(place, fill, _ignore, quiet=True)
 
 
-def _nobody(sentence: str) -> None:
-    """Ignore a line of pip, since the message of a failure quotes it."""
+def _ignore(sentence: str) -> None:
+    """Ignore a line of pip's output; if pip fails, the message of the failure quotes the output."""
 
 
 def check_hash(library: Library, wheel: Path) -> str:
@@ -143,7 +145,10 @@ def explain(library: Library, version: str, failure: str) -> str:
 
 
 def list_available(release: Release, library: Library) -> list[str]:
-    """Return the releases that the index offers for this Python and machine, newest first; an installed release's pip asks.
+    """Return the releases that the index of packages offers for this Python and machine, newest first.
+
+    Args:
+        release: an installed release, whose pip asks the index.
 
     Raises:
         InstallationFault: the index does not answer.
@@ -153,7 +158,7 @@ def list_available(release: Release, library: Library) -> list[str]:
     try:
         answer = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST, check=False).stdout
     except subprocess.TimeoutExpired:
-        answer = ""
+        answer = ""  # names no releases, which `read_available` reports
     return read_available(answer, library.package)
 
 
@@ -172,12 +177,13 @@ def read_available(answer: str, package: str) -> list[str]:
 
 @contextlib.contextmanager
 def as_engines(library: Library, releases: Sequence[Release]) -> Iterator[None]:
-    """Let releases be engines of this process within this context, and the newest one a second time under another name.
+    """Register releases as engines of this process while the context is open, and the newest one again under a second name.
 
     They are listed in a file of engines, which temporarily replaces the user's own.
     """
     named = {x.name: x.python for x in releases}
-    named[again(releases[-1])] = str(Path(releases[-1].python).with_name("python3"))
+    # the same interpreter under another path: processes are kept by path, so that this engine gets one of its own
+    named[second_name(releases[-1])] = str(Path(releases[-1].python).with_name("python3"))
     before = os.environ.get(ENGINES_FILE)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "engines.toml"
@@ -195,6 +201,6 @@ def as_engines(library: Library, releases: Sequence[Release]) -> Iterator[None]:
                 os.environ[ENGINES_FILE] = before
 
 
-def again(release: Release) -> str:
-    """Return the second name of a release among engines."""
+def second_name(release: Release) -> str:
+    """Return the name under which a release is registered as an engine a second time, to be timed against itself."""
     return f"{release.name}-{AGAIN}"

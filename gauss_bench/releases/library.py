@@ -22,8 +22,10 @@ class Library:
     """The library of an engine.
 
     Attributes:
-        engine: name of the engine; class_name: MODULE:CLASS of the adapter; room: module of the adapter's folder.
-        package: name of the library's package.
+        engine: name of the engine.
+        class_name: PACKAGE.MODULE:CLASS of the engine's adapter.
+        adapter_package: the Python package, a folder, that holds the adapter: PACKAGE in `class_name`.
+        package: name under which pip installs the library.
         releases: releases that are compared by default, the oldest first.
         raced: linkage, settings and integrator of every race.
         besides: release -> requirements that its own metadata do not name.
@@ -32,7 +34,7 @@ class Library:
 
     engine: str
     class_name: str
-    room: str
+    adapter_package: str
     package: str
     releases: tuple[str, ...]
     raced: tuple[tuple[str, str, str], ...] = ()
@@ -46,6 +48,7 @@ def names() -> list[str]:
 
 
 def _file_of(engine: str) -> Path:
+    """Return the path of the file that lists an engine's releases."""
     return Path(engines.__file__).parent / engine / FILE
 
 
@@ -58,10 +61,18 @@ def read_library(engine: str) -> Library:
     if engine not in names():
         raise ReleaseFault(f"no releases of {engine!r} can be compared; there are those of {', '.join(names())}")
     table = parse_toml(_file_of(engine).read_text(encoding="utf-8"))
-    class_name = FOREIGN[engine]
-    raced = tuple((x["linkage"], x["settings"], x["integrator"]) for x in table["raced"])
-    room, listed = class_name.partition(":")[0].rpartition(".")[0], tuple(table["releases"])
-    return Library(engine, class_name, room, table["package"], listed, raced, table.get("besides", {}), table["sha256"])
+    class_name = FOREIGN[engine]  # PACKAGE.MODULE:CLASS
+    module, _, _ = class_name.partition(":")
+    return Library(
+        engine,
+        class_name,
+        adapter_package=module.rpartition(".")[0],
+        package=table["package"],
+        releases=tuple(table["releases"]),
+        raced=tuple((x["linkage"], x["settings"], x["integrator"]) for x in table["raced"]),
+        besides=table.get("besides", {}),
+        sha256=table["sha256"],
+    )
 
 
 def order(version: str) -> tuple[int, ...]:

@@ -40,11 +40,14 @@ def states_of_probe(model: str) -> States:
 
 
 def coupled_states() -> States:
-    """Return states of two bars whose relative angle follows the first bar's: x2 = RATIO x + CURVE x^2."""
+    """Return states of two bars whose relative angle is a function of the first bar's angle x: RATIO x + CURVE x^2.
+
+    Each position is there once with a random speed and once at rest. `with_shifts` adds slightly changed copies of all states.
+    """
     mechanism = find_mechanism(str(FOLDER / "two_bars.toml"), "")
     rng = np.random.default_rng(5)
     lengths = 1.0, 0.5  # [m] from the first pin to the second, and from each pin to its bar's centre of mass
-    q, v = np.zeros((2, 2 * STATES, 6))
+    q, v = np.zeros((2, 2 * STATES, 6))  # first the states in motion, then those at rest
     angles, speeds = rng.uniform(-1.2, 1.2, STATES), rng.uniform(-SPEED, SPEED, STATES)  # of the first bar
     for k in range(STATES):
         q[k], v[k] = place_bars(angles[k], speeds[k], *lengths)
@@ -56,13 +59,17 @@ def coupled_states() -> States:
 def place_bars(x: float, w: float, length: float, half: float) -> tuple[Array, Array]:
     """Return the state q, v (6,) of the two bars at angle x [rad] and speed w [rad/s] of the first.
 
-    `length` is the distance from the first pin to the second, and `half` that from each pin to its bar's centre of mass [m].
+    The angle of the second bar is prescribed: x + RATIO x + CURVE x^2. q has x, y of the centre of mass and the angle of each bar.
+
+    Args:
+        length: distance from the first pin to the second [m].
+        half: distance from each pin to its bar's centre of mass [m].
     """
-    second, speed = x + RATIO * x + CURVE * x * x, w * (1 + RATIO + 2 * CURVE * x)
-    e, f = np.array([np.cos(x), np.sin(x)]), np.array([np.cos(second), np.sin(second)])
-    e_rate, f_rate = w * np.array([-e[1], e[0]]), speed * np.array([-f[1], f[0]])
-    q = np.concatenate([half * e, [x], length * e + half * f, [second]])
-    v = np.concatenate([half * e_rate, [w], length * e_rate + half * f_rate, [speed]])
+    x2, w2 = x + RATIO * x + CURVE * x * x, w * (1 + RATIO + 2 * CURVE * x)
+    e, f = np.array([np.cos(x), np.sin(x)]), np.array([np.cos(x2), np.sin(x2)])  # directions of the bars
+    e_rate, f_rate = w * np.array([-e[1], e[0]]), w2 * np.array([-f[1], f[0]])
+    q = np.concatenate([half * e, [x], length * e + half * f, [x2]])
+    v = np.concatenate([half * e_rate, [w], length * e_rate + half * f_rate, [w2]])
     return q, v
 
 

@@ -171,7 +171,7 @@ def check(options: Namespace, told: Told) -> Answer[Checked] | Answer[Accepted]:
         raise ChoiceError(f"{options.baseline}: no baseline there; write one with --accept REASON")
     baseline = None if options.accept else gate.read_baseline(options.baseline)
     if baseline is not None and (options.linkages or options.engines):  # of a part of the cases, run those in the baseline
-        chosen = gate.is_known(asked, baseline)
+        chosen = gate.known_cases(asked, baseline)
         if not chosen:
             named = " by ".join(", ".join(x) for x in (options.linkages, options.engines) if x)
             raise ChoiceError(f"{options.baseline} has no figure of {named}; --accept REASON writes them there")
@@ -179,7 +179,7 @@ def check(options: Namespace, told: Told) -> Answer[Checked] | Answer[Accepted]:
             told(f"{len(asked) - len(chosen)} of {len(asked)} cases are not in the baseline and are not run")
     alter = partial(gate.scale_inertia, options.plant_inertia) if options.plant_inertia else is_unaltered
     rows, references = measure_all(chosen, options.baseline.parent, options.jobs, alter)
-    figures = gate.facts(rows, references)
+    figures = gate.figures_of(rows, references)
     if baseline is None:
         changed, refused = gate.accept(figures, options.baseline, options.accept)
         remarks = tuple(f"not accepted, because it failed: {reason}" for reason in refused)

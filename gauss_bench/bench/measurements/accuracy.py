@@ -8,7 +8,7 @@ import numpy as np
 
 from gauss_bench.bench.cases import Case, as_asked, cases
 from gauss_bench.bench.measure import at_checkpoints, measure, mechanism_of, reference_of
-from gauss_bench.bench.poses import keep, play, true_poses
+from gauss_bench.bench.poses import choose_played, keep, true_poses
 from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, place_of
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.metrics import observed_order
@@ -24,7 +24,7 @@ JUDGING = 20.0  # [s] for the reference and the metrics of a case, besides the l
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """Return the tasks of the references, which cases share, then those of the cases."""
     chosen = as_asked(cases(suite), context.until, context.steps)
-    return tasks(chosen, context, play(chosen))
+    return tasks(chosen, context, choose_played(chosen))
 
 
 def tasks(chosen: Sequence[Case], context: Context, posed: Collection[Case] = ()) -> list[Task]:

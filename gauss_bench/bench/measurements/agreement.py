@@ -75,30 +75,39 @@ def _singular(mechanism: Mechanism) -> tuple[str, list[float]]:
 
 
 def differences(mechanism: Mechanism, formulation: str, q: Array, v: Array) -> Row:
-    """Return columns: the errors of the kernel and of another formulation in numpy, and the formulation in numpy they are against.
+    """Return the columns `error`, `numpy_error` and `against` of a kernel.
 
-    The states are q, v (k, n). The kernel is called for one state and for all at once, and the larger error counts.
+    The accelerations of a formulation in numpy, named by `against`, are taken as true. `error` is the largest relative error of the
+    kernel's accelerations: the kernel is called for one state and for all at once, and the larger error counts. `numpy_error` is
+    that of a second formulation in numpy.
+
+    Args:
+        q, v: (k, n) states.
 
     Raises:
         Missing, RunFailure: the kernel or a formulation has no accelerations.
     """
-    against, another = judges(mechanism, formulation)
+    reference, second = judges(mechanism, formulation)
     try:
         kernel = compile_kernel(mechanism, formulation)
     except KernelError as error:
         raise Missing(Status.ERROR, str(error)) from error
-    true = _accelerations(mechanism, against, q, v)
+    true = _accelerations(mechanism, reference, q, v)
 
     def worst(a: Array) -> float:
+        """Return the largest relative error of accelerations (k, n)."""
         return float(metrics.relative_acceleration_error(a, true).max())
 
     single = np.array([kernel.acceleration(*x) for x in zip(q, v, strict=True)])
     errors = {"error": max(worst(single), worst(kernel.acceleration(q, v)))}
-    return errors | {"numpy_error": worst(_accelerations(mechanism, another, q, v)), "against": against}
+    return errors | {"numpy_error": worst(_accelerations(mechanism, second, q, v)), "against": reference}
 
 
 def judges(mechanism: Mechanism, formulation: str) -> tuple[str, str]:
-    """Return the two formulations in numpy that a kernel is compared with; if rows are redundant, those that take them."""
+    """Return two formulations in numpy: the one whose accelerations are taken as true for a kernel, and a second one.
+
+    The first is the kernel's own formulation. If the linkage has redundant rows, they are the two that accept redundant rows.
+    """
     if mechanism.redundant:
         return "gauss", "udwadia_kalaba"
     return ("gauss", "lagrange") if formulation == "gauss" else ("lagrange", "gauss")

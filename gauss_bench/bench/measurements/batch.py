@@ -55,28 +55,34 @@ def list_keys(part: Batch) -> tuple[Key, Key]:
 
 
 def entries(linkage: str, scenario: str, part: Batch) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Yield the keys of both entries, and the functions that make their blocks from the same states.
+    """Yield the key of our own engine and that of its rival, each with the function that makes its timing block.
 
-    The states have a fixed random order: in the order of the crank's angle, adjacent lanes would be alike.
+    Both start at the same states. The states have a fixed random order: in the order of the crank's angle, adjacent lanes would be
+    alike.
     """
     mechanism = load(linkage, scenario or None)
     states = random_states(mechanism, part.states)
     order = np.random.default_rng(1).permutation(len(states.q))
     for key, steps in zip(list_keys(part), (part.step_count, part.rival_step_count), strict=True):
-        yield key, partial(make, mechanism, part, key, states.q[order], states.v[order], steps)
+        yield key, partial(make_block, mechanism, part, key, states.q[order], states.v[order], steps)
 
 
-def make(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, steps: int) -> Block:
-    """Return the block of the engine of `key`: a number of steps of all trajectories from the states q, v (k, n)."""
+def make_block(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, steps: int) -> Block:
+    """Return the timing block of one engine: `steps` steps of each trajectory from the states q, v (k, n).
+
+    Its time is that of one step of one trajectory. The block of our own engine (`part.own`) also has facts: columns about its
+    vector lanes, from a check after the race.
+    """
     model: Any = get(key.engine).build(mechanism, Choice(key.settings, "rk4", "none", part.step))
     block = lasting(key, ask(model, "batch")(q, v, steps), steps * len(q))
     return replace(block, facts=partial(check_lanes, model, q, v, steps)) if key.engine == part.own else block
 
 
 def check_lanes(model: Any, q: Array, v: Array, steps: int) -> Row:
-    """Return columns: the number of lanes, the largest difference of ends between lanes and single runs [m, rad], and the failures.
+    """Run all trajectories in vector lanes and some again one by one, and return the columns `lanes`, `lanes_error` and `lost`.
 
-    The model runs `steps` steps from the states q, v (k, n); `lost` is the number of trajectories that failed in lanes.
+    They are the number of lanes, the largest difference of the trajectories' ends between lanes and single runs [m, rad], and the
+    number of trajectories that failed in lanes. The model runs `steps` steps from the states q, v (k, n).
     """
     ends = ask(model, "batch")(q, v, steps)()
     lost = model.kernel.lost  # read before the single runs overwrite it

@@ -105,8 +105,13 @@ def describe(certificate: Certificate, mechanism: Mechanism) -> dict[str, Any]:
 
 
 def scenarios_to_certify() -> list[tuple[str, str]]:
-    """Return linkage and scenario of every certificate of the suite; dry friction cannot be certified."""
+    """Return linkage and scenario of every certificate of the suite.
+
+    These are all scenarios of the built-in linkages, and those scenarios of CLOSED_FORMS that have a closed form. Dry friction
+    cannot be certified.
+    """
     pairs = [(name, scenario) for name in (*built_in(), *CLOSED_FORMS) for scenario in document_of(name)[0]["scenarios"]]
+    # a generated linkage with a driver has no closed form
     wanted = [(name, scenario) for name, scenario in pairs if name in built_in() or scenario != "driven"]
     return [place for place in wanted if not load(*place).has_friction]
 
@@ -150,7 +155,7 @@ def verify_all(files: list[Path], linkage: str | None = None, jobs: int = 2) -> 
 
 
 def _verify(path: str, linkage: str) -> Tables:
-    """Verify the certificate in a file as one of a linkage; return its row."""
+    """Verify that the certificate in a file holds for the motion of a linkage; return its row."""
     certificate = read_certificate(Path(path))
     verification = verify(certificate, load(linkage, certificate.scenario))
     names = {"mechanism": certificate.name, "scenario": certificate.scenario}

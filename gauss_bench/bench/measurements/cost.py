@@ -1,6 +1,6 @@
 """Measure costs on a linkage in one interleaved race, and fill in the cost columns of the results.
 
-The timed quantities of each engine, in each combination of settings, integrator and stabilisation, are
+These quantities of each engine are timed, in each combination of settings, integrator and stabilisation:
 
     build           a model and its first step, with all generated code stored
     acceleration    an acceleration, called from Python
@@ -10,11 +10,12 @@ The timed quantities of each engine, in each combination of settings, integrator
     empty call      the cost of a call alone, for the same engines
     batch step      a step of one of many trajectories that are computed at once, for some engines
 
-The processor's latency and rate may take part. Every other table of times on these linkages is computed from the same samples, so
-that a quantity has one value.
+A suite may ask for two further entries of the race, the processor's latency and its rate (`processor.py`). Every other table of
+times on these linkages is computed from the same samples, so that a quantity has one value.
 
-Two further quantities are timed in a new process each. A "cold build" is the first model and its first step, with no generated code
-stored. A "start" is the same with the import of the engine's library and with stored code.
+Two further quantities are timed in a new process each. A "cold build" is the first model and its first step, while no generated
+code is stored. A "start" is the import of the engine's library, the first model and its first step; it uses generated code that an
+earlier start has stored.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,10 +26,10 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.bench.cases import combinations
-from gauss_bench.bench.clock import Key, Measured, gather_rounds, key_of, ratio_columns, time_of
+from gauss_bench.bench.clock import NO_KEY, Key, Measured, gather_rounds, key_of, ratio_columns, time_of
 from gauss_bench.bench.measurements.processor import PROCESSOR, processor
 from gauss_bench.bench.survived import race_survivors
-from gauss_bench.bench.tasks import LIMIT, LOST, Context, Rows, Tables, Task, patient, place_of
+from gauss_bench.bench.tasks import LIMIT, LOST, Context, Rows, Tables, Task, place_of, with_race_limit
 from gauss_bench.engines import environment_of, get, names
 from gauss_bench.engines.base import Choice, Engine, ask
 from gauss_bench.linkage.load import load
@@ -50,7 +51,7 @@ Make = Callable[[], Block]
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return a race for each linkage and process, and the cold builds.
+    """Return a race for each linkage and process, and the cold builds (first model and step in a new process).
 
     Engines that crashed or hung on a linkage do not race there. The processes of a linkage are separated in time, so that a
     disturbance of a minute affects few of them.
@@ -62,8 +63,9 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
             name = load(linkage, scenario or None).name
             fit = tuple(x for x in part.engines or names() if (name, x) not in lost and offer(x).usable)
             chosen = part.model_copy(update={"engines": fit, "linkages": {linkage: scenario}})
+            # "untimed" is the table that gets a row if the task fails
             task = context.task("untimed", race_cost, (linkage, scenario, chosen, number), linkage, scenario)
-            tasks.append(patient(task))
+            tasks.append(with_race_limit(task))
     for cold in suite.cold_builds:
         for place, engine in product(cold.linkages.items(), cold.engines):
             if offer(engine).usable:
@@ -78,9 +80,10 @@ def task_of_first_step(context: Context, place: tuple[str, str], engine: str, st
 
 
 def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0, race: Callable[..., Any] = race_survivors) -> Tables:
-    """Return rows with the seconds of every entry in every round, and rows with the reasons of entries without times.
+    """Race all engines on a linkage, and return two tables.
 
-    If an engine crashes or hangs, each of its entries has the reason.
+    `samples` has a row with the seconds of every entry in every round. `untimed` has a row with the reason of each entry without
+    times; if an engine crashes or hangs, each of its entries has one.
 
     Args:
         part: names the engines that race.
@@ -88,13 +91,14 @@ def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0, race: Ca
         race: `race_survivors`, or `race_here` in tests.
     """
     start = place_of(load(linkage, scenario or None))
+    # the loops that measure the processor are entries of an engine named PROCESSOR
     rows = race(entries, (linkage, scenario, part), part.rounds, (*part.engines, PROCESSOR))
     samples = [start | r | {"step": part.step, "process": number} for r in rows if "seconds" in r]
     return {"samples": samples, "untimed": [start | r for r in rows if "status" in r]}
 
 
 def entries(linkage: str, scenario: str, part: Cost) -> Iterator[tuple[Key, Make]]:
-    """Yield the key of each entry of a race, and the function that makes its block."""
+    """Yield the key of each entry of the race, and the function that makes its timing block."""
     mechanism = load(linkage, scenario or None)
     for name in part.engines:
         offered = offer(name)
@@ -113,9 +117,10 @@ def entries(linkage: str, scenario: str, part: Cost) -> Iterator[tuple[Key, Make
 
 
 def quantities(engine: Engine, mechanism: Mechanism, choice: Choice, part: Cost) -> Iterator[tuple[str, Make]]:
-    """Yield the name of each timed quantity of an engine under a choice, and the function that makes its block.
+    """Yield the name of each timed quantity of an engine under a choice, and the function that makes its timing block.
 
-    Builds and accelerations do not depend on the integrator and are timed with the first one only.
+    Builds and accelerations do not depend on the integrator and are timed with the first one only. BARE is the library's own call,
+    and EMPTY a trivial call, which shows the cost of calling; engines in `part.bare` have both.
     """
     # the model is built when the first block needs it, and shared by all blocks
     offered, model = offer(engine.name), cache(partial(build_model, engine, mechanism, choice))
@@ -124,31 +129,35 @@ def quantities(engine: Engine, mechanism: Mechanism, choice: Choice, part: Cost)
     def batch() -> Block:
         """Return a block of steps of many trajectories, all of which begin at the start of the scenario."""
         q, v = (np.tile(x, (TRAJECTORIES, 1)) for x in start)
-        return lasting(None, ask(model(), "batch")(q, v, BATCH_STEPS), BATCH_STEPS * TRAJECTORIES)
+        return lasting(NO_KEY, ask(model(), "batch")(q, v, BATCH_STEPS), BATCH_STEPS * TRAJECTORIES)
 
     if (choice.integrator, choice.stabilization) == (offered.integrators[0], "none"):
-        yield BUILD, lambda: lasting(None, lambda: first_step(engine, mechanism, choice))
-        yield ACCELERATION, lambda: accelerating(None, *start, model())
+        yield BUILD, lambda: lasting(NO_KEY, lambda: first_step(engine, mechanism, choice))
+        yield ACCELERATION, lambda: accelerating(NO_KEY, *start, model())
         if engine.name in part.bare:
-            yield BARE, lambda: lasting(None, ask(model(), "bare_calls")()[0])
-            yield EMPTY, lambda: lasting(None, ask(model(), "bare_calls")()[1])
+            yield BARE, lambda: lasting(NO_KEY, ask(model(), "bare_calls")()[0])
+            yield EMPTY, lambda: lasting(NO_KEY, ask(model(), "bare_calls")()[1])
         if engine.name in part.batch and choice.settings == next(iter(offered.settings)):
             yield BATCH, batch
     if offered.python_loop:
-        yield STEP, lambda: stepping(None, model(), part.step, native=False)
+        yield STEP, lambda: stepping(NO_KEY, model(), part.step, native=False)
     if offered.native_loop:
-        yield NATIVE, lambda: stepping(None, model(), part.step, native=True)
+        yield NATIVE, lambda: stepping(NO_KEY, model(), part.step, native=True)
 
 
 def quantities_elsewhere(name: str, mechanism: Mechanism, choice: Choice) -> Iterator[tuple[str, Make]]:
-    """Yield the same as `quantities` for an engine of another environment, whose accelerations and steps are timed."""
+    """Yield the name of each timed quantity of an engine with an environment of its own, and the function that makes its block.
+
+    Only accelerations and steps are timed. The work, a function of the model, is sent to a process of that environment, which
+    builds the model.
+    """
     offered, make = offer(name), partial(block_elsewhere, name, mechanism, choice)
     if (choice.integrator, choice.stabilization) == (offered.integrators[0], "none"):
-        yield ACCELERATION, partial(make, partial(accelerating, None, mechanism.q0, mechanism.v0))
+        yield ACCELERATION, partial(make, partial(accelerating, NO_KEY, mechanism.q0, mechanism.v0))
     if offered.python_loop:
-        yield STEP, partial(make, partial(stepping, None, step=choice.step, native=False))
+        yield STEP, partial(make, partial(stepping, NO_KEY, step=choice.step, native=False))
     if offered.native_loop:
-        yield NATIVE, partial(make, partial(stepping, None, step=choice.step, native=True))
+        yield NATIVE, partial(make, partial(stepping, NO_KEY, step=choice.step, native=True))
 
 
 def time_first_step(linkage: str, scenario: str, engine: str, step: float, quantity: str, number: int = 0) -> Tables:
@@ -185,7 +194,8 @@ def complete(suite: Suite, tables: Tables) -> None:
 def with_costs(rows: Rows, races: dict[tuple[str, str], Measured]) -> None:
     """Give each row of the results the times of its engine and setting, and their ratios to those of BASELINE.
 
-    The time of a step does not depend on its length. `races` are the results by mechanism and scenario.
+    A row may have another step than the races, because the time of a step does not depend on its length. `races` are the results
+    of the races by mechanism and scenario.
     """
     columns = cache(partial(_columns, races))
     for row in rows:
@@ -193,7 +203,10 @@ def with_costs(rows: Rows, races: dict[tuple[str, str], Measured]) -> None:
 
 
 def _columns(races: dict[tuple[str, str], Measured], mechanism: str, scenario: str, key: Key) -> dict[str, float]:
-    """Return the cost columns of an engine and setting on a mechanism; the quantity of `key` does not count."""
+    """Return the cost columns of an engine and setting on a mechanism, of all quantities.
+
+    `key` names engine and setting; the function sets the quantity of the key itself.
+    """
     samples = races[mechanism, scenario].samples if (mechanism, scenario) in races else {}
     columns: dict[str, float] = {}
     for quantity in (BUILD, COLD, ACCELERATION, STEP, NATIVE):

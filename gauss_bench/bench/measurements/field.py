@@ -1,4 +1,4 @@
-"""The field: further questions to every engine, besides its cases and its searched best.
+"""Further questions to every engine, for the table `field`: repetition, joint forces, start-up time and installed size.
 
 Two runs in two new processes must agree bit by bit. The suite computes joint forces from the engine's accelerations, and compares
 forces that an engine reports too. A start is the first use of the engine in a new process: import, model and first step. An engine
@@ -45,7 +45,10 @@ def absent(part: SameQuestions) -> list[str]:
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return a task for each linkage, engine and setting, without stabilisation and with the engine's first integrator."""
+    """Return a task for each linkage, engine and setting, without stabilisation and with the engine's first integrator.
+
+    Engines in PLAIN differ from others in algebra alone, and are run with their default setting only.
+    """
     tasks = []
     for part in suite.field:
         for place, name in product(part.linkages.items(), engines_of(part)):
@@ -96,7 +99,10 @@ def repeats(one: Trajectory, other: Trajectory) -> tuple[bool, float]:
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return the starts of every engine on the first linkage of a part; those of one engine are separated in time."""
+    """Return the tasks that time the start-up of every usable engine in a new process: import, first model and first step.
+
+    The linkage is the first one of each part. The repetitions of one engine are separated in time.
+    """
     tasks = []
     for part in suite.field:
         place = next(iter(part.linkages.items()))
@@ -106,13 +112,18 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Add start and size to the rows of every engine, and a row for each engine that is not installed."""
+    """Complete the table `field`.
+
+    All rows of an engine get its start-up time, its installed size, and the name of the linkage with redundant rows. Each engine
+    that is not installed gets a row with the reason.
+    """
     rows = tables.get("field", [])
     for part in suite.field:
         redundant = next((load(*x).name for x in part.redundant.items()), "")
         for linkage, scenario in part.linkages.items():
             place = place_of(load(linkage, scenario or None))
             missing = {"status": str(Status.SKIP), "settings": "", "integrator": "", "stabilization": "", "step": part.step}
+            # the error for an unknown name says how the engine can be installed
             rows += [place | missing | {"engine": x, "message": str(unknown(x).args[0])} for x in absent(part)]
             for row in rows:
                 if {k: row[k] for k in place} == place:
@@ -127,7 +138,7 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 
 def start_columns(samples: Rows, engine: str) -> dict[str, Any]:
-    """Return the columns of an engine's start, over all processes in which it started; none if no start was timed.
+    """Return the columns of an engine's start-up time, over all processes in which it started; none if no start was timed.
 
     `samples` are rows of timed quantities, of all engines.
     """

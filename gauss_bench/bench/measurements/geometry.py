@@ -55,7 +55,7 @@ def geometry(linkage: str, scenario: str, part: Geometry) -> Tables:
 def exact_motion(motion: MinimalCoordinate, angles: Array, speeds: Any = 1.0, accelerations: Any = 0.0) -> Levels:
     """Return q, v, a (k, n) at k crank angles [rad], speeds [rad/s] and accelerations [rad/s^2].
 
-    A number stands for the same value at all angles. Each position is solved from the one before.
+    A single number, instead of an array (k,), is the value at all angles. Newton's method solves each position from the one before.
     """
     states = [motion.state(*(np.array([float(x)]) for x in law)) for law in np.broadcast(angles, speeds, accelerations)]
     q, v, a = (np.concatenate(level) for level in zip(*states, strict=True))

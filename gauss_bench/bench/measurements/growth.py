@@ -1,13 +1,15 @@
-"""The cost of one right-hand side against the number of loops: N-four-bars of N windows, own kernels against engines.
+"""The cost of one right-hand side against the number of loops: this package's kernels against engines.
 
-A right-hand side computes the accelerations of a state. All contenders compute them for the same state, half a second after the
-start, where they are known in closed form (reference/exact.py). For a library, this file times the calls that an expert would make,
-without the translation of coordinates around them: the calls of the suite's adapters (CONTENDERS), and the calls that engines from
-outside offer (`library_calls` in `engines/base.py`). An own kernel is timed in its own loop, as a quarter of a step of Runge and
-Kutta, and called from Python for one state.
+The linkage is the N-four-bar, a chain of N four-bars ("windows"); N is its size. A right-hand side computes the accelerations of a
+state. All contenders compute them for the same state, half a second after the start, where they are known in closed form
+(reference/exact.py). For a library, this file times the calls that an expert would make, without the translation of coordinates
+around them: the calls of the suite's adapters (CONTENDERS), and the calls that engines from outside offer, plug-ins and engines of
+other environments (`library_calls` in `engines/base.py`). A kernel of this package is timed in two ways: in its own loop, where a
+right-hand side is a quarter of a step of the fourth-order Runge-Kutta method, and called from Python for one state.
 
-All contenders of a size race together, in several processes, and a time is the median over the processes. An exponent is fitted to
-these times. Its spread predicts the exponent of a second race, and follows from the exponents of the single processes.
+All contenders for one size are timed together in a race, which is repeated in several processes. A time is the median over the
+processes. An exponent is fitted to these times. Its spread is computed from the exponents of the single processes, and is an
+interval in which the exponent of a repeated race is expected.
 """
 
 import math
@@ -20,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Key, Row, foreseen, gather_rounds, row, spread
+from gauss_bench.bench.clock import NO_KEY, Key, Row, foreseen, gather_rounds, row, spread
 from gauss_bench.bench.survived import race_survivors
-from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, patient
+from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, with_race_limit
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import compile_kernel
 from gauss_bench.engines.base import LibraryCall
@@ -52,14 +54,14 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     for part in suite.growth:
         for number, size in product(range(part.processes), part.sizes):
             arguments = (size, part.rounds, number, calls)
-            tasks.append(patient(context.task("scaling_races", race_growth, arguments, size=size, process=number)))
+            tasks.append(with_race_limit(context.task("scaling_races", race_growth, arguments, size=size, process=number)))
     return tasks
 
 
 def complete(suite: Suite, tables: Tables) -> None:
     """Add the table of times over all processes, and the table of exponents."""
     races = tables.get("scaling_races", [])
-    for part in suite.growth:
+    for part in suite.growth:  # suites have one such part; of several, the last would count
         tables["scaling"] = over_races(races)
         tables["kernel_growth"] = exponents(races, part.large)
 
@@ -78,9 +80,8 @@ class ExactState:
         return float(np.abs(a - self.a).max() / np.abs(self.a).max())
 
 
-Contender = tuple[
-    tuple[str, ...], Callable[[ExactState], list[Block]]
-]  # timed quantities, and the function that makes their blocks
+# the quantities of a contender that are timed, and the function that makes one timing block for each of them
+Contender = tuple[tuple[str, ...], Callable[[ExactState], list[Block]]]
 
 
 def exact_state(size: int) -> ExactState:
@@ -98,18 +99,20 @@ def list_calls() -> list[tuple[str, str]]:
 
 def contenders(outside: Sequence[Sequence[str]]) -> dict[str, Contender]:
     """Return name -> contender of a race: CONTENDERS, and library calls (engine, name) of engines from outside."""
-    return CONTENDERS | {f"{engine}, {call}": ((CALLED,), partial(make_offered, engine, call)) for engine, call in outside}
+    return CONTENDERS | {f"{engine}, {call}": ((CALLED,), partial(make_offered_blocks, engine, call)) for engine, call in outside}
 
 
 def race_growth(
     size: int, rounds: int, number: int = 0, outside: Sequence[Sequence[str]] = (), race: Callable[..., Any] = race_survivors
 ) -> Tables:
-    """Return the rows of one race; an entry that cannot be built, crashes or hangs has a status and a reason.
+    """Return the rows of one race on the N-four-bar of a size, one for each timed quantity of each contender.
+
+    An entry that cannot be built, crashes or hangs has a status and a reason.
 
     Args:
-        size: number of windows.
-        number: of the process.
-        outside: engine and name of library calls of engines from outside.
+        size: number of four-bars in the chain.
+        number: of the process, which is written into the rows.
+        outside: library calls of engines from outside that take part: name of the engine and name of the call, each.
         race: `race_survivors`, or `race_here` in tests.
     """
     entered = contenders(outside)
@@ -117,6 +120,7 @@ def race_growth(
     start: Row = {"size": size, "process": number, "n": load(f"n_four_bar_{size}").n}
 
     def summarise(key: Key) -> Row:
+        """Return the columns of an entry's time and of its facts."""
         return spread("seconds", measured.of(key)) | measured.facts.get(key, {})
 
     keys = [Key(quantity, engine) for engine, (quantities, _) in entered.items() for quantity in quantities]
@@ -124,26 +128,35 @@ def race_growth(
 
 
 def entries(size: int, outside: Sequence[Sequence[str]] = ()) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Yield the key of every timed quantity of every contender, and the function that makes its block."""
+    """Yield the key of every timed quantity of every contender, and the function that makes its timing block.
+
+    Args:
+        size: number of four-bars in the chain.
+        outside: library calls of engines from outside that take part: name of the engine and name of the call, each.
+    """
     state, entered = exact_state(size), contenders(outside)
 
-    @cache  # all quantities of a contender are made at once
-    def make_blocks(engine: str) -> list[Block]:
-        most, reason = TOO_LONG.get(engine.partition(",")[0], (size, ""))
+    @cache  # all blocks of a contender are made at once, when the first of them is needed
+    def make_blocks(contender: str) -> list[Block]:
+        """Return the timing blocks of a contender; raise RunFailure if the linkage is too large for it."""
+        library = contender.partition(",")[0]  # the name of a contender may be "library, call"
+        most, reason = TOO_LONG.get(library, (size, ""))
         if size > most:
             raise RunFailure(Status.SKIP, reason)
-        return entered[engine][1](state)
+        _, make = entered[contender]
+        return make(state)
 
-    def pick(engine: str, k: int) -> Block:
-        return make_blocks(engine)[k]
+    def pick(contender: str, k: int) -> Block:
+        """Return the timing block of quantity k of a contender."""
+        return make_blocks(contender)[k]
 
-    for engine, (quantities, _) in entered.items():
+    for contender, (quantities, _) in entered.items():
         for k, quantity in enumerate(quantities):
-            yield Key(quantity, engine), partial(pick, engine, k)
+            yield Key(quantity, contender), partial(pick, contender, k)
 
 
-def make_kernel(formulation: str, state: ExactState) -> list[Block]:
-    """Return the blocks of a kernel: in its own loop, and called from Python.
+def make_kernel_blocks(formulation: str, state: ExactState) -> list[Block]:
+    """Compile a kernel, and return its two timing blocks: right-hand sides in its own loop, and single calls from Python.
 
     Raises:
         RunFailure: the mechanism has no kernel.
@@ -154,19 +167,19 @@ def make_kernel(formulation: str, state: ExactState) -> list[Block]:
         raise RunFailure(Status.SKIP, str(error)) from error
     facts = {"generate_seconds": kernel.generate_seconds, "compile_seconds": kernel.compile_seconds}
     facts |= {"error": state.error(kernel.acceleration(state.q, state.v))}
-    # a step of Runge and Kutta has four right-hand sides
-    steps = lasting(None, lambda: kernel.rollout(state.q, state.v, STEP, LOOPED), 4 * LOOPED)
-    single = lasting(None, lambda: kernel.acceleration(state.q, state.v))
+    # a step of the Runge-Kutta method has four right-hand sides: a call does the work of 4 LOOPED of them
+    steps = lasting(NO_KEY, lambda: kernel.rollout(state.q, state.v, STEP, LOOPED), 4 * LOOPED)
+    single = lasting(NO_KEY, lambda: kernel.acceleration(state.q, state.v))
     return [replace(x, facts=lambda: facts) for x in (steps, single)]
 
 
-def make_library(asked: Callable[[Mechanism, Array, Array], LibraryCall], state: ExactState) -> list[Block]:
-    """Return the block of a call of a library of this environment; asked(mechanism, q, v) prepares the call."""
+def make_library_blocks(asked: Callable[[Mechanism, Array, Array], LibraryCall], state: ExactState) -> list[Block]:
+    """Return the timing block of a library's call in this process, as a list; asked(mechanism, q, v) prepares the call."""
     return [with_facts(prepare_call(asked, state.mechanism, state.q, state.v), state)]
 
 
-def make_offered(engine: str, call: str, state: ExactState) -> list[Block]:
-    """Return the block of a library call that an engine from outside offers.
+def make_offered_blocks(engine: str, call: str, state: ExactState) -> list[Block]:
+    """Return the timing block, as a list, of a library call that a plug-in or an engine of another environment offers.
 
     Raises:
         RunFailure: the engine cannot model the mechanism, or its accelerations have another shape.
@@ -178,20 +191,20 @@ def make_offered(engine: str, call: str, state: ExactState) -> list[Block]:
 
 
 def with_facts(made: TimedCall, state: ExactState) -> Block:
-    """Return the block of a library call with the columns of its row: the time of its preparation, and its error."""
+    """Return the timing block of a library call with its facts, columns of its row: time of preparation [s], and relative error."""
     facts = {"generate_seconds": made.seconds, "compile_seconds": 0.0, "error": state.error(made.acceleration)}
     return replace(made.block, facts=lambda: facts)
 
 
 CONTENDERS: dict[str, Contender] = {
-    f"{formulation}-native": ((LOOP, CALLED), partial(make_kernel, formulation)) for formulation in ("gauss", "lagrange")
+    f"{formulation}-native": ((LOOP, CALLED), partial(make_kernel_blocks, formulation)) for formulation in ("gauss", "lagrange")
 }
 for library, calls, quantity in (
     ("pinocchio", pinocchio.CALLS, CALLED),
     ("mujoco", mujoco.CALLS, CALLED),
     ("exudyn", exudyn.CALLS, IMPLICIT),
 ):
-    CONTENDERS |= {f"{library}, {way}": ((quantity,), partial(make_library, asked)) for way, asked in calls.items()}
+    CONTENDERS |= {f"{library}, {way}": ((quantity,), partial(make_library_blocks, asked)) for way, asked in calls.items()}
 
 
 def over_races(races: Rows) -> Rows:
@@ -225,11 +238,12 @@ def exponents(races: Rows, large: int) -> Rows:
         if len(by_size) == 1:
             continue
         whole = [x for x in group_by(rows, "process").values() if len(x) == len(by_size)]  # processes that timed all sizes
-        single = [exponent([r["size"] for r in x], [r["seconds"] for r in x]) for x in whole]
+        single = [exponent([r["size"] for r in x], [r["seconds"] for r in x]) for x in whole]  # of each of these processes
+        # `foreseen` works with logarithms of its values, which thereby are the exponents
         low, high = (np.log(foreseen(np.exp(single))).tolist()) if len(single) > 1 else (math.nan, math.nan)
         names = {"engine": engine, "quantity": quantity, "sizes": len(by_size), "from": large, "processes": len(single)}
-        found = exponent([*by_size], [*by_size.values()])
-        summary.append(names | {"exponent": found, "exponent_low": low, "exponent_high": high})
+        of_medians = exponent([*by_size], [*by_size.values()])
+        summary.append(names | {"exponent": of_medians, "exponent_low": low, "exponent_high": high})
     return summary
 
 

@@ -35,19 +35,26 @@ QUANTITIES = {ONE: (NATIVE, LATENCY_KEY, "cycles"), MANY: (BATCH, RATE_KEY, "flo
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return the tasks that find the chain and count the operations of a compiled step, one for each linkage of the races."""
+    """Return one task for each linkage of the races of costs in which the processor is timed too.
+
+    It finds the longest chain of dependent operations in a compiled step, and counts the operations.
+    """
     if not suite.bounds:
         return []
     places = dict.fromkeys(x for part in suite.cost if part.processor for x in part.linkages.items())
-    return [context.task("kernel_bounds", count_operations, x, *x) for x in places]
+    return [context.task("kernel_bounds", count_operations, place, *place) for place in places]
 
 
 def count_operations(linkage: str, scenario: str) -> Tables:
-    """Return one row for each kind of bound, still without times; none if the linkage cannot be compiled."""
+    """Return one row for each kind of bound, with the counts of a compiled step; `complete` adds the times.
+
+    There are no rows if the linkage cannot be compiled.
+    """
     mechanism = load(linkage, scenario or None)
     start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
+    shortest = REACHES["rk4"][:1]  # code for steps in which angles move little, which every run tries first
     try:
-        (body,) = bodies(read_code(known_program(mechanism, "gauss", (), None, None), "none"), "rk4", REACHES["rk4"][:1])
+        (body,) = bodies(read_code(known_program(mechanism, "gauss"), "none"), "rk4", shortest)
     except KernelError:
         return {"kernel_bounds": []}  # the row of the race has the reason
     counts = {"cycles": period(body.step.graph, body.values, body.step.carried), "flops": flops(body)}
@@ -55,14 +62,18 @@ def count_operations(linkage: str, scenario: str) -> Tables:
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Fill in times, bounds and shares, and add the processor's latency and rate over the processes of all races."""
+    """Complete the rows of `kernel_bounds` and add the table `kernel_machine`.
+
+    The former get times of steps, bounds, and the share bound / time. The latter has the processor's latency and rate, over the
+    processes of all races.
+    """
     races = gather_by_linkage(tables)
     for part in suite.bounds:
         rows = tables.get("kernel_bounds", [])
         for number, start in enumerate(rows):
             measured = races.get((start["mechanism"], start["scenario"]), Measured({}, {}))
-            rows[number] = row(start, limit, start, part.own, measured)
-        samples: dict[Hashable, Array] = {}
+            rows[number] = row(start, compare_with_bound, start, part.own, measured)
+        samples: dict[Hashable, Array] = {}  # of all races
         for key in (LATENCY_KEY, RATE_KEY):
             processes = [rounds for race in races.values() for rounds in race.samples.get(key, ())]
             if processes:
@@ -70,12 +81,13 @@ def complete(suite: Suite, tables: Tables) -> None:
         tables["kernel_machine"] = processor_rows(Measured(samples, {})) + name_machine()
 
 
-def limit(start: Row, own: str, measured: Measured) -> Row:
+def compare_with_bound(start: Row, own: str, measured: Measured) -> Row:
     """Return the time of a step of an engine, its lower bound, and the ratio bound / time.
 
     Args:
-        start: the row of the bound, with its kind and its count.
+        start: a row of `count_operations`: the kind of bound, and the counts of cycles and operations in a step.
         own: name of the engine.
+        measured: the results of the races on the linkage.
 
     Raises:
         Failure: the step or the processor was not measured.

@@ -40,15 +40,18 @@ def long_run(linkage: str, scenario: str, part: LongRuns) -> Tables:
         for step in (part.step, part.step / 2):
             start: Row = place_of(mechanism) | {"formulation": formulation, "step": step}
             found = row(start | {"t_end": part.duration}, measure, mechanism, formulation, step, part.duration)
-            energies = found.pop("energies", [])
+            energy_errors = found.pop("energies", [])
             rows.append(judge_row(found, before, part))
-            windows += [start | {"t": (k + 1) * part.duration / WINDOWS, "energy_error": x} for k, x in enumerate(energies)]
+            windows += [start | {"t": (k + 1) * part.duration / WINDOWS, "energy_error": x} for k, x in enumerate(energy_errors)]
             before = found
     return {"kernel_long": rows, "kernel_energy": windows}
 
 
 def measure(mechanism: Mechanism, formulation: str, step: float, duration: float) -> Row:
-    """Return columns of drift and energy of one run, and under `energies` the largest error of the energy [J] in each window.
+    """Return columns of one run: drift, and errors of the energy [J] in the first window, in the last and in all.
+
+    `energy` is the largest kinetic energy [J], with which the errors can be compared. `energies` has the largest error in each
+    window.
 
     Raises:
         Missing: the mechanism has no kernel, or the run did not end.
@@ -59,17 +62,17 @@ def measure(mechanism: Mechanism, formulation: str, step: float, duration: float
     if run.trajectory is None:
         raise Missing(run.status, run.message)
     evaluator = Evaluator(mechanism)
-    drift, energy = metrics.drift(evaluator, run.trajectory), np.abs(metrics.energy_error(evaluator, run.trajectory)[0])
-    energies = [float(x.max()) for x in np.array_split(energy[1:], WINDOWS)]
+    drift, energy_error = metrics.drift(evaluator, run.trajectory), np.abs(metrics.energy_error(evaluator, run.trajectory)[0])
+    energy_errors = [float(x.max()) for x in np.array_split(energy_error[1:], WINDOWS)]
     kinetic = 0.5 * (evaluator.mass * run.trajectory.v**2).sum(axis=-1)  # (k,) [J]
     return {
         "position_drift": float(drift.position.max()),
         "velocity_drift": float(drift.velocity.max()),
         "energy": float(kinetic.max()),
-        "energy_first": energies[0],
-        "energy_last": energies[-1],
-        "energy_max": max(energies),
-        "energies": energies,
+        "energy_first": energy_errors[0],
+        "energy_last": energy_errors[-1],
+        "energy_max": max(energy_errors),
+        "energies": energy_errors,
     }
 
 

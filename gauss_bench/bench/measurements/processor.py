@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from jinja2 import Template
 
-from gauss_bench.bench.clock import Key, Measured, Row, row, spread
+from gauss_bench.bench.clock import NO_KEY, Key, Measured, Row, row, spread
 from gauss_bench.bench.provenance import environment
 from gauss_bench.bench.tasks import Rows
 from gauss_bench.compiler.machine import native_code
@@ -49,7 +49,13 @@ def processor() -> Iterator[tuple[Key, Callable[[], Block]]]:
 
 
 def _loop(chains: int, lanes: int | None) -> Block:
-    """Return the block of a loop of a number of chains, in vectors of `lanes` numbers; None for the widest vectors.
+    """Return the timing block of a loop with independent chains of multiply-adds, each of which needs the one before in its chain.
+
+    A single chain shows the latency of a multiply-add, many chains the peak rate.
+
+    Args:
+        chains: number of chains.
+        lanes: how many numbers a vector has; None for the widest vectors.
 
     Raises:
         RunFailure: there is no compiler.
@@ -57,13 +63,15 @@ def _loop(chains: int, lanes: int | None) -> Block:
     if not native_code.available():
         raise RunFailure(Status.SKIP, "the loops that measure the processor need the package llvmlite")
     width = native_code.best_lanes() if lanes is None else lanes
-    code = native_code.compile_listing(Listing(chain_text(chains, LINKS, width), "accelerate", "ppppi", chains * LINKS))
+    signature = "ppppi"  # four pointers and an integer
+    code = native_code.compile_listing(Listing(chain_text(chains, LINKS, width), "accelerate", signature, chains * LINKS))
     out = np.empty(width)
 
     def call() -> None:
+        """Run TURNS turns of the loop."""
         code.call(None, None, None, out.ctypes.data, TURNS)  # `out` lives as long as this function
 
-    return lasting(None, call, chains * LINKS * TURNS)
+    return lasting(NO_KEY, call, chains * LINKS * TURNS)
 
 
 def name_machine() -> Rows:
@@ -83,9 +91,9 @@ def processor_rows(measured: Measured) -> Rows:
 
     def rate() -> Row:
         """Return the columns of the operations per second: the longest time gives the lowest rate."""
-        slow = spread("value", measured.of(RATE_KEY))
+        seconds = spread("value", measured.of(RATE_KEY))  # of one multiply-add of vectors, two operations in each lane
         pairs = (("value", "value"), ("value_low", "value_high"), ("value_high", "value_low"))
-        return {name: 2 * lanes / slow[of] for name, of in pairs}
+        return {name: 2 * lanes / seconds[of] for name, of in pairs}
 
     waiting = {"key": "latency", "quantity": "a fused multiply-add that waits for the one before", "unit": "s"}
     cycle = {"key": "cycle", "quantity": f"a cycle, {CYCLES} to that latency", "unit": "s"}

@@ -1,12 +1,12 @@
-"""Ratios of the times of steps and right-hand sides of compiled formulations and a rival engine, from the races of `cost.py`.
+"""Ratios of times between this package's compiled formulations and a rival engine, from the races of `cost.py`.
 
 The steps have the same length and run in each engine's own loop. Their times include forces, springs, the checks of pivots, and the
 call from Python, which is a few per cent of the kernel's time.
 
 A right-hand side computes the accelerations of a state. For the rival it is the bare call of its library at a prepared state, with
 and without the cost of a call from Python. That cost is measured with a function of the same library that subtracts two vectors. It
-is about 0.1 us too small, because the bare call has more arguments. For the kernel a right-hand side is either a quarter of a step
-of Runge and Kutta in its own loop, or a call from Python. Inside the loop, equal terms of different stages are computed once, which
+is about 0.1 us too small, because the bare call has more arguments. For the kernel a right-hand side is either a quarter of a
+Runge-Kutta step in its own loop, or a call from Python. Inside the loop, equal terms of different stages are computed once, which
 is part of the gain from compiling a loop.
 """
 
@@ -26,20 +26,22 @@ LEAST = 1e-9  # [s] least time of a right-hand side: noise could make the rival'
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Add the rows of every linkage on which the own engines raced with the rival."""
+    """Add rows to `kernel_steps` and `kernel_rhs` for each linkage on which the rival was timed together with our own engines."""
     lengths = {(r["mechanism"], r["scenario"]): r["step"] for r in tables.get("samples", [])}
     for place, measured in gather_by_linkage(tables).items():
         raced = {k.engine for k in (*measured.samples, *measured.failed) if isinstance(k, Key)}
         for steps in suite.steps:
             if steps.rival in raced:
                 tables.setdefault("kernel_steps", []).extend(step_rows(place, steps, lengths.get(place), measured))
-        for sides in suite.right_hand_side:
-            if sides.rival in raced:
-                tables.setdefault("kernel_rhs", []).extend(rhs_rows(place, sides, measured))
+        for part in suite.right_hand_side:
+            if part.rival in raced:
+                tables.setdefault("kernel_rhs", []).extend(rhs_rows(place, part, measured))
 
 
 def step_rows(place: tuple[str, str], part: Steps, step: float | None, measured: Measured) -> Rows:
-    """Return one row for each formulation, stabilisation and setting of the rival; only the first formulation has targets.
+    """Return one row for each formulation, stabilisation and setting of the rival engine.
+
+    The ratio of the first formulation must reach a target, if the suite states one for the linkage.
 
     Args:
         place: mechanism and scenario.
@@ -60,7 +62,11 @@ def step_rows(place: tuple[str, str], part: Steps, step: float | None, measured:
 def rhs_rows(place: tuple[str, str], part: RightHandSide, measured: Measured) -> Rows:
     """Return a row for each setting of the rival and each pair of ways to call the kernel and the rival.
 
-    Only the kernel in its own loop against the rival without the cost of the call has a target. `place` is mechanism and scenario.
+    Only one pair has a target: the kernel in its own loop, against the rival without the cost of the call.
+
+    Args:
+        place: mechanism and scenario.
+        measured: the results of the races there.
     """
     rows = []
     for settings, own, rival in product(part.settings, (LOOP, CALLED), (AS_CALLED, NET)):
@@ -83,7 +89,7 @@ def compare_sides(measured: Measured, part: RightHandSide, settings: str, own: s
         Failure: one of them was not measured.
     """
     ours = measured.of(Key(NATIVE if own == LOOP else ACCELERATION, part.own))
-    if own == LOOP:  # a step of Runge and Kutta evaluates several right-hand sides
+    if own == LOOP:  # a Runge-Kutta step evaluates several right-hand sides
         ours = np.asarray(ours / EVALUATIONS["rk4"])
     bare = measured.of(Key(BARE, part.rival, settings))
     if rival == NET:

@@ -1,16 +1,19 @@
-"""The searched best of every engine on a linkage, by `../search.py`: ladders of all variants, then one race of those that passed.
+"""Find the cheapest setting of every engine on a linkage, by the rules of `../search.py`: errors first, then a race.
 
-Every variant runs alone in a worker, at sizes from coarse to fine. Its errors are the largest of positions, angles and joint forces
-over the run, at the ends of 50 equal parts of the run (or of fewer, if the reference has no samples there). A run whose steps are
-longer is judged at those of these times that its steps meet. Nothing is timed in this stage.
+A variant is an engine with options, an integrator and a stabilisation. A way is a variant with a size: a step, or a tolerance if
+the integrator chooses its steps. The trials of a variant at finer and finer sizes are its ladder.
 
-Then all engines race. A first race times one step of each variant that passed; with the number of steps this gives the estimated
-cost. The cheap variants then race over whole runs, in several processes; of a run at equal steps that takes longer than the lead,
-only the first part is timed. The processes of a linkage are separated in time, so that a disturbance of a minute affects few of
-them. Winners follow from all processes together.
+First, every variant runs alone in a worker, at sizes from coarse to fine. Its errors are the largest of positions, angles and joint
+forces over the run, at the ends of 50 equal parts of the run (or of fewer, if the reference has no samples there). A run with
+longer steps is judged at those of these times that are ends of its steps. Nothing is timed in this stage.
 
-Settings that an engine's authors own are further variants, with the same sizes, requirements and budget. The cheapest of them
-always races, even if it is far from ours, so that a table shows the one beside the other.
+Then all engines race. A first race times one step of each variant that met a requirement; with the number of steps this gives the
+estimated cost. The cheap variants then race over whole runs, in several processes. If a run has equal steps and takes longer than
+the `lead` of the suite (a time), only its first part is timed. The processes of a linkage are separated in time, so that a
+disturbance of a minute affects few of them. Winners follow from all processes together.
+
+Settings that the authors of an engine sent in are further variants, with the same sizes, requirements and budget. The authors are
+their owners. The cheapest of these settings always races, even if it costs much more than the suite's: a table shows both.
 """
 
 import hashlib
@@ -26,7 +29,7 @@ from gauss_bench.bench.clock import Measured, Row, at_least, gather_rounds, quar
 from gauss_bench.bench.measure import reference_of
 from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, pick_winner, tolerances
 from gauss_bench.bench.survived import Entries, list_survivors, race_here
-from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, patient, place_of
+from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, place_of, with_race_limit
 from gauss_bench.bench.ways import (
     BEATS,
     ROUGH_ROUNDS,
@@ -56,15 +59,16 @@ from gauss_bench.trajectory import Failure, Status
 
 SKIPPED = (Kind.NO_MODEL, Kind.UNDETERMINED, Kind.NOT_TRIED)  # answers whose status in tables is "skip"; others are a status
 BRIEF = 2  # integrators that a brief search tries of an engine that names no variants to try first
-Ladders = dict[Way, list[Trial]]  # variant (a way of size 0) -> its trials, in the order of the search
-Owners = dict[Way, str]  # variant that the authors of its engine own -> who they are
+Ladders = dict[Way, list[Trial]]  # variant (a way of size 0) -> its trials, from coarse to fine
+Owners = dict[Way, str]  # variant (a way of size 0) that the authors of its engine sent in -> who they are
 Place = tuple[str, str]  # linkage and scenario, as a suite names them
 
 
 class Racer(NamedTuple):
-    """A way that races.
+    """A setting that takes part in a race.
 
     Attributes:
+        way: engine, variant and size.
         steps: number of steps of its run; None if the engine does not count them.
         seconds: estimated time of its run [s]; 0 before any estimate.
     """
@@ -86,9 +90,10 @@ def engines_of(part: Search) -> list[Offer]:
 
 
 def space_of(engine: Offer, part: Search) -> list[Variant]:
-    """Return the suite's variants of an engine that a part of a suite searches.
+    """Return the variants of an engine that a part of a suite searches, without those that the engine's authors sent in.
 
-    A brief search tries the variants that the engine names to be tried first, or else those of its first integrators.
+    A brief search tries the variants that the engine lists under `first`. If it lists none, it tries those of its first BRIEF
+    integrators without stabilisation.
     """
     every = space(engine)
     if not part.brief:
@@ -99,7 +104,7 @@ def space_of(engine: Offer, part: Search) -> list[Variant]:
 
 
 def candidates(engine: Offer, part: Search) -> list[Variant]:
-    """Return all variants of an engine that a part of a suite searches: the suite's, then those that the engine's authors own."""
+    """Return all variants of an engine that a part of a suite searches: the suite's, then those that its authors sent in."""
     return space_of(engine, part) + (candidates_of(engine.name, part.authors) if engine.usable else [])
 
 
@@ -110,9 +115,10 @@ def motion_of(linkage: str, scenario: str, part: Search) -> Run:
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task, a ladder, for each linkage, engine and variant."""
+    """Return one task for each linkage, engine and variant: the ladder, which runs the variant at finer and finer sizes."""
     tasks = []
     for part, place in _races(suite):
+        # the ladder of one variant does not depend on these fields, nor may the key of its task
         asked = part.model_copy(update={"linkages": {}, "engines": (), "authors": ()})
         for engine in engines_of(part):
             for variant in candidates(engine, part):
@@ -123,12 +129,12 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return a task for the first process of every race; the ladders decide which ways race."""
-    return [patient(_task(context, first_race, part, place, tables), 2) for part, place in _races(suite)]
+    """Return a task for the first process of every race, in which all settings that met a requirement may take part."""
+    return [with_race_limit(_task(context, first_race, part, place, tables), 2) for part, place in _races(suite)]
 
 
 def second_timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return tasks for further processes of every race, with the ways that were near the fastest in the first process.
+    """Return tasks that repeat every race in further processes, with the settings that were close to the fastest in the first.
 
     The processes of a linkage are separated in time: process k runs on all linkages before process k + 1.
     """
@@ -136,7 +142,7 @@ def second_timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[
     for number in range(1, max((part.processes for part in suite.search), default=1)):
         for part, place in _races(suite):
             if number < part.processes and _has_times(_rows_at(tables, "search_races", place)):
-                tasks.append(patient(_task(context, further_race, part, place, tables, number)))
+                tasks.append(with_race_limit(_task(context, further_race, part, place, tables, number)))
     return tasks
 
 
@@ -146,7 +152,7 @@ def _races(suite: Suite) -> list[tuple[Search, Place]]:
 
 
 def _has_times(races: Rows) -> bool:
-    """Tell whether any way was timed."""
+    """Tell whether any row of a race has a time."""
     return any(r["status"] == Status.OK for r in races)
 
 
@@ -159,7 +165,9 @@ def _rows_at(tables: Tables, table: str, place: Place) -> Rows:
 def _task(context: Context, function: Callable[..., Tables], part: Search, place: Place, tables: Tables, number: int = 0) -> Task:
     """Return the task of one process of a race; its key includes the rows that the race depends on.
 
-    `number` is that of the process; all but the first also depend on the rows of the first.
+    Args:
+        function: `first_race` or `further_race`.
+        number: of the process; all but process 0 also depend on the rows of process 0.
     """
     only = part.model_copy(update={"linkages": dict([place])})
     known: list[Any] = [_rows_at(tables, "search_ladder", place)]
@@ -173,7 +181,8 @@ def complete(suite: Suite, tables: Tables) -> None:
     """Add the tables of winners and times, of the variants that were searched, and of the documentation of their options."""
     for part, place in _races(suite):
         ladders, races = (_rows_at(tables, table, place) for table in ("search_ladder", "search_races"))
-        for table, rows in winners_and_times(*place, part, ladders, races).items() if races else ():
+        found = winners_and_times(*place, part, ladders, races) if races else {}
+        for table, rows in found.items():
             tables.setdefault(table, []).extend(rows)
     variants: dict[str, Rows] = {}  # engine -> rows of its variants, each once although parts may share engines
     knobs: Rows = []
@@ -204,9 +213,11 @@ def space_row(engine: Offer, variant: Variant) -> Row:
 
 
 def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Search, store: str) -> Tables:
-    """Return a row for every evaluation of a variant; the last row has the reason why the search ended.
+    """Run a variant at finer and finer sizes, and return a row for each run; the last row has the reason why the search ended.
 
-    `store` is the folder of the references.
+    Args:
+        part: the part of the suite, with requirements, end of the run and budget.
+        store: the folder of the references.
     """
     run = motion_of(linkage, scenario, part)
     names = name_variant(engine, variant)
@@ -214,18 +225,21 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
     start: Row = place_of(run.mechanism) | names | {"until": run.until, "owner": variant.owner}
     adaptive = variant.integrator in offer(engine).adaptive
     truth = reference_of(linkage, scenario, run.until, store)
+    # number of equal parts of the run at whose ends errors are taken
     beats = next((x for x in BEATS if has_samples(truth, run.until, x)), None)
     if beats is None:
         reason = f"the truth has no samples at every tenth of {run.until:g} s"
         return {"search_ladder": [start | {"status": str(Status.SKIP), "message": reason, "ended": reason}]}
     most_steps = part.steps_of.get(engine, part.most_steps)
     scale = tolerances() if adaptive else equal_steps(run.until, beats, most_steps)
-    judge, most = Evaluator(run.mechanism), 0 if adaptive else most_steps
+    judge = Evaluator(run.mechanism)
+    limit = 0 if adaptive else most_steps  # of the number of steps; 0 stands for none
 
     def evaluate(size: float) -> Trial:
+        """Run the variant at a size, and return the trial."""
         return evaluate_run(run, judge, truth, way._replace(size=size), adaptive, beats)
 
-    trials, ended = explore(evaluate, scale, requirements(part), part.budget, most)
+    trials, ended = explore(evaluate, scale, requirements(part), part.budget, limit)
     rows = []
     for trial in trials:
         errors = {f"{kind}_error": x for kind, x in trial.errors.items()}
@@ -236,18 +250,21 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
 
 
 def read_ladders(rows: Rows) -> Ladders:
-    """Return the ladders of a linkage, given their rows."""
+    """Return the trials of each variant on a linkage, given the rows of `search_ladder` of this linkage."""
     groups = group_by(rows, *Way._fields[:-1])  # all but the size
     return {Way._make((*names, 0.0)): [trial_of(r) for r in same] for names, same in groups.items()}
 
 
 def owners_of(rows: Rows) -> Owners:
-    """Return the owners of variants, given the rows of all ladders."""
+    """Return who sent in variants, given the rows of `search_ladder`; the suite's own variants are not in it."""
     return {variant_of(r): r["owner"] for r in rows if r.get("owner")}
 
 
 def passing_ways(ladders: Ladders, wanted: Requirement, engine: str) -> dict[Way, Trial]:
-    """Return way -> trial of each variant of an engine that meets a requirement, at the coarsest size that meets it."""
+    """Return the ways of an engine that meet a requirement, each with its trial.
+
+    They are its variants that meet the requirement at any size, each with the coarsest size that does.
+    """
     ways: dict[Way, Trial] = {}
     for variant, trials in ladders.items():
         if variant.engine == engine and (trial := coarsest(trials, wanted)):
@@ -256,18 +273,21 @@ def passing_ways(ladders: Ladders, wanted: Requirement, engine: str) -> dict[Way
 
 
 def rivals(rows: Rows, part: Search) -> list[dict[Way, Trial]]:
-    """Return groups of ways (way -> trial) of which the cheapest wins, given the rows of all ladders of a linkage.
+    """Return groups of ways that compete with each other, way -> trial each: the cheapest of a group wins.
 
-    The ways of a group meet the same requirement, and have the same engine, owner and time loop.
+    The ways of a group meet the same requirement, and have the same engine, owner and time loop (option `loop`).
+
+    Args:
+        rows: those of `search_ladder` of the linkage.
     """
     ladders, owners = read_ladders(rows), owners_of(rows)
     groups: list[dict[Way, Trial]] = []
     for wanted in requirements(part):
         for engine in engines_of(part):
-            by_prize: dict[tuple[str, str], dict[Way, Trial]] = {}  # time loop and owner -> ways
+            by_loop_and_owner: dict[tuple[str, str], dict[Way, Trial]] = {}  # time loop and owner -> ways
             for way, trial in passing_ways(ladders, wanted, engine.name).items():
-                by_prize.setdefault((loop_of(way), owner_of(way, owners)), {})[way] = trial
-            groups += by_prize.values()
+                by_loop_and_owner.setdefault((loop_of(way), owner_of(way, owners)), {})[way] = trial
+            groups += by_loop_and_owner.values()
     return groups
 
 
@@ -277,7 +297,11 @@ def rivals(rows: Rows, part: Search) -> list[dict[Way, Trial]]:
 def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     """Estimate the costs of the ways that meet a requirement in one process, and race the cheap ones in another.
 
-    `rows` are those of all ladders of the linkage.
+    The estimated cost of a way is the time of one step of its variant times the number of steps. The cheap ones are chosen for each
+    requirement, engine, owner and time loop.
+
+    Args:
+        rows: those of `search_ladder` of the linkage.
     """
     run, groups = motion_of(linkage, scenario, part), rivals(rows, part)
     steps = {way: trial.steps for ways in groups for way, trial in ways.items()}
@@ -290,15 +314,15 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     for ways in groups:
         chosen |= dict.fromkeys(finalists({way: costs[way] for way in ways if way in costs}))
     racers = [Racer(x, steps[x], costs[x]) for x in chosen]
-    timed, more = race_apart(race_entries, run, part, racers, part.rounds, lost, part.lead)
-    return {"search_races": race_rows(run, 0, timed, lost | more)}
+    timed, more_lost = race_apart(race_entries, run, part, racers, part.rounds, lost, part.lead)
+    return {"search_races": race_rows(run, 0, timed, lost | more_lost)}
 
 
 def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: Rows, number: int) -> Tables:
-    """Race the ways that may still win in one more process.
+    """Repeat the race in a further process, with only those ways that were close to the fastest in the first process.
 
     Args:
-        rows: those of all ladders of the linkage.
+        rows: those of `search_ladder` of the linkage.
         first: the rows of the first process.
         number: of this process.
     """
@@ -312,12 +336,17 @@ def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: R
 def race_apart(
     entries: Entries, run: Run, part: Search, racers: Sequence[Racer], rounds: int, lost: Collection[str] = (), *more: float
 ) -> tuple[Rows, dict[str, WorkerFailure]]:
-    """Race ways in a new process; return the rows of `race_here`, and engine -> failure of engines that crash or hang.
+    """Time ways against each other in a new process.
 
     Args:
-        entries: `rough_entries` or `race_entries`.
-        lost: engines that crashed before and do not race.
+        entries: `rough_entries` or `race_entries`: entries(linkage, scenario, until, racers, *more) yields each key and the
+            function that makes its timing block.
+        rounds: number of rounds of the race.
+        lost: engines that crashed or hung before and do not race.
         more: further arguments of `entries`.
+
+    Returns:
+        The rows of `race_here`, and engine -> failure of the engines that crashed or hung now.
     """
     engines = [x.name for x in engines_of(part) if x.name not in lost]
     arguments = (run.linkage, run.mechanism.scenario, run.until, [x for x in racers if x.way.engine not in lost], *more)
@@ -326,18 +355,19 @@ def race_apart(
 
 
 def rough_entries(linkage: str, scenario: str, until: float, racers: Sequence[Racer]) -> Iterator[tuple[Way, Callable[[], Block]]]:
-    """Yield the variant of each racer, and the function that makes the block of one step."""
+    """Yield the variant of each racer, and the function that makes the timing block of one step, for an estimate of costs."""
     run = Run(linkage, load(linkage, scenario or None), until)
     for x in racers:
-        yield x.way._replace(size=0.0), partial(one_step, run, x.way, x.steps, {})
+        variant = x.way._replace(size=0.0)
+        yield variant, partial(one_step, run, x.way, x.steps, Models())
 
 
 def race_entries(
     linkage: str, scenario: str, until: float, racers: Sequence[Racer], lead: float
 ) -> Iterator[tuple[Way, Callable[[], Block]]]:
-    """Yield each way, and the function that makes the block of a whole run or of its first part of `lead` [s].
+    """Yield each way, and the function that makes its timing block: a whole run, or its first part that takes `lead` [s].
 
-    Ways of one variant may share a model.
+    Ways that differ in nothing but step or tolerance may share a model.
     """
     run, models = Run(linkage, load(linkage, scenario or None), until), Models()
     for x in racers:
@@ -345,12 +375,12 @@ def race_entries(
 
 
 def owner_of(way: Way, owners: Owners) -> str:
-    """Return the authors who own the variant of a way, or an empty text if the variant is the suite's."""
+    """Return the authors of an engine who sent in this setting, or an empty text if it is one of the suite's."""
     return owners.get(way._replace(size=0.0), "")
 
 
 def near_ways(ways: Iterable[Way], measured: Measured) -> list[Way]:
-    """Return the ways that may be the fastest, by their times in the first process."""
+    """Return the ways that may still be the fastest, judged by their times in the first process."""
     return close({w: float(quartiles(measured.samples[w])[0]) for w in ways if w in measured.samples})
 
 
@@ -368,15 +398,17 @@ def race_rows(run: Run, number: int, timed: Rows, lost: Mapping[str, WorkerFailu
 
 
 def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Rows, races: Rows) -> Tables:
-    """Return the tables of winners, of every engine for every requirement, and of the times of all ways that raced.
+    """Return two tables of a linkage, or three.
 
-    An engine that crashed or hung in one of the processes has a row with the reason instead of a winner.
+    `search_winners` has the cheapest setting of each engine for each requirement; an engine that crashed or hung in one of the
+    processes has a row with the reason instead. `search_times` has the time of each way that raced. `search_owned` compares the
+    settings that an engine's authors sent in with the suite's; it is missing if there are none.
 
     Args:
-        ladder_rows: those of all ladders of the linkage.
+        ladder_rows: those of `search_ladder` of the linkage.
         races: the rows of all processes of the race.
     """
-    if not _has_times(races):
+    if not _has_times(races):  # nothing raced: only the rows of races that failed as a whole are kept
         return {"search_winners": [{k: x for k, x in r.items() if k != "process"} for r in races if not r.get("engine")]}
     run, ladders, owners = motion_of(linkage, scenario, part), read_ladders(ladder_rows), owners_of(ladder_rows)
     measured, lost = gather_measured(races), list_lost(races)
@@ -402,7 +434,7 @@ def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Ro
 
 
 def _time_over_processes(measured: Measured, way: Way) -> Row:
-    """Return the columns of a time and its spread; the ends of the spread are NaN if only one process ran the way.
+    """Return the columns of a time and its spread; the ends of the spread are NaN if only one process timed this way.
 
     Raises:
         Failure: the way was not measured.
@@ -416,41 +448,44 @@ def _time_over_processes(measured: Measured, way: Way) -> Row:
 
 def list_lost(races: Rows) -> dict[str, Row]:
     """Return engine -> status and reason, of each engine that crashed or hung in a race."""
-    lost = [r for r in races if r.get("engine") and r.get("integrator") is None]
+    lost = [r for r in races if r.get("engine") and r.get("integrator") is None]  # rows of an engine as a whole, not of a way
     return {r["engine"]: {k: r[k] for k in ("status", "message")} for r in lost}
 
 
 def gather_measured(races: Rows) -> Measured:
-    """Return the times of the ways over the processes of a race, given its rows."""
+    """Return the measured times of each way in all processes of a race, given the rows of the race."""
     return gather_rounds((r for r in races if r.get("integrator") is not None), way_of)
 
 
 def entry_of(r: Mapping[str, Any]) -> Way:
-    """Return the way that a row of `race_here` names."""
+    """Return the way that is named in a row of `race_here`, which has a column `size`."""
     return Way(*(r[x] for x in Way._fields))
 
 
 def way_of(r: Mapping[str, Any]) -> Way:
-    """Return the way that a row of a table names."""
+    """Return the way that is named in a row of a table, which has the columns `step` and `tolerance`."""
     return variant_of(r)._replace(size=r["step"] or r["tolerance"])
 
 
 def variant_of(r: Mapping[str, Any]) -> Way:
-    """Return the variant, a way of size 0, that a row of a table names."""
+    """Return the variant that is named in a row of a table, as a way whose size is not set (0)."""
     return Way(r["engine"], r["settings"], r["integrator"], r["stabilization"], 0.0)
 
 
 def name_way(way: Way) -> Row:
-    """Return the columns that name a way."""
+    """Return the columns that identify a way: engine, settings, integrator, stabilisation, and step or tolerance."""
     columns = way._asdict()
     size = columns.pop("size")
     return columns | ({"step": None, "tolerance": size} if is_adaptive(way) else {"step": size, "tolerance": None})
 
 
 def winner_row(start: Row, wanted: Requirement, engine: str, ladders: Ladders, measured: Measured, part: Search) -> Row:
-    """Return an engine's row for a requirement: its winner, or the reason why it has none and the error of its nearest way.
+    """Return an engine's row for a requirement: its winner, or the reason why it has none and the error of its most accurate way.
 
-    `start` holds the columns that name linkage and requirement.
+    Args:
+        start: columns that name linkage and requirement.
+        ladders: the trials of all variants.
+        measured: the times of the ways that raced.
     """
     searched = {way: trials for way, trials in ladders.items() if way.engine == engine}
     passing = passing_ways(searched, wanted, engine)
@@ -470,11 +505,19 @@ def winner_row(start: Row, wanted: Requirement, engine: str, ladders: Ladders, m
 def row_of_authors(
     start: Row, wanted: Requirement, engine: str, ladders: Ladders, measured: Measured, part: Search, owners: Owners
 ) -> Row:
-    """Return the row of the cheapest setting that the authors of an engine own, beside the suite's for the same requirement."""
-    theirs = winner_row(start, wanted, engine, {x: y for x, y in ladders.items() if x in owners}, measured, part)
-    ours = winner_row(start, wanted, engine, {x: y for x, y in ladders.items() if x not in owners}, measured, part)
+    """Return the row that compares the cheapest setting that an engine's authors sent in with the cheapest of the suite's.
+
+    Both meet the same requirement. The columns of the suite's setting begin with `our_`, and the ratio is theirs to ours.
+
+    Args:
+        start: columns that name linkage and requirement.
+        ladders: the trials of all variants.
+        owners: who sent in which variants.
+    """
+    theirs = winner_row(start, wanted, engine, {way: x for way, x in ladders.items() if way in owners}, measured, part)
+    ours = winner_row(start, wanted, engine, {way: x for way, x in ladders.items() if way not in owners}, measured, part)
     columns = {key: x for key, x in theirs.items() if key not in ("passing", "raced", "tied", "ties")}
-    columns["owner"] = ", ".join(dict.fromkeys(x for way, x in owners.items() if way.engine == engine))
+    columns["owner"] = ", ".join(dict.fromkeys(owner for way, owner in owners.items() if way.engine == engine))
     for key in ("settings", "integrator", "stabilization", "step", "tolerance", "error", "seconds", "variants", "message"):
         columns[f"our_{key}"] = ours.get(key)
     if theirs["status"] == Status.OK and ours["status"] == Status.OK:
@@ -483,10 +526,10 @@ def row_of_authors(
 
 
 def row_without_winner(wanted: Requirement, trials: Ladders, failed: Sequence[Failure]) -> Row:
-    """Return the columns of an engine without a winner: the reason, and the way with the least error.
+    """Return the columns of an engine that has no timed setting for a requirement: the reason, and the way with the least error.
 
     Args:
-        trials: the ladders of the engine.
+        trials: the trials of the engine's variants.
         failed: failures of its ways in the race.
     """
     answer = reach(trials.values(), [wanted], str(failed[0]) if failed else "no race took it in")
@@ -502,30 +545,39 @@ def row_without_winner(wanted: Requirement, trials: Ladders, failed: Sequence[Fa
 
 
 def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
-    """Return the winners' rows of a requirement with the ratios of their times to that of the cheapest own way.
+    """Return the winners' rows of a requirement with the ratio of each time to that of the cheapest winner of our own engines.
 
-    The spread of a ratio covers all ways that tie with either of the two, because a second race may name another of them.
+    Our own engines are those in `part.own`. The spread of a ratio covers all ways that tie with either of the two winners that are
+    compared, because a repeated race may name another way that ties.
+
+    Args:
+        rows: one for each engine: its winner, or the reason why it has none.
+        measured: the times of all ways that raced.
     """
     ours = {way_of(r): r for r in rows if r["status"] == Status.OK and r["engine"] in part.own}
-    level = pick_winner({way: measured.of(way) for way in ours})[1] if ours else []  # own winners that tie
-    own = min(ours, key=measured.time, default=None)
-    fastest = [way for x in level for way in ours[x]["ties"]]
+    tied_own = pick_winner({way: measured.of(way) for way in ours})[1] if ours else []  # own winners that tie
+    own = min(ours, key=measured.time, default=None)  # the cheapest of them
+    fastest = [way for x in tied_own for way in ours[x]["ties"]]
     completed = []
     for r in rows:
         holds = r["status"] == Status.OK
         ratios = ratio_of(r, own, fastest, measured) if own is not None and holds else {}
         aimed = holds and r["required"] == "position" and r["accuracy"] in part.aimed
-        plain = {k: x for k, x in r.items() if k != "ties"} | {"own": holds and way_of(r) == own, "ours": r["engine"] in part.own}
-        completed.append(at_least(plain | ratios, "ratio", part.aims.get(r["engine"]) if aimed else None))
+        columns = {k: x for k, x in r.items() if k != "ties"} | {"own": holds and way_of(r) == own, "ours": r["engine"] in part.own}
+        completed.append(at_least(columns | ratios, "ratio", part.aims.get(r["engine"]) if aimed else None))
     return completed
 
 
 def ratio_of(r: Row, own: Way, fastest: Sequence[Way], measured: Measured) -> Row:
-    """Return the columns of the ratio of a winner's time to that of the cheapest own way.
+    """Return the columns of a winner's time divided by the time of the cheapest winner of our own engines.
+
+    The ends of the spread are those of all ratios between ways that tie with the one and ways that tie with the other.
 
     Args:
-        r: the winner's row, with the ways that tie with it.
-        fastest: the ways that tie with the cheapest own way.
+        r: the winner's row; its key `ties` has the ways that tie with the winner.
+        own: the cheapest winner of our own engines.
+        fastest: the ways that tie with `own`.
+        measured: the times of all ways.
     """
     if way_of(r) == own:
         return {"ratio": 1.0, "ratio_low": 1.0, "ratio_high": 1.0}

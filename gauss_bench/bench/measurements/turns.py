@@ -1,7 +1,8 @@
 """Time compiled kinematics: positions, velocities and accelerations of all links over whole turns of the crank.
 
 Errors are differences from the motion that Newton's method finds at every sample, relative to the largest position, velocity and
-acceleration. Link units in numpy are timed for comparison.
+acceleration. For comparison a method in numpy is timed that solves the linkage part by part, one group of links ("link unit") after
+the other.
 """
 
 from collections.abc import Callable, Iterator
@@ -10,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Key, Measured, Row, at_least, row, spread
+from gauss_bench.bench.clock import NO_KEY, Key, Measured, Row, at_least, row, spread
 from gauss_bench.bench.measurements.geometry import differences, exact_motion
 from gauss_bench.bench.survived import race_processes, race_survivors
 from gauss_bench.bench.tasks import Context, Tables, Task, place_of
@@ -23,7 +24,7 @@ from gauss_bench.runs.blocks import Block, lasting
 from gauss_bench.suites.schema import Suite, Turns
 
 METHODS = NATIVE, LINK_UNITS = "closure, compiled", "link units, numpy"
-PLAIN_SAMPLES = 36  # samples of the numpy method: a whole turn would take longer than the rest of the race
+PLAIN_SAMPLES = 36  # positions that the method in numpy computes: a whole turn would take longer than the rest of the race
 LEVELS = ("position_error", "velocity_error", "acceleration_error")
 
 
@@ -43,7 +44,10 @@ def race_turns(linkage: str, scenario: str, part: Turns, race: Callable[..., Any
 
 
 def turn_row(place: Row, part: Turns, method: str, measured: Measured) -> Row:
-    """Return the row of a method; the compiled method has a target, which it meets only if its errors are small too."""
+    """Return the row of a method: the time of a position, positions per second, and the errors.
+
+    The compiled method has a target for the positions per second, which it meets only if its errors are small too.
+    """
     key = Key("turn", method)
     start = place | {"method": method, "samples": PLAIN_SAMPLES if method == LINK_UNITS else part.samples}
     found = row(start, lambda: rate(spread("seconds", measured.of(key))) | measured.facts.get(key, {}))
@@ -54,22 +58,24 @@ def turn_row(place: Row, part: Turns, method: str, measured: Measured) -> Row:
 
 
 def rate(times: Row) -> Row:
-    """Add positions per second to the columns of a time [s] per position."""
+    """Return the columns of the time per position [s] and, in addition, those of its inverse: positions per second."""
     return times | {"rate": 1 / times["seconds"], "rate_low": 1 / times["seconds_high"], "rate_high": 1 / times["seconds_low"]}
 
 
 def entries(linkage: str, scenario: str, part: Turns) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Yield the key of each method, and the function that makes its block."""
+    """Yield the key of each method, and the function that makes its timing block."""
     mechanism, samples = load(linkage, scenario), part.samples
 
     def native() -> Block:
+        """Return the block of whole turns by compiled code, with the errors as facts."""
         closure = compile_closure(mechanism)
-        block = lasting(None, lambda: closure.turn(samples), samples)
+        block = lasting(NO_KEY, lambda: closure.turn(samples), samples)
         return replace(block, facts=lambda: errors(mechanism, closure.turn(samples)))
 
     def plain() -> Block:
+        """Return the block of the first PLAIN_SAMPLES positions of a turn, by link units in numpy."""
         times = np.arange(PLAIN_SAMPLES) / samples
-        return lasting(None, lambda: loop_motion(mechanism, times), PLAIN_SAMPLES)
+        return lasting(NO_KEY, lambda: loop_motion(mechanism, times), PLAIN_SAMPLES)
 
     yield Key("turn", NATIVE), native
     yield Key("turn", LINK_UNITS), plain
