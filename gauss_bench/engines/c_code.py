@@ -1,4 +1,4 @@
-"""Engines in C: find a compiler, generate fixed steps around an acceleration, compile both and call them.
+"""Engines in C: find a compiler, generate fixed-step integrators that call an acceleration, compile both and call them.
 
 The engine's C source defines, with q, v and a of N numbers,
 
@@ -63,7 +63,7 @@ def _write_sum(row: Array, name: str) -> str:
 
 
 class Code:
-    """A compiled acceleration of N coordinates, with the fixed steps around it.
+    """A compiled C function for the acceleration of N coordinates, and the compiled fixed-step integrators that call it.
 
     Raises:
         RunFailure: there is no compiler, or it rejects the source.

@@ -31,7 +31,7 @@ from gauss_bench.engines.own_options import OptionTable
 from gauss_bench.untrusted import parse_toml
 
 FILE = "variants.toml"
-LEAST_WORDS = 20  # [characters] a shorter text is not accepted as a reason
+MIN_REASON_LENGTH = 20  # [characters] a shorter text is not accepted as a reason
 REMARK, SOFT = "remark", "soft"
 OWN_SEARCH = "own search: "
 
@@ -167,7 +167,7 @@ def _read_knob(place: str, line: Line) -> Knob:
     _require(isinstance(meaning, str) and bool(meaning.strip()), place, "does not say what it means")
     _require(bool(address) != bool(reason), place, "needs `source`, or `own_search`, why we try it")
     _require(not address or str(address).startswith("https://"), place, "`source` is no address")
-    _require(not reason or len(str(reason)) >= LEAST_WORDS, place, "`own_search` gives no reason")
+    _require(not reason or len(str(reason)) >= MIN_REASON_LENGTH, place, "`own_search` gives no reason")
     return Knob(meaning.strip(), address or OWN_SEARCH + reason, tuple(line.get("values", ())), _read_range(place, line))
 
 
@@ -225,8 +225,8 @@ def _require_known(line: Line, names: tuple[str, ...], place: str) -> None:
 
 
 def _read_cause(text: Any, place: str) -> str:
-    """Return a cause if it is a text of LEAST_WORDS characters at least."""
-    _require(isinstance(text, str) and len(text) >= LEAST_WORDS, place, f"gives no cause: {text}")
+    """Return a cause if it is a text of MIN_REASON_LENGTH characters at least."""
+    _require(isinstance(text, str) and len(text) >= MIN_REASON_LENGTH, place, f"gives no cause: {text}")
     return str(text)
 
 

@@ -85,6 +85,9 @@ def step_through(
 
     Args:
         laws: index of a driven joint -> its motion law.
+        plan: stretches of equal steps: begin [s], number of steps, their length [s], `last` [s], and the index of the sample at the
+            end of the stretch, or None. A force that jumps at the end of the stretch is evaluated no later than `last`, just before
+            the jump.
         samples: arrays x and dx (k, n) for the states in the world's coordinates, which are filled.
     """
     # forces that never change need no call of Python between the steps
@@ -180,8 +183,9 @@ class FreeBodies(BodyModel):
         self.pybullet: Any = pybullet
         self.forces, self.evaluator = BodyForces(mechanism), Evaluator(mechanism)
         self._verify()
-        still = BodyWorld(pybullet, mechanism, {**self.options, **CONVERGED})
-        self.accelerations = Accelerations(still, self.forces, {})
+        # accelerations need a solver that converges, whatever the settings; runs make a world of their own in `prepare`
+        converging_world = BodyWorld(pybullet, mechanism, {**self.options, **CONVERGED})
+        self.accelerations = Accelerations(converging_world, self.forces, {})
 
     def _verify(self) -> None:
         """Compare the free bodies with the linkage, at its start.
@@ -194,6 +198,7 @@ class FreeBodies(BodyModel):
         world.set_step(SHORT)  # Bullet turns no rigid body by more than a quarter of a turn in a step
         world.put(q, v)
         world.step(self.forces(0.0, q, v).tolist())
+        # Bullet's force is mass times change of velocity over the step
         loads, own = self.evaluator.mass * (world.state()[1] - v) / SHORT, self.evaluator.applied.generalised(q, v, 0.0)
         require_agreement({"forces on free bodies": (loads, own, size(own))}, AGREEMENT)
 

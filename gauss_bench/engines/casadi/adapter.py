@@ -137,7 +137,10 @@ class CasadiModel:
         return finite_acceleration(t, np.array(self.solve(t, q, v)[0])[:, 0], "CasADi")
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start and make an integrator for each length of interval; `native` has no effect."""
+        """Reset to the start and make the integrators; `native` has no effect.
+
+        With projection there is an integrator for each length of an interval between samples, otherwise one for the whole run.
+        """
         self.times, self.steps, self.evaluations = times, 0, 0
         (self.x,) = sample_arrays(times, np.concatenate([self.mechanism.q0, self.mechanism.v0]))
         grids: dict[float, list[float]] = {}  # length of an interval -> times [s] at which its integrator returns states
@@ -146,7 +149,7 @@ class CasadiModel:
             self.spans = [float(f"{x:.12g}") for x in np.diff(times)]  # rounded, so that equal intervals share an integrator
             grids = {x: [x] for x in self.spans}
         elif len(times) > 1:
-            grids = {0.0: list(times[1:] - times[0])}
+            grids = {0.0: list(times[1:] - times[0])}  # one integrator returns all samples; its key 0.0 is not a length
         self.integrators = {x: self._make_integrator(grid) for x, grid in grids.items()}
 
     def _make_integrator(self, grid: list[float]) -> Any:
