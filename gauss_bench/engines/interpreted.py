@@ -99,8 +99,14 @@ class OwnSteps:
         return int(steps)
 
     def _run_fixed(self) -> None:
+        """Take equal steps from sample to sample, and store the samples.
+
+        Raises:
+            RunFailure: a coordinate is not finite.
+        """
         x, dx = self.start
-        # each stretch: `count` steps of h, with forces as they are until `last`; a row if a sample is due at its end
+        # a stretch has `count` steps of h [s]; a force that jumps at its end is evaluated no later than `last` [s], just before the
+        # jump; `row` is the index of the sample at its end, or None
         for begin, count, h, last, row in stretches(self.times, self.choice.step, self.mechanism.kinks):
             x, dx = self._advance(begin, x, dx, h, count, last)
             if not np.isfinite(x).all():

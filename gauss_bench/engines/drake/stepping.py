@@ -33,9 +33,12 @@ class Stepper:
         return self.built.reported_acceleration(self.context)
 
     def last_changes(self, y: Array, dy: Array, steps: int) -> tuple[Array, Array]:
-        """Take steps from a tree state y, dy (n,), and return the changes of dy (n,) over the step length in the last two."""
+        """Take `steps` >= 2 steps from a tree state y, dy (n,).
+
+        Return, for each of the last two steps, the change of dy (n,) in this step divided by the step length.
+        """
         self.built.set_state(self.context, y, dy)
-        rates = [dy]
+        rates = [dy]  # dy at the beginning, and after each step
         for _ in range(steps):
             self.context.SetDiscreteState(self.built.plant.EvalUniquePeriodicDiscreteUpdate(self.context))
             rates.append(self.built.state(self.context)[1])
@@ -60,7 +63,7 @@ class Runner:
         self.taken = 0
 
     def advance(self, steps: int, size: float) -> tuple[Array, Array]:
-        """Take steps of a size [s], which is that of the plant, and return the tree state y, dy (n,) after them."""
+        """Take steps of the plant's own step size, which is `size` [s] up to rounding, and return the tree state y, dy (n,)."""
         self.taken += steps
         # Drake computes the time of a step by the same product; a sum of sizes could differ from it by rounding
         self.simulator.AdvanceTo(self.taken * self.built.plant.time_step())
@@ -96,19 +99,20 @@ class ContinuousRunner(Runner):
 def settled_acceleration(steppers: Callable[[float], Sequence[Stepper]], y: Array, dy: Array) -> Array:
     """Return the acceleration (n,) at a tree state y, dy (n,) with closed loops, found from steps of discrete plants.
 
-    A step of SAP gives pinned points equal velocities at their places at its beginning, which leaves a gap, and it closes half of
-    the gap that the step before has left. If the loops are closed at first, the change of speed D_k in step k, divided by the step
-    length h, approaches a limit D(h), and its distance from the limit halves in every step:
+    A step of SAP makes the velocities of pinned points equal, evaluated with the positions at the beginning of the step. At the end
+    of the step a gap is therefore left. The step also closes half of the gap that the step before has left. Let D_k be the change
+    of speed in step k, divided by the step length h. If the loops are closed at first, D_k approaches a limit D(h), and its
+    distance from the limit halves in every step:
 
         D(h) = 2 D_k - D_(k-1),    a = D(0)
 
     D(0) is extrapolated from several lengths h. A force that Drake treats implicitly changes D(h), but not D(0).
 
-    Trap: if a step would change the speeds by less than a millionth, SAP does not change them at all. So if short steps do not
-    agree, longer ones are taken.
+    Trap: if a step would change the speeds by less than a millionth, SAP does not change them at all. So if the results of short
+    steps do not agree, longer steps are taken.
 
     Args:
-        steppers: function of a longest step [s]; it returns plants with this step and shorter ones, the longest first.
+        steppers: function of a longest step [s]; it returns steppers of plants with this step and shorter ones, the longest first.
 
     Raises:
         RunFailure: the extrapolation changes if the shortest steps are left out.
@@ -121,8 +125,13 @@ def settled_acceleration(steppers: Callable[[float], Sequence[Stepper]], y: Arra
 
 
 def extrapolate_changes(steppers: Sequence[Stepper], y: Array, dy: Array) -> tuple[Array, float]:
-    """Return the acceleration (n,) extrapolated from all steppers, and its largest change if the shortest steps are left out."""
+    """Return the acceleration (n,) extrapolated from all steppers, and its largest change if the shortest steps are left out.
+
+    Args:
+        steppers: one for each step length, the longest first; each takes SETTLING steps from the tree state y, dy (n,).
+    """
     pairs = [stepper.last_changes(y, dy, SETTLING) for stepper in steppers]
+    # D(h) = 2 D_k - D_(k-1), because the distance from the limit D(h) halves in every step
     changes = [2 * last - before for before, last in pairs]
     lengths = [stepper.length for stepper in steppers]
     found = extrapolate(lengths, changes)
