@@ -47,6 +47,9 @@ class Script:
     def record_call(self, source: str, text: str) -> "StandIn":
         """Record a call and return the stand-in for its result.
 
+        A call of a function that is not one of `statements` writes no line: its stand-in is the expression for the call. A call of
+        one of `statements` is a line of the script; the line assigns the result to the function's variable, if it has one.
+
         Args:
             source: the expression for the function.
             text: the expression for the whole call.
@@ -55,10 +58,10 @@ class Script:
         if name not in self._statements:
             return StandIn(self, text)
         prefix = self._statements[name]
-        if not prefix:
+        if not prefix:  # a call whose result is not used
             self.lines.append(text)
             return StandIn(self, "None")
-        variable = f"{prefix}{next(self._counts[prefix])}" if prefix.endswith("_") else prefix
+        variable = f"{prefix}{next(self._counts[prefix])}" if prefix.endswith("_") else prefix  # such as node_1, node_2, ...
         self.lines.append(f"{variable} = {text}")
         return StandIn(self, variable)
 

@@ -65,7 +65,10 @@ class TreeModel(ABC):
             return finite_acceleration(t, self.tree.absolute(y, dy, self.tree_acceleration(t, y, dy)).a, self.library)
 
     def accelerate_sample(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (3 links,) of a sample at time t [s] with the tree state y, dy (n,); by default `accelerate`."""
+        """Return the accelerations (3 links,) of a sample at time t [s] with the tree state y, dy (n,).
+
+        This default is the same as `accelerate`; a subclass may replace it.
+        """
         return self.accelerate(t, y, dy)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
@@ -159,13 +162,16 @@ def acceleration_by_steps(rates: TwoSteps, t: float, y: Array, dy: Array, steps:
     """Return the acceleration (n,) at time t [s] and a tree state y, dy (n,), from steps of several sizes [s] that a library takes.
 
     In a step of size h the rates change by h D(h), with D(h) = a + b h + ... The polynomial through D at all sizes gives a = D(0).
-    If a library treats springs and dampers implicitly, that changes b, not a. If it rounds the rates by e, the error of a is some
-    e / h.
+    If a library treats springs and dampers implicitly, that changes b, not a. If it rounds the rates with an error e, the error of
+    the acceleration is about e / h.
 
     In a library whose constraints act on velocities, the velocities v1 after a step have J v1 = 0, with J at the step's beginning.
     From a state with J v = 0, one step would therefore give J a = 0 in place of J a = gamma. So D is taken from the second of two
-    steps, of which the first begins one step before, at y - h dy. The library must not close the gaps there, which have the size
-    h^2: closing one adds an acceleration of a size that does not depend on h.
+    steps, of which the first begins one step before, at y - h dy. At that state the loops have gaps of the size h^2. The library
+    must not close these gaps: to close a gap in a step adds an acceleration whose size does not depend on h.
+
+    Args:
+        rates: function (t, y, dy, h) -> rates (n,) after one step of h [s], and after two.
     """
     changes = []
     for h in steps:

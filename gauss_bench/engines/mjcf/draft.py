@@ -56,7 +56,7 @@ class Draft:
 
     def _add_link(self, b: Branch, link: Link, y: Array) -> None:
         """Add a link as a body without geometry, in its pose at the tree coordinates y (n,), with its joints."""
-        origin, angle = rest_pose(b, y)
+        origin, angle = pose_in_parent(b, y)
         quaternion = [np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)]
         body = self.bodies[b.parent].add_body(name=self._name("body", link.name), pos=spatial(origin), quat=quaternion)
         body.explicitinertial = True
@@ -139,7 +139,7 @@ class Draft:
         return driver, tendon, motor
 
     def add_motors(self) -> list[str]:
-        """Turn constant forces into motors whose controls are their values, for a document that is used without this suite.
+        """Replace constant forces by motors, for a document that is used without this suite; a motor's control is its force.
 
         Returns:
             The names of the forces that a control can change.
@@ -215,7 +215,8 @@ class Draft:
         """Sum the springs and dampers on each joint.
 
         A spring acts on x = row . y + constant, where the row has a single entry, 1 or -1. The square of the entry is 1, so the
-        stiffness of the sum is the sum of stiffnesses. Its rest position follows from the springs' forces at y = 0.
+        stiffness of the joint is the sum of the springs' stiffnesses. The joint's rest position follows from the springs' forces
+        at y = 0.
         """
         by_joint: defaultdict[int, list[OnJoints]] = defaultdict(list)
         for f in springs:
@@ -227,10 +228,14 @@ class Draft:
             joint.springref = force_at_zero / k if k else 0.0
 
 
-def rest_pose(b: Branch, y: Array) -> tuple[Array, float]:
-    """Return the origin (2,) [m] and angle [rad] of a branch's link in its parent's frame, at tree coordinates y (n,)."""
+def pose_in_parent(b: Branch, y: Array) -> tuple[Array, float]:
+    """Return the origin (2,) [m] and angle [rad] of a branch's link in its parent's frame, at tree coordinates y (n,).
+
+    Origins of frames are centres of mass. `parent_anchor` and `anchor` are the joint's points in the parent and in the link. A
+    slide displaces the link's point by base + y axis, and holds it at the angle `turn`.
+    """
     if b.kind == "free":
         return y[b.at : b.at + 2], float(y[b.at + 2])
-    slide = b.base + y[b.at] * b.axis if b.kind == "prismatic" else np.zeros(2)
+    displacement = b.base + y[b.at] * b.axis if b.kind == "prismatic" else np.zeros(2)
     angle = b.turn if b.kind == "prismatic" else float(y[b.at])
-    return b.parent_anchor + slide - rotate(b.anchor, np.array(angle)), angle
+    return b.parent_anchor + displacement - rotate(b.anchor, np.array(angle)), angle
