@@ -59,6 +59,7 @@ class Compiled:
         return ""
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why there is no native code for a mechanism, or None if there is."""
         return "dry friction has no kernel: its loads are found by iteration" if mechanism.has_friction else None
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "CompiledModel":
@@ -103,6 +104,7 @@ class CompiledModel:
         self.q, self.v = sample_arrays(times, self.mechanism.q0, self.mechanism.v0)
 
     def run(self) -> None:
+        """Integrate with the chosen integrator, and store the samples."""
         if self.choice.integrator != ADAPTIVE:
             self._run_fixed()
         elif self.times[-1] > self.times[0]:

@@ -103,6 +103,7 @@ def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
         requirements = ["--require-hashes", "-r", str(ROOMS / name / "requirements.txt")]
 
         def fill(folder: Path) -> None:
+            """Install the engine's packages into the environment in a folder."""
             run_program([*pip_of(folder), "install", *OPTIONS, *requirements], failure, told)
 
         make_environment(place, fill, told)

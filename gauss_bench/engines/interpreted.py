@@ -83,6 +83,7 @@ class OwnSteps:
         self.x, self.dx = sample_arrays(times, *self.start)
 
     def run(self) -> None:
+        """Integrate, and store the samples."""
         with np.errstate(all="ignore"):  # no warnings: the steps check for values that are not finite
             if self.choice.integrator not in ADAPTIVE:
                 self._run_fixed()
@@ -131,6 +132,7 @@ class InterpretedModel(OwnSteps):
     """A mechanism under one formulation, integrator and stabilisation."""
 
     def __init__(self, name: str, mechanism: Mechanism, choice: Choice):
+        """Prepare the equations of a mechanism, and check that the loads of its dry friction are determined."""
         options = KNOWN.resolve(choice.settings)
         self.mechanism, self.choice, self.start = mechanism, choice, (mechanism.q0, mechanism.v0)
         self.tolerances = options["dop853_rtol"], options["dop853_atol"]
@@ -145,6 +147,7 @@ class InterpretedModel(OwnSteps):
         self.rank = mechanism.n - mechanism.dof + len(mechanism.drivers) + len(mechanism.knife_edges)  # at the start
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the accelerations (n,) at time t [s] and a state q, v (n,), without Baumgarte's terms."""
         return self._accelerate(t, q, v, self.evaluator.terms(t, q, v))
 
     def stabilized(self, t: float, q: Array, v: Array) -> Array:

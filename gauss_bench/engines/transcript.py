@@ -78,14 +78,17 @@ class StandIn:
         object.__setattr__(self, "_source", source)
 
     def __getattr__(self, name: str) -> "StandIn":
+        """Return the stand-in for an attribute, such as a method."""
         if name.startswith("__"):  # numpy and others look for such attributes; a stand-in has none of them
             raise AttributeError(name)
         return StandIn(self._script, f"{self._source}.{name}")
 
     def __setattr__(self, name: str, value: Any) -> None:
+        """Record the assignment of an attribute as a line of the script."""
         self._script.lines.append(f"{self._source}.{name} = {python(value)}")
 
     def __call__(self, *positional: Any, **named: Any) -> "StandIn":
+        """Record a call, and return the stand-in for its result."""
         arguments = [*map(python, positional), *(f"{key}={python(x)}" for key, x in named.items())]
         return self._script.record_call(self._source, f"{self._source}({', '.join(arguments)})")
 

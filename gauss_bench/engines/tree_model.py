@@ -40,6 +40,7 @@ class TreeModel(ABC):
     library: str
 
     def __init__(self, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
+        """Find the spanning tree, and the tree state at the start."""
         self.mechanism, self.choice, self.options = mechanism, choice, options
         self.tree = joint_tree(mechanism, options)
         self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
@@ -53,7 +54,8 @@ class TreeModel(ABC):
         """
 
     @abstractmethod
-    def run(self) -> None: ...
+    def run(self) -> None:
+        """Take the steps of `plan`, and store the tree states at the samples."""
 
     def accelerate(self, t: float, y: Array, dy: Array) -> Array:
         """Return the library's accelerations (3 links,) in absolute coordinates at time t [s] and a tree state y, dy (n,).
@@ -72,14 +74,17 @@ class TreeModel(ABC):
         return self.accelerate(t, y, dy)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the library's accelerations (3 links,) at time t [s] and an absolute state q, v (3 links,)."""
         return self.accelerate(t, *self.tree.relative(q, v))
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Plan the steps to the samples at `times` (k,) [s]; `native` tells whether the library's own loop takes them."""
         self.times, self.native = times, native
         self.plan = list(stretches(times, self.choice.step, self.mechanism.kinks))
         self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
 
     def read(self) -> Trajectory:
+        """Return the samples in absolute coordinates, with the library's accelerations."""
         return self.trajectory(self.y, self.dy, self.count_steps())
 
     def count_steps(self) -> int:
@@ -121,6 +126,7 @@ class OpenModel:
     positions: Array | None = None
 
     def __post_init__(self) -> None:
+        """Check that the quantities determine the motion."""
         if (self.mass is None or self.forces is None) and self.accelerations is None:
             raise TypeError("give the mass matrix and the forces, or the accelerations: they determine the motion")
 

@@ -45,6 +45,7 @@ class Accelerations:
     """
 
     def __init__(self, world: TreeWorld | BodyWorld, forces: GivenForces | BodyForces, laws: Mapping[int, MotionLaw]):
+        """Take a world with the options CONVERGED, the forces of its linkage, and the motion laws of driven joints."""
         self.world, self.forces, self.laws = world, forces, laws
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:

@@ -120,6 +120,7 @@ class JointModel(TreeModel):
     library = "Bullet"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Compare the open tree with the linkage, and build a world in which accelerations are found."""
         import pybullet
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
@@ -165,11 +166,13 @@ class JointModel(TreeModel):
         return super().accelerate(t, *self.tree.relative(*self.evaluator.project(t, q, v)))
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Reset to the start; `native` has no effect, because Python calls Bullet for every step."""
         super().prepare(times, native)
         self.world = self._world(self.options)  # a new world, so that no run depends on the one before
         self.world.put(self.y0, self.dy0)
 
     def run(self) -> None:
+        """Take all steps, and store the tree states at the samples."""
         step_through(self.world, self.forces, self.laws, self.plan, (self.y, self.dy))
 
 
@@ -177,6 +180,7 @@ class FreeBodies(BodyModel):
     """A mechanism as free bodies in Bullet, run by one `Choice`."""
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Compare the free bodies with the linkage, and build a world in which accelerations are found."""
         import pybullet
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
@@ -207,9 +211,11 @@ class FreeBodies(BodyModel):
         return finite_acceleration(t, self.accelerations(t, *self.evaluator.project(t, q, v)), "Bullet")
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Reset to the start; `native` has no effect, because Python calls Bullet for every step."""
         super().prepare(times, native)
         self.world = BodyWorld(self.pybullet, self.mechanism, self.options)
         self.world.put(self.mechanism.q0, self.mechanism.v0)
 
     def run(self) -> None:
+        """Take all steps, and store the absolute states at the samples."""
         step_through(self.world, self.forces, {}, self.plan, (self.q, self.v))

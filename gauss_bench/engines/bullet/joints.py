@@ -73,6 +73,7 @@ class TreeWorld(World):
     """A world of Bullet in which the links of a linkage hang on a tree of joints; without `closed` its loops are open."""
 
     def __init__(self, pybullet: Any, mechanism: Mechanism, tree: Tree, options: Mapping[str, Any], closed: bool = True):
+        """Add the tree of joints to a new world, without the motors that brake joints by default, and close its loops."""
         super().__init__(pybullet, mechanism, options)
         self.tree, self.pins = tree, closing_pins(tree)
         self.joints = list_joints(mechanism, tree)

@@ -51,4 +51,5 @@ class BodyForces:
         self.constant = np.zeros(mechanism.n)
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
+        """Return the forces and torques (3 links,) at time t [s] and a state q, v (3 links,)."""
         return self.applied.generalised(q, v, t)

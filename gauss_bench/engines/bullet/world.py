@@ -37,6 +37,7 @@ class World:
     """
 
     def __init__(self, pybullet: Any, mechanism: Mechanism, options: Mapping[str, Any]):
+        """Make a new world without bodies, with the solver and gravity."""
         self.pybullet, self.options = pybullet, options
         self.client: int = pybullet.connect(pybullet.DIRECT)
         finalize(self, pybullet.disconnect, self.client)  # a world that is no longer used does not stay connected

@@ -45,6 +45,7 @@ class ByHand:
         return f"C by {compiler()}" if compiler() else NO_COMPILER
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why no derivation by hand covers a mechanism, or None if one does."""
         if reason := unsteady(mechanism, "the derivation by hand"):
             return reason
         try:
@@ -94,10 +95,12 @@ class ByHandModel(CompiledSteps):
             require_agreement(pairs, AGREEMENT)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the accelerations (n,) of all links at the crank's angle and speed in q, v (n,)."""
         _, _, a = self.motion(np.array([t]), q[None, [self.crank]] + self.loop.lines[0], v[None, [self.crank]])
         return finite_acceleration(t, a[0], "the derivation by hand")
 
     def motion(self, t: Array, x: Array, dx: Array) -> tuple[Array, Array, Array]:
+        """Return q, v, a (k, n) of all links at crank angles x (k, 1) and speeds dx (k, 1)."""
         q = self._place_links(x[:, 0])
         second = np.array([self.code.acceleration(0.0, *state)[0] for state in zip(x, dx, strict=True)])
         at_rest = self.evaluator.constraints(0.0, q, np.zeros_like(q))

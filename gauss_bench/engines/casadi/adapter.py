@@ -92,6 +92,7 @@ class CasadiModel:
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Write the equations of a mechanism as CasADi's expressions."""
         import casadi
 
         from gauss_bench.engines.casadi.equations import equations, solution
@@ -180,6 +181,7 @@ class CasadiModel:
         return np.pad(solved, (0, size - len(solved)))  # only some systems have corrections
 
     def run(self) -> None:
+        """Integrate the whole run in one call, or from sample to sample with projection."""
         if self.spans:
             self._run_with_projection()
         elif self.integrators:
@@ -214,6 +216,7 @@ class CasadiModel:
         return np.array(states).T
 
     def read(self) -> Trajectory:
+        """Return the samples, with accelerations without Baumgarte's terms."""
         n = self.mechanism.n
         q, v = self.x[:, :n], self.x[:, n:]
         reached, a = slice(finite(self.x)), np.full_like(q, np.nan)

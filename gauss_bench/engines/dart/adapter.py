@@ -44,6 +44,7 @@ class Dart(LibraryEngine, file=VARIANTS):
         return f"DART {dartpy.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why DART cannot model a mechanism, or None if it can."""
         tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
         return beyond_a_tree(mechanism, "DART") or undriven(mechanism, tree, "DART")
 
@@ -77,6 +78,7 @@ class DartModel(TreeModel):
     library = "DART"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Compare the open tree with the linkage, and build the worlds."""
         import dartpy
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
@@ -162,6 +164,7 @@ class DartModel(TreeModel):
         return measured
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Reset to the start; `native` has no effect, because Python calls DART for every step."""
         super().prepare(times, native)
         self.moving.restart(self.dartpy.constraint)
         self._command(self.moving, times[0], times[0])

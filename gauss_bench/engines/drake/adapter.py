@@ -54,6 +54,7 @@ class Drake(LibraryEngine, file=VARIANTS):
         return f"Drake {version('drake')}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why Drake cannot run a mechanism with a choice, or None if it can."""
         if reason := beyond_a_tree(mechanism, "Drake") or unsteady(mechanism, "Drake"):
             return reason
         options = VARIANTS.options(choice.settings)

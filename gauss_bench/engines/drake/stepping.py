@@ -22,6 +22,7 @@ class Stepper:
     """A plant that is evaluated at given states and takes steps from them."""
 
     def __init__(self, built: Built):
+        """Make a context, Drake's object for a state, of the plant."""
         self.built = built
         self.length = float(built.plant.time_step())  # [s]; 0 of a continuous plant
         self.root = built.system.CreateDefaultContext()
@@ -49,6 +50,7 @@ class Runner:
     """A simulation of a discrete plant, whose steps have one length."""
 
     def __init__(self, drake: Any, built: Built):
+        """Make a simulator of the plant."""
         self.built = built
         self.simulator: Any = drake.analysis.Simulator(built.system)
         self.root = self.simulator.get_mutable_context()
@@ -82,10 +84,12 @@ class ContinuousRunner(Runner):
             self.integrator.set_target_accuracy(accuracy)
 
     def start(self, y: Array, dy: Array) -> None:
+        """Begin at a tree state y, dy (n,) and at time 0, and count steps from there."""
         super().start(y, dy)
         self.integrator.ResetStatistics()
 
     def advance(self, steps: int, size: float) -> tuple[Array, Array]:
+        """Integrate over `steps` times `size` [s], in steps of this size unless Drake chooses them; return y, dy (n,)."""
         if self.takes_equal_steps:
             self.integrator.set_maximum_step_size(size)
         self.simulator.AdvanceTo(self.root.get_time() + steps * size)

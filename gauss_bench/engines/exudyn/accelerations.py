@@ -30,6 +30,7 @@ class BuiltIn:
     """A function (q, v) -> the accelerations (n,) that Exudyn computes when a run starts from the state q, v (n,)."""
 
     def __init__(self, system: System, settings: Any):
+        """Prepare a solver of Exudyn that never runs, but computes initial accelerations with the settings of runs."""
         self.system, self.settings, self.initial = system, settings, system.exu.ConfigurationType.Initial
         self.solver = system.exu.MainSolverImplicitSecondOrder()
         self.solver.InitializeSolver(system.mbs, settings)
@@ -52,6 +53,7 @@ class Readout:
     """A function (q, v, t) -> Terms with Exudyn's M, f, C_q and C at a state q, v (n,), and gamma = -(C_q)' v by differences."""
 
     def __init__(self, system: System):
+        """Prepare a solver of Exudyn from which matrices are read."""
         self.system, self.current = system, system.exu.ConfigurationType.Current
         self.solver = system.exu.MainSolverImplicitSecondOrder()
         self.settings = system.exu.SimulationSettings()  # with dense matrices, which Python can read and set

@@ -71,6 +71,7 @@ class Exudyn(LibraryEngine, file=VARIANTS):
         return f"Exudyn {across_releases.version(exu)} ({module})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why Exudyn cannot model a mechanism, or None if it can."""
         if reason := common_refusal(mechanism, "Exudyn"):
             return reason
         if mechanism.knife_edges:
@@ -157,6 +158,7 @@ class ExudynModel:
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Build Exudyn's system, and compare it with the linkage."""
         self.exu, items = library()
         self.mechanism, self.choice = mechanism, choice
         self.evaluator = evaluator_of(mechanism)
@@ -171,6 +173,7 @@ class ExudynModel:
         self.log = Log(self.exu)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the accelerations (n,) at time t [s] and a state q, v (n,), by the KKT system or by Exudyn."""
         try:
             # In a run, forces are evaluated no later than `system.last`, so that a step that ends at a jump has the force before
             # the jump. Here every force has its value at t.
@@ -299,6 +302,7 @@ class ExudynModel:
             self.a[part.row] = a
 
     def read(self) -> Trajectory:
+        """Return the samples; raise the failure of the run, an open joint or a warning of Exudyn as a RunFailure."""
         warning = self.log.close()
         across_releases.call_after_steps(self.system.mbs, 0)  # because the function would keep this object in memory
         q = self.mechanism.q0 + self.q

@@ -93,6 +93,7 @@ class System:
     """
 
     def __init__(self, exu: Any, items: Any, mechanism: Mechanism):
+        """Add all links, joints, drivers and forces of a mechanism to a new system of Exudyn."""
         self.exu, self.items, self.mechanism = exu, items, mechanism
         self.container = exu.SystemContainer()
         self.mbs = self.container.AddSystem()
@@ -196,11 +197,13 @@ class System:
             return state
 
         def equation(mbs: Any, t: float, item: int, q: Any, v: Any, velocity: bool) -> list[float]:
+            """Return the residual x(q) - law(t), or its rate if Exudyn asks for the velocity level."""
             if velocity:
                 return [float(rate(coordinate, full(q), full(v))) - float(law(t)[1])]
             return [float(value(coordinate, full(q))) - float(law(t)[0])]
 
         def jacobian(mbs: Any, t: float, item: int, q: Any, v: Any, velocity: bool) -> Array:
+            """Return the derivatives (1, columns) of x by the coordinates of both links."""
             return np.array(gradient(coordinate, full(q))[None, columns])
 
         return equation, jacobian

@@ -66,6 +66,7 @@ class Minimal:
         return compiler_version()
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why one coordinate cannot describe a mechanism, or None if it can."""
         if reason := unsteady(mechanism, "the equation in one coordinate"):
             return reason
         try:
@@ -298,6 +299,7 @@ class MinimalModel:
         self.segments: list[Segment] = []
 
     def run(self) -> None:
+        """Integrate part after part, and store the results as segments; a failure goes into `failure`."""
         if self.choice.integrator == ADAPTIVE:
             self._run_adaptive()
             return

@@ -462,6 +462,7 @@ class _Rates(Placement):
     """
 
     def __init__(self, motion: _Motion, speed: Node):
+        """Take the links as functions of the coordinate, and the node of the coordinate's rate q'."""
         self.motion, self.speed, self.arithmetic = motion, speed, motion.graph
         self.still = Vec(motion.zero, motion.zero)
 

@@ -34,6 +34,7 @@ class Draft:
     """
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, tree: Tree):
+        """Add the links, joints, closures, forces and driven lengths of a mechanism to a new specification."""
         self.mujoco, self.mechanism, self.tree = mujoco, mechanism, tree
         self.spec: Any = new_spec(mujoco)
         self.spec.option.gravity = spatial(mechanism.gravity)
@@ -65,6 +66,7 @@ class Draft:
         hinge, slide = self.mujoco.mjtJoint.mjJNT_HINGE, self.mujoco.mjtJoint.mjJNT_SLIDE
 
         def add_joint(at: int, name: str, kind: Any, axis: list[float], anchor: Array) -> None:
+            """Add a joint of the link for the tree coordinate `at`, with its axis and its point in the link's frame."""
             self.joints[at] = body.add_joint(name=self._name("joint", name), type=kind, axis=axis, pos=spatial(anchor), ref=y[at])
 
         # a free link has slides along x and y and then a hinge

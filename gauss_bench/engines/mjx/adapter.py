@@ -47,6 +47,7 @@ class Mjx(LibraryEngine, file=VARIANTS):
         return f"mujoco-mjx {version('mujoco-mjx')} (mujoco {version('mujoco')}, jax {version('jax')})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why MJX cannot model a mechanism, or None if it can."""
         tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
         if reason := beyond_a_tree(mechanism, "MJX") or unsteady(mechanism, "MJX"):
             return reason
@@ -73,6 +74,7 @@ class MjxModel(TreeModel):
     library = "MJX"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Compile the model, compare it with the linkage without drivers, and upload it for the choice's step."""
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.libraries = load_libraries()
         try:
@@ -100,6 +102,7 @@ class MjxModel(TreeModel):
         return self.device.evaluate(y, dy).acceleration
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Reset to the start; `native` tells whether JAX's loop or a call from Python takes each step."""
         super().prepare(times, native)
         if self.choice.step != self.uploaded_step:
             self._upload_for_step()
@@ -109,6 +112,7 @@ class MjxModel(TreeModel):
             self.device.take_steps(model, self.state, 0)
 
     def run(self) -> None:
+        """Take all steps, and store the tree states at the samples."""
         take_steps, state = self.device.take_steps, self.state
         for stretch in self.plan:
             model = self.models[stretch.size]

@@ -123,6 +123,7 @@ class Device:
     """
 
     def __init__(self, libraries: Libraries, model: Any, torque: Array):
+        """Put a compiled model with constant forces `torque` (n,) on the device."""
         self.jax, self.mjx = libraries.jax, libraries.mjx
         self.trees = self.jax.tree_util
         rest = self.mjx.put_data(model, libraries.mujoco.MjData(model))

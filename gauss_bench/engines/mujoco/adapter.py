@@ -44,6 +44,7 @@ class Mujoco(LibraryEngine, file=VARIANTS):
         return f"mujoco {mujoco.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why MuJoCo cannot model a mechanism, or None if it can."""
         if reason := beyond_a_tree(mechanism, "MuJoCo"):
             return reason
         tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
@@ -140,6 +141,7 @@ class MujocoModel(TreeModel):
         return np.array(self.forward(y, dy, t).qacc)
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Reset to the start; `native` tells whether MuJoCo's loop or a call from Python takes each step."""
         super().prepare(times, native)
         self.complaints: list[str] = []
         self.mujoco.mj_resetData(self.model, self.data)
@@ -148,6 +150,7 @@ class MujocoModel(TreeModel):
         self.data.qfrc_applied[:] = self.torque
 
     def run(self) -> None:
+        """Take all steps, and store the samples; drivers and varying forces are set in a callback."""
         control = self.mujoco.get_mjcb_control()
         if self.sets_forces:  # MuJoCo calls this function at every stage of a step, with the time of the stage
             self.mujoco.set_mjcb_control(lambda model, data: self._set_forces(data, min(data.time, self.last)))
@@ -202,6 +205,7 @@ class MujocoModel(TreeModel):
         return step_all
 
     def read(self) -> Trajectory:
+        """Return the samples with notes; raise a warning of MuJoCo about a run that stayed finite as a RunFailure."""
         notes = []
         if self.sets_forces:
             subject = "the motion law is" if self.drives else "forces that vary are"

@@ -184,6 +184,7 @@ class OwnModelRun:
         raise RunFailure(Status.ERROR, "the joints of the model cannot take a state of its linkage")
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the accelerations (n,) of the links at a state q, v (n,); no force depends on time."""
         return self.absolute(*self.relative(q, v)).a
 
     def prepare(self, times: Array, native: bool = True) -> None:
@@ -194,6 +195,7 @@ class OwnModelRun:
         self.data.time = times[0]
 
     def run(self) -> None:
+        """Take all steps, and store the joint states at the samples."""
         with collect_warnings(self.mujoco, []):  # the judge finds a run that diverges
             for _, count, size, _, row in self.plan:
                 self.model.opt.timestep = size
@@ -202,6 +204,7 @@ class OwnModelRun:
                     self.y[row], self.dy[row] = self.data.qpos, self.data.qvel
 
     def read(self) -> Trajectory:
+        """Return the samples in absolute coordinates of the links."""
         with collect_warnings(self.mujoco, []):
             states = [self.absolute(*state) for state in zip(self.y, self.dy, strict=True)]
         q, v, a, _ = (np.array(x) for x in zip(*states, strict=True))

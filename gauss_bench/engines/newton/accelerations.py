@@ -36,6 +36,7 @@ class Accelerations:
     """A function (q, v, forces) -> accelerations (n,), for a state q, v (n,) on the constraints and forces (n,) besides gravity."""
 
     def __init__(self, libraries: Libraries, mechanism: Mechanism):
+        """Build a world of six copies of the linkage, with the options CONVERGED."""
         self.weight = AppliedForces(mechanism).gravity  # (n,)
         self.world = World(libraries, mechanism, CONVERGED, copies=2 + len(WEIGHTS))
 

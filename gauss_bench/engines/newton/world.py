@@ -59,6 +59,7 @@ class World:
     """
 
     def __init__(self, libraries: Libraries, mechanism: Mechanism, options: Mapping[str, Any], copies: int = 1):
+        """Build a number of equal copies of a linkage, and put them into its start."""
         self.warp, self.newton = libraries.warp, libraries.newton
         common = {"up_axis": self.newton.Axis.Y, "gravity": tuple(spatial(mechanism.gravity))}
         self.builder, together = self.newton.ModelBuilder(**common), self.newton.ModelBuilder(**common)

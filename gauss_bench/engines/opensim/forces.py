@@ -39,6 +39,7 @@ class JointForces:
     """
 
     def __init__(self, mechanism: Mechanism, tree: Tree, built: Built):
+        """Collect the joints and constraints of an OpenSim model whose forces are determined."""
         self.mechanism, self.tree = mechanism, tree
         determined = list_determined(mechanism)
         joints, constraints = built.model.getJointSet(), built.model.getConstraintSet()

@@ -138,15 +138,18 @@ class PinocchioModel(OwnSteps, TreeModel):
         return self.plain.bare(*self.start), lambda: self.pin.difference(self.plain.model, *self.start)
 
     def run(self) -> None:
+        """Integrate, and store the samples; evaluations are counted from zero."""
         self.stabilized.evaluations = 0
         super().run()
 
     def _run_adaptive(self, rtol: float, atol: float) -> int:
+        """Fill the samples by an adaptive integrator, compiled if the settings say so; return the number of its steps."""
         if isinstance(self.stabilized, CompiledDynamics):
             return self.stabilized.advance_adaptive(self.times, self.x, self.dx, rtol, atol)
         return super()._run_adaptive(rtol, atol)
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> tuple[Array, Array]:
+        """Return the state after `count` steps of h [s], which compiled code takes if the settings say so."""
         if isinstance(self.stabilized, CompiledDynamics):
             return self.stabilized.advance(self.choice.integrator, begin, x, dx, h, count)
         return super()._advance(begin, x, dx, h, count, last)

@@ -40,6 +40,7 @@ class Multibody:
     """
 
     def __init__(self, pin: Any, mechanism: Mechanism, tree: Tree):
+        """Build Pinocchio's model of the tree."""
         self.pin, self.model = pin, pin.Model()
         self.model.gravity.linear = np.array(spatial(mechanism.gravity))
         self.carriers: dict[int, tuple[int, Any]] = {GROUND: (0, pin.SE3.Identity())}
