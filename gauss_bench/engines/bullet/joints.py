@@ -55,9 +55,11 @@ def list_joints(mechanism: Mechanism, tree: Tree) -> list[Joint]:
         if b.kind == "free":
             # slides along x and y that carry no mass, then a hinge that carries the link; a joint's number is len(joints) after
             # it was appended, because numbers count from 1
-            joints.append(Joint(0, False, ORIGIN, (1.0, 0.0, 0.0), ORIGIN, 0.0, 0.0))
-            joints.append(Joint(len(joints), False, ORIGIN, (0.0, 1.0, 0.0), ORIGIN, 0.0, 0.0))
-            joints.append(Joint(len(joints), True, ORIGIN, UPWARDS, ORIGIN, mass, inertia))
+            joints.append(Joint(0, turns=False, origin=ORIGIN, axis=(1.0, 0.0, 0.0), centre=ORIGIN, mass=0.0, inertia=0.0))
+            joints.append(
+                Joint(len(joints), turns=False, origin=ORIGIN, axis=(0.0, 1.0, 0.0), centre=ORIGIN, mass=0.0, inertia=0.0)
+            )
+            joints.append(Joint(len(joints), turns=True, origin=ORIGIN, axis=UPWARDS, centre=ORIGIN, mass=mass, inertia=inertia))
             carriers[b.link], origins[b.link] = len(joints), np.zeros(2)
             continue
         place = spatial(rotate(b.parent_anchor + b.base, angles[b.parent]) - origins[b.parent])
