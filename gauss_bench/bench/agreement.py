@@ -17,7 +17,7 @@ import numpy as np
 from gauss_bench.bench.probes import AS_IT_IS, EVERYTHING, PROBE, Probe, changes, probe
 from gauss_bench.bench.subject import DURATION, PLAIN, STEP, Check, Subject
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.variants import LEAST_LENGTH
+from gauss_bench.engines.variants import MIN_REASON_LENGTH
 from gauss_bench.integrate.fixed_step import dop853_tableau
 from gauss_bench.linkage.load import document_of
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -60,7 +60,7 @@ def declarations(subject: Subject) -> Iterator[Check]:
     for word, label, cause in declared:
         if label not in (*offer.settings, *offer.variants):
             wrong.append(f"there are no settings and no variant {label!r}")
-        if len(cause) < LEAST_LENGTH:
+        if len(cause) < MIN_REASON_LENGTH:
             wrong.append(f"{label}: {word} without a cause")
         if word == "unfinished" and label in offer.settings:
             wrong.append(f"{label}: settings may be soft, but only variants unfinished")

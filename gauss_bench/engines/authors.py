@@ -1,4 +1,4 @@
-"""Settings that an engine's authors own: the reader of their file, and its checks.
+"""Settings that an engine's authors contribute: the reader of their file, and its checks.
 
 The file is `authors.toml` in the engine's folder, or any file that a user names:
 
@@ -33,7 +33,7 @@ from gauss_bench.engines import ELSEWHERE, get
 from gauss_bench.engines.base import CHOSEN, Variant
 from gauss_bench.engines.own_options import OptionError, write_options
 from gauss_bench.engines.variants import FILE as VARIANTS_FILE
-from gauss_bench.engines.variants import LEAST_LENGTH, Variants, read_variants
+from gauss_bench.engines.variants import MIN_REASON_LENGTH, Variants, read_variants
 from gauss_bench.untrusted import BadInput, harmless, parse_toml, read_bytes
 
 ROOMS = Path(__file__).parent  # holds the folders of all engines
@@ -106,7 +106,9 @@ def read_settings(path: Path) -> AuthorsSettings:
 
 
 def candidates_of(engine: str, files: Sequence[str | Path] = ()) -> list[Variant]:
-    """Return the candidates that the authors of an engine own, each once: first those in its folder, then those of `files`.
+    """Return the candidate settings that the authors of an engine contribute, without duplicates.
+
+    First come the candidates of the file in the engine's folder, then those of `files`; files for other engines are left out.
 
     Raises:
         SettingsFault: a file has a fault.
@@ -159,7 +161,7 @@ def _read(path: Path, file: Line) -> AuthorsSettings:
 
 
 def _find_engine(name: str) -> tuple[Any, Variants]:
-    """Return the adapter of an engine, and the content of its `variants.toml`; the library need not be installed.
+    """Return the adapter of an engine, and the content of the engine's `variants.toml`; the library need not be installed.
 
     Raises:
         SettingsFault: no engine of that name has a `variants.toml`.
@@ -202,7 +204,7 @@ def _read_value(place: str, key: str, value: Any, variants: Variants) -> Any:
     """Return the value of the knob `key`; a whole number becomes a float if the knob's values are floats.
 
     Raises:
-        SettingsFault: the value has not the type of the knob, or is not in its range.
+        SettingsFault: the value does not have the type of the knob's values, or is out of the knob's range.
     """
     try:
         checked = variants.table.check_value(key, value, repr(value))
@@ -219,12 +221,16 @@ def _read_reason(place: str, line: Line) -> Reason:
         _require(key in ("source", "why"), f"{place}.{key}", "no such field; there are source, why")
     source, why = (_read_text(line, key, f"{place}.{key}") for key in ("source", "why"))
     _require(source.startswith("https://"), f"{place}.source", "must be an address: https://...")
-    _require(len(why) >= LEAST_LENGTH, f"{place}.why", f"must be a sentence of {LEAST_LENGTH} characters at least")
+    _require(len(why) >= MIN_REASON_LENGTH, f"{place}.why", f"must be a sentence of {MIN_REASON_LENGTH} characters at least")
     return Reason(source, why)
 
 
 def _lines(file: Line, name: str) -> Mapping[str, Line]:
-    """Return the table `name` of a file if it holds tables, and at least one."""
+    """Return the table `name` of a file, which must hold at least one table, and nothing but tables.
+
+    Raises:
+        SettingsFault: it does not.
+    """
     lines = file.get(name)
     if not (isinstance(lines, dict) and lines and all(isinstance(x, dict) for x in lines.values())):
         raise SettingsFault(f"{name}: a table of tables is wanted")
@@ -232,7 +238,14 @@ def _lines(file: Line, name: str) -> Mapping[str, Line]:
 
 
 def _read_text(line: Line, key: str, place: str) -> str:
-    """Return the text of a field, if it is printable, in one line, not empty and not too long."""
+    """Return the text of a field, which must be printable, in one line, not empty and not longer than LONGEST.
+
+    Args:
+        place: name of the field in messages.
+
+    Raises:
+        SettingsFault: it is not.
+    """
     text = line.get(key)
     good = isinstance(text, str) and len(text.strip()) > 0 and len(text) <= LONGEST and harmless(text) == text and "\n" not in text
     _require(good, place, f"must be a text of 1 to {LONGEST} characters in one line")

@@ -58,7 +58,10 @@ RATIO, CURVE = -0.5, 0.2  # if the first bar of CHAIN is at the angle x, the sec
 
 
 def accelerate_states(solve: Callable[[Array, Array], Array], q: Array, v: Array, bars: Sequence[Bar]) -> Array:
-    """Return the absolute accelerations (k, n) of bars at k absolute states q, v (k, n), which have no columns of the twin.
+    """Return the absolute accelerations (k, n) of bars at k absolute states q, v (k, n).
+
+    If a rod is modelled as two bars that are fixed to each other, the second one, the last bar "twin", has no columns in q and v,
+    and none in the result.
 
     Args:
         solve: function of the bars' angles and angular speeds (bars,), each relative to the parent's; it returns the angular
@@ -74,13 +77,16 @@ def accelerate_states(solve: Callable[[Array, Array], Array], q: Array, v: Array
 
 
 def angles_of(q: Array, bars: Sequence[Bar]) -> Array:
-    """Return the angles of all bars (bars,) in q (n,), or their angular speeds in v (n,); a twin turns with the rod."""
+    """Return the angles of all bars (bars,) in q (n,), or their angular speeds in v (n,).
+
+    The bar "twin" is fixed to the bar "rod", so that its angle is that of the rod.
+    """
     by_name = dict(zip((bar.name for bar in bars), q[2::3], strict=False))
     return np.array([by_name["rod" if bar.name == "twin" else bar.name] for bar in bars])
 
 
 def relative(absolute: Array, bars: Sequence[Bar]) -> Array:
-    """Return each bar's angle or angular speed (bars,) minus its parent's; the ground's is zero."""
+    """Return each bar's angle or angular speed (bars,) minus that of its parent, which is zero for the ground."""
     with_ground = np.append(absolute, 0.0)  # the index -1 of the ground is the last entry
     return np.asarray(absolute - with_ground[[bar.parent for bar in bars]])
 
@@ -102,9 +108,9 @@ def accelerations_of(theta: Array, w: Array, alpha: Array, bars: Sequence[Bar]) 
     along = np.column_stack([np.cos(theta), np.sin(theta)])
     across = np.column_stack([-np.sin(theta), np.cos(theta)])
     turning = alpha[:, None] * across - w[:, None] ** 2 * along  # (bars, 2) at s = 1 m
-    pins = np.zeros((len(bars) + 1, 2))  # the last row is the ground's
+    pins = np.zeros((len(bars), 2))  # of the first pins; a pin on the ground keeps the acceleration zero
     for k, bar in enumerate(bars):
         if bar.parent >= 0:
             pins[k] = pins[bar.parent] + bar.at * turning[bar.parent]
-    centres = pins[:-1] + np.array([bar.centre for bar in bars])[:, None] * turning
+    centres = pins + np.array([bar.centre for bar in bars])[:, None] * turning
     return np.column_stack([centres, alpha]).ravel()

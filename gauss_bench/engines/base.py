@@ -240,7 +240,7 @@ class ModelDefaults:
     def bare_calls(self) -> tuple[Callable[[], object], Callable[[], object]]:
         """Return two functions: the library's own call alone, and a trivial call, which shows the cost of calling.
 
-        The bench asks the engines that a suite lists as `bare`.
+        The benchmark times both functions of the engines that a suite lists under `bare`.
 
         Raises:
             RunFailure: the engine has no such functions.
@@ -250,7 +250,7 @@ class ModelDefaults:
     def batch(self, q: Array, v: Array, steps: int) -> Callable[[], Array]:
         """Return a function that takes `steps` steps from each of the states q, v (k, n), all in one call.
 
-        The bench asks the engines that a suite lists as `batch`.
+        The benchmark times this function of the engines that a suite lists under `batch`.
 
         Raises:
             RunFailure: the engine has no such function.
@@ -259,7 +259,7 @@ class ModelDefaults:
 
 
 def _list_members(defaults: type) -> dict[str, type]:
-    """Return name of each public member of a class of defaults -> this class."""
+    """Return a table from the name of each public member of a class to the class itself."""
     return {name: defaults for name in vars(defaults) if not name.startswith("_")}
 
 

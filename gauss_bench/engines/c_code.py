@@ -1,4 +1,4 @@
-"""Engines in C: find a compiler, generate fixed steps around an acceleration, compile both and call them.
+"""Engines in C: find a compiler, generate fixed-step integrators that call an acceleration, compile both and call them.
 
 The engine's C source defines, with q, v and a of N numbers,
 
@@ -63,13 +63,14 @@ def _write_sum(row: Array, name: str) -> str:
 
 
 class Code:
-    """A compiled acceleration of N coordinates, with the fixed steps around it.
+    """A compiled C function for the acceleration of N coordinates, and the compiled fixed-step integrators that call it.
 
     Raises:
         RunFailure: there is no compiler, or it rejects the source.
     """
 
     def __init__(self, acceleration: str, n: int):
+        """Compile the C source of an acceleration of n coordinates with the steps of all METHODS."""
         self.n = n
         self.library = _library("\n".join([f"#define N {n}", acceleration, ACCELERATE, *map(write_steps, METHODS)]))
         # Without these types ctypes passes an address as an int of 32 bits, and refuses a float.
@@ -139,11 +140,13 @@ class CompiledSteps:
         self.x, self.dx = sample_arrays(times, *self.start)
 
     def run(self) -> None:
+        """Take the steps from sample to sample, each interval in one call of compiled code."""
         for k, (count, h) in enumerate(self.plan):
             self.x[k + 1], self.dx[k + 1] = self.x[k], self.dx[k]
             self.advance(self.x[k + 1], self.dx[k + 1], float(self.times[k]), h, count)
 
     def read(self) -> Trajectory:
+        """Return the samples, translated to absolute coordinates; samples after one that is not finite are NaN."""
         reached = slice(finite(self.x, self.dx))
         motion = np.array(self.motion(self.times[reached], self.x[reached], self.dx[reached]))  # (3, reached, n_q)
         q, v, a = np.full((3, len(self.times), motion.shape[2]), np.nan)

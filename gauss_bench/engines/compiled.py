@@ -59,6 +59,7 @@ class Compiled:
         return ""
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why there is no native code for a mechanism, or None if there is."""
         return "dry friction has no kernel: its loads are found by iteration" if mechanism.has_friction else None
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "CompiledModel":
@@ -70,6 +71,7 @@ class CompiledModel:
     """A mechanism compiled under one formulation, integrator and stabilisation."""
 
     def __init__(self, formulation: str, mechanism: Mechanism, choice: Choice):
+        """Compile the accelerations of a mechanism; `formulation` is "gauss" or "lagrange"."""
         from gauss_bench.compiler.errors import KernelError
         from gauss_bench.compiler.kernel import compile_kernel
 
@@ -84,24 +86,32 @@ class CompiledModel:
         return self.kernel.acceleration(q, v, t)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start, and compile all code that the run needs, so that no timed run compiles."""
+        """Reset to the start, and compile all code that the run needs, so that no timed run compiles.
+
+        Args:
+            times: (k,) times [s] of the samples.
+            native: whether compiled code also takes the steps between samples; otherwise Python calls it for each step.
+        """
         self.kernel.prepare(self.choice.integrator)
         self.times, self.native = times, native
         self.steps = self.evaluations = self.switches = self.fallbacks = 0
         self.parts = equal_runs(times, self.choice.step)
-        self.planned = 0  # number of steps of the run; the kernel divides steps at times where forces jump
-        for part in self.parts:
+        self.planned = 0  # number of steps of the run
+        for part in self.parts:  # a part is a group of consecutive samples with equal steps between them
+            # a leg is a part's sequence of equal steps without a jump of a force: the kernel divides a step in which a force jumps
             legs = self.kernel.legs(float(times[part.row]), part.size, part.steps * part.samples)
             self.planned += sum(leg.n for leg in legs)
         self.q, self.v = sample_arrays(times, self.mechanism.q0, self.mechanism.v0)
 
     def run(self) -> None:
+        """Integrate with the chosen integrator, and store the samples."""
         if self.choice.integrator != ADAPTIVE:
             self._run_fixed()
         elif self.times[-1] > self.times[0]:
             self._run_adaptive()
 
     def _run_adaptive(self) -> None:
+        """Integrate by DOP853, which chooses its own steps, and store the samples."""
         tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
         motion = self.kernel.integrate(self.q[0], self.v[0], self.times, *tolerances)
         self.q, self.v, self.steps, self.evaluations = motion.q, motion.v, motion.steps, motion.evaluations

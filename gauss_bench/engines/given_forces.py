@@ -1,6 +1,7 @@
 """Forces for which a library has no element: the adapter computes them in Python and gives them to the library at every step.
 
-They are those of the state at which the step begins. A spring and damper on tree coordinates y gives forces on these coordinates,
+The forces are those of the state at which the step begins. A spring and damper on tree coordinates y gives forces on these
+coordinates,
 
     constant - stiffness y - damping y'
 
@@ -74,7 +75,10 @@ class GivenForces:
         return np.asarray(self.constant - self.stiffness @ y - self.damping @ dy)
 
     def on_links(self, t: float, y: Array, dy: Array) -> Array | None:
-        """Return all other given forces, as forces and torques on the links (3 links,) at time t [s]; None if there are none."""
+        """Return the given forces that vary or are no laws on tree coordinates, at time t [s] and a tree state y, dy (n,).
+
+        They are forces and torques (3 links,) on the links, at their centres of mass; None if there are none.
+        """
         if self.others is None:
             return None
         q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))

@@ -103,6 +103,7 @@ def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
         requirements = ["--require-hashes", "-r", str(ROOMS / name / "requirements.txt")]
 
         def fill(folder: Path) -> None:
+            """Install the engine's packages into the environment in a folder."""
             run_program([*pip_of(folder), "install", *OPTIONS, *requirements], failure, told)
 
         make_environment(place, fill, told)
@@ -131,7 +132,8 @@ def make_environment(place: Path, fill: Callable[[Path], object], told: Told, qu
         told(f"{place.name}: making an environment of Python {sys.version_info[0]}.{sys.version_info[1]} in {place}")
         run_program([sys.executable, "-I", "-m", "venv", str(unfinished)], "the environment cannot be made", told, quiet)
         fill(unfinished)
-        if place.exists():  # of an installation that was killed before it was entered, or that another file of engines names
+        # left by an installation that was killed before it was entered in the file of engines, or named in another file of engines
+        if place.exists():
             _delete(place)
         unfinished.rename(place)
     except BaseException:
@@ -156,7 +158,10 @@ def remove(name: str) -> None:
 
 
 def _undo(name: str) -> None:
-    """Delete the environment of an engine, and take its table out of the file of engines if that names this environment."""
+    """Delete the environment of an engine.
+
+    If the engine's table in the user's file of engines names this environment, the table is removed too.
+    """
     if is_installed_here(name):
         _take_out(name)
     _delete(home() / name)
@@ -165,6 +170,7 @@ def _undo(name: str) -> None:
 def remove_leftovers() -> None:
     """Remove the hidden folders of killed installations, unless an installation is running."""
     if home().is_dir():
+        # `hold` removes them when it has the lock; if an installation has the lock, it raises the fault that is suppressed
         with contextlib.suppress(InstallationFault), hold(home()):
             pass
 
@@ -234,7 +240,8 @@ def run_program(command: Sequence[str], failure: str, told: Told, quiet: bool = 
 
     Args:
         failure: beginning of the message if the program fails.
-        quiet: whether `told` gets the output although there is a terminal; then the message of a failure quotes it.
+        told: function that gets messages and, without a terminal, the lines of the output.
+        quiet: whether `told` gets the output even if there is a terminal; if so, the message of a failure quotes the output.
 
     Raises:
         InstallationFault: the program fails.
@@ -285,7 +292,7 @@ def _enter(name: str, python: Path) -> None:
 
 
 def _take_out(name: str) -> None:
-    """Take the table of an engine out of the user's file of engines, with the empty line before it."""
+    """Remove the table of an engine from the user's file of engines, with the empty line before it."""
     before = _read_file()
     # an empty line, [name] with or without quotes, and the lines of the keys below it
     table = rf'(?m)(^[ \t]*\n)?^[ \t]*\[[ \t]*"?{re.escape(name)}"?[ \t]*\].*\n?(^[ \t]*({"|".join(KEYS)})[ \t]*=.*\n?)*'

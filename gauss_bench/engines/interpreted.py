@@ -83,6 +83,7 @@ class OwnSteps:
         self.x, self.dx = sample_arrays(times, *self.start)
 
     def run(self) -> None:
+        """Integrate, and store the samples."""
         with np.errstate(all="ignore"):  # no warnings: the steps check for values that are not finite
             if self.choice.integrator not in ADAPTIVE:
                 self._run_fixed()
@@ -99,8 +100,14 @@ class OwnSteps:
         return int(steps)
 
     def _run_fixed(self) -> None:
+        """Take equal steps from sample to sample, and store the samples.
+
+        Raises:
+            RunFailure: a coordinate is not finite.
+        """
         x, dx = self.start
-        # each stretch: `count` steps of h, with forces as they are until `last`; a row if a sample is due at its end
+        # a stretch has `count` steps of h [s]; a force that jumps at its end is evaluated no later than `last` [s], just before the
+        # jump; `row` is the index of the sample at its end, or None
         for begin, count, h, last, row in stretches(self.times, self.choice.step, self.mechanism.kinks):
             x, dx = self._advance(begin, x, dx, h, count, last)
             if not np.isfinite(x).all():
@@ -125,6 +132,7 @@ class InterpretedModel(OwnSteps):
     """A mechanism under one formulation, integrator and stabilisation."""
 
     def __init__(self, name: str, mechanism: Mechanism, choice: Choice):
+        """Prepare the equations of a mechanism, and check that the loads of its dry friction are determined."""
         options = KNOWN.resolve(choice.settings)
         self.mechanism, self.choice, self.start = mechanism, choice, (mechanism.q0, mechanism.v0)
         self.tolerances = options["dop853_rtol"], options["dop853_atol"]
@@ -139,6 +147,7 @@ class InterpretedModel(OwnSteps):
         self.rank = mechanism.n - mechanism.dof + len(mechanism.drivers) + len(mechanism.knife_edges)  # at the start
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the accelerations (n,) at time t [s] and a state q, v (n,), without Baumgarte's terms."""
         return self._accelerate(t, q, v, self.evaluator.terms(t, q, v))
 
     def stabilized(self, t: float, q: Array, v: Array) -> Array:

@@ -1,7 +1,12 @@
-"""Read an engine's options as a user writes them: NAME, KEY=VALUE,... or NAME,KEY=VALUE,... (NAME: settings or a variant).
+"""Read an engine's options as a user writes them, in one of three forms.
 
-Without a name the engine's first settings apply. They also define which options exist, and their types: the value of a number must
-be a number, and a list must keep its length. A word must be used by settings or a variant of the engine, or be listed by its knob.
+    NAME                  the options of the settings or the variant of that name
+    KEY=VALUE,...         the options of the engine's first settings, with other values of some
+    NAME,KEY=VALUE,...    the options of that name, with other values of some
+
+The first settings also define which options exist, and the types of their values: where the first settings have a number, the value
+must be a number, and a list must keep its length. A word must be a value of that option in settings or variants of the engine, or
+be listed among the values of that option.
 """
 
 import json
@@ -111,7 +116,10 @@ def is_assignment(text: str) -> bool:
 
 
 def _read(text: str) -> Any:
-    """Return the TOML value of a text; if it is none, return words without quotes as they stand, and None for anything else."""
+    """Return the TOML value of a text.
+
+    If the text is not a TOML value, return the text itself if it is one or more words without quotes, and otherwise None.
+    """
     if "\n" in text:  # a second line could hold a second value
         return None
     try:

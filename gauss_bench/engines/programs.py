@@ -149,7 +149,8 @@ class Parts:
         imports: import statements.
         numbers: name -> value of the engine's constants.
         model: statements that build the library's model for steps of the length `step`.
-        run: statements that take `steps` steps, and append [t, *absolute(y, dy, places, speeds)] to `rows` after every `every`.
+        run: statements that take `steps` steps, and append [t, *absolute(y, dy, places, speeds)] to `rows` after each group of
+            `every` steps.
     """
 
     imports: Sequence[str]
@@ -159,9 +160,9 @@ class Parts:
 
 
 def force_numbers(forces: GivenForces, mechanism: Mechanism, tree: Tree) -> dict[str, Any]:
-    """Return the constants of a program that gives its library forces on tree coordinates and follows laws, by their names.
+    """Return name -> value of the constants of a program that passes forces on tree coordinates to its library at every step.
 
-    The forces are constant - STIFFNESS y - DAMPING y'. LAWS pairs the index of a driven tree coordinate with its motion law.
+    The forces are CONSTANT - STIFFNESS y - DAMPING y'. LAWS pairs the index of each driven tree coordinate with its motion law.
     """
     laws = name_laws(mechanism)
     driven = [[at, laws[id(driver.law)]] for at, driver in drivers_by_coordinate(mechanism, tree).items()]
@@ -169,7 +170,7 @@ def force_numbers(forces: GivenForces, mechanism: Mechanism, tree: Tree) -> dict
 
 
 def write_tree_program(mechanism: Mechanism, tree: Tree, choice: Choice, parts: Parts) -> str:
-    """Return the text of a program that runs a linkage in a library of joint trees."""
+    """Return the text of a program that runs a linkage in a library of joint trees, with the step of a choice."""
     y0, dy0 = tree.relative(mechanism.q0, mechanism.v0)
     turns, links = turning(tree), range(len(mechanism.links))
     numbers = {

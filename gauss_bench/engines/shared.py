@@ -50,7 +50,8 @@ class LibraryEngine:
     unfinished: Mapping[str, str]
 
     def __init_subclass__(cls, file: Variants | None = None) -> None:
-        if file is None:  # a class derived from an adapter has its settings
+        """Copy what the engine's `variants.toml` declares to the class of its adapter."""
+        if file is None:  # a subclass of an adapter without a file of its own inherits that adapter's settings
             return
         cls.settings, cls.variants, cls.knobs = file.settings, file.space, file.knobs
         cls.first, cls.soft, cls.unfinished = file.first, file.soft, file.unfinished
@@ -72,7 +73,7 @@ def common_refusal(mechanism: Mechanism, library: str) -> str | None:
     """Return the reason why no adapter of this package models the mechanism, or None if there is no such reason.
 
     Args:
-        library: its name in the reason.
+        library: name of the library, as the reason gives it.
 
     Raises:
         TypeError: a force is of a kind that cannot be expressed by loads.
@@ -142,7 +143,10 @@ def slide_indices(tree: Tree) -> dict[str, int]:
 
 
 def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:
-    """Return the reason why a tree of joints whose loops only pins close cannot model the mechanism, or None if it can."""
+    """Return the reason why the mechanism cannot be modelled as a tree of joints with pins as the only closures of loops.
+
+    None if it can.
+    """
     if reason := common_refusal(mechanism, library):
         return reason
     if mechanism.knife_edges:

@@ -47,6 +47,9 @@ class Script:
     def record_call(self, source: str, text: str) -> "StandIn":
         """Record a call and return the stand-in for its result.
 
+        A call of a function that is not one of `statements` writes no line: its stand-in is the expression for the call. A call of
+        one of `statements` is a line of the script; the line assigns the result to the function's variable, if it has one.
+
         Args:
             source: the expression for the function.
             text: the expression for the whole call.
@@ -55,10 +58,10 @@ class Script:
         if name not in self._statements:
             return StandIn(self, text)
         prefix = self._statements[name]
-        if not prefix:
+        if not prefix:  # a call whose result is not used
             self.lines.append(text)
             return StandIn(self, "None")
-        variable = f"{prefix}{next(self._counts[prefix])}" if prefix.endswith("_") else prefix
+        variable = f"{prefix}{next(self._counts[prefix])}" if prefix.endswith("_") else prefix  # such as node_1, node_2, ...
         self.lines.append(f"{variable} = {text}")
         return StandIn(self, variable)
 
@@ -75,14 +78,17 @@ class StandIn:
         object.__setattr__(self, "_source", source)
 
     def __getattr__(self, name: str) -> "StandIn":
+        """Return the stand-in for an attribute, such as a method."""
         if name.startswith("__"):  # numpy and others look for such attributes; a stand-in has none of them
             raise AttributeError(name)
         return StandIn(self._script, f"{self._source}.{name}")
 
     def __setattr__(self, name: str, value: Any) -> None:
+        """Record the assignment of an attribute as a line of the script."""
         self._script.lines.append(f"{self._source}.{name} = {python(value)}")
 
     def __call__(self, *positional: Any, **named: Any) -> "StandIn":
+        """Record a call, and return the stand-in for its result."""
         arguments = [*map(python, positional), *(f"{key}={python(x)}" for key, x in named.items())]
         return self._script.record_call(self._source, f"{self._source}({', '.join(arguments)})")
 

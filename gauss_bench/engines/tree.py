@@ -300,14 +300,19 @@ def _neighbours(joints: Iterable[Joint]) -> defaultdict[int, list[tuple[Joint, i
 
 
 def _branch(joint: Joint, parent: int, child: int, at: int) -> Branch:
-    """Return the branch from `parent` to `child`, whose coordinate has the index `at`."""
-    none = np.zeros(2)
-    (_, offset), (_, turn) = joint.held  # a slide holds its offset [m] and its angle [rad]
+    """Return the branch from `parent` to `child`, whose coordinate has the index `at`.
+
+    Seen from its second link, the offset, direction and turn of a slide change their signs, and the direction is an angle in the
+    frame of that link.
+    """
+    zero = np.zeros(2)
+    # pairs of a coordinate that the joint keeps constant, and its value: a slide keeps its offset [m] and its angle [rad]
+    (_, offset), (_, turn) = joint.held
     first, second = joint.ends
     forward = first.link == parent  # otherwise the joint is used backwards
     near, far, sign = (first, second, 1.0) if forward else (second, first, -1.0)
-    if not isinstance(way := joint.motion, Along):
-        return Branch(child, parent, "revolute", joint, at, near.local, far.local, none, none, 0.0)
-    theta = way.angle if forward else way.angle - turn
+    if not isinstance(motion := joint.motion, Along):  # a pin
+        return Branch(child, parent, "revolute", joint, at, near.local, far.local, base=zero, axis=zero, turn=0.0)
+    theta = motion.angle if forward else motion.angle - turn  # direction of the slide in the parent's frame
     base, axis = sign * offset * unit(theta, across=True), sign * unit(theta)
-    return Branch(child, parent, "prismatic", joint, at, near.local, far.local, base, axis, sign * turn)
+    return Branch(child, parent, "prismatic", joint, at, near.local, far.local, base=base, axis=axis, turn=sign * turn)

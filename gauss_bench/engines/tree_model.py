@@ -40,6 +40,7 @@ class TreeModel(ABC):
     library: str
 
     def __init__(self, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
+        """Find the spanning tree, and the tree state at the start."""
         self.mechanism, self.choice, self.options = mechanism, choice, options
         self.tree = joint_tree(mechanism, options)
         self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
@@ -53,7 +54,8 @@ class TreeModel(ABC):
         """
 
     @abstractmethod
-    def run(self) -> None: ...
+    def run(self) -> None:
+        """Take the steps of `plan`, and store the tree states at the samples."""
 
     def accelerate(self, t: float, y: Array, dy: Array) -> Array:
         """Return the library's accelerations (3 links,) in absolute coordinates at time t [s] and a tree state y, dy (n,).
@@ -65,18 +67,24 @@ class TreeModel(ABC):
             return finite_acceleration(t, self.tree.absolute(y, dy, self.tree_acceleration(t, y, dy)).a, self.library)
 
     def accelerate_sample(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (3 links,) of a sample at time t [s] with the tree state y, dy (n,); by default `accelerate`."""
+        """Return the accelerations (3 links,) of a sample at time t [s] with the tree state y, dy (n,).
+
+        This default is the same as `accelerate`; a subclass may replace it.
+        """
         return self.accelerate(t, y, dy)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the library's accelerations (3 links,) at time t [s] and an absolute state q, v (3 links,)."""
         return self.accelerate(t, *self.tree.relative(q, v))
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Plan the steps to the samples at `times` (k,) [s]; `native` tells whether the library's own loop takes them."""
         self.times, self.native = times, native
         self.plan = list(stretches(times, self.choice.step, self.mechanism.kinks))
         self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
 
     def read(self) -> Trajectory:
+        """Return the samples in absolute coordinates, with the library's accelerations."""
         return self.trajectory(self.y, self.dy, self.count_steps())
 
     def count_steps(self) -> int:
@@ -118,6 +126,7 @@ class OpenModel:
     positions: Array | None = None
 
     def __post_init__(self) -> None:
+        """Check that the quantities determine the motion."""
         if (self.mass is None or self.forces is None) and self.accelerations is None:
             raise TypeError("give the mass matrix and the forces, or the accelerations: they determine the motion")
 
@@ -159,13 +168,16 @@ def acceleration_by_steps(rates: TwoSteps, t: float, y: Array, dy: Array, steps:
     """Return the acceleration (n,) at time t [s] and a tree state y, dy (n,), from steps of several sizes [s] that a library takes.
 
     In a step of size h the rates change by h D(h), with D(h) = a + b h + ... The polynomial through D at all sizes gives a = D(0).
-    If a library treats springs and dampers implicitly, that changes b, not a. If it rounds the rates by e, the error of a is some
-    e / h.
+    If a library treats springs and dampers implicitly, that changes b, not a. If it rounds the rates with an error e, the error of
+    the acceleration is about e / h.
 
     In a library whose constraints act on velocities, the velocities v1 after a step have J v1 = 0, with J at the step's beginning.
     From a state with J v = 0, one step would therefore give J a = 0 in place of J a = gamma. So D is taken from the second of two
-    steps, of which the first begins one step before, at y - h dy. The library must not close the gaps there, which have the size
-    h^2: closing one adds an acceleration of a size that does not depend on h.
+    steps, of which the first begins one step before, at y - h dy. At that state the loops have gaps of the size h^2. The library
+    must not close these gaps: to close a gap in a step adds an acceleration whose size does not depend on h.
+
+    Args:
+        rates: function (t, y, dy, h) -> rates (n,) after one step of h [s], and after two.
     """
     changes = []
     for h in steps:

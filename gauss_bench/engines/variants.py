@@ -9,10 +9,11 @@
     [variants]              NAME = { settings = "LABEL", integrator = "...", stabilization = "...", KNOB = value, ... }, tried by
                             searches
 
-A knob that a variant leaves out has the value of the variant's settings; without `settings` these are the first ones, and without
-`stabilization` it is "none". If a line lists several values of a knob, it stands for every combination of the values. The name of a
-combination is the line's name and the chosen values ("lean/rk4/2"). Settings may have a `remark` for readers, which is no knob, and
-`soft`: the reason why accelerations under them, and under their variants, satisfy J a = gamma only roughly.
+A knob is an option of the engine. A knob that a variant leaves out has the value of the variant's settings. Without `settings`
+these are the first ones, and without `stabilization` it is "none". If a line lists several values of a knob, it stands for every
+combination of the values. The name of a combination is the line's name and the chosen values ("lean/rk4/2"). Settings may also have
+two fields that are no knobs: a `remark` for readers, and `soft`, the reason why accelerations with these settings, and with their
+variants, satisfy J a = gamma only approximately.
 
 Every knob must have the address of a documentation page, example or tracker, or the reason why the suite's authors try it. The
 file is refused if a knob has neither, or if it uses an unknown knob. So readers can look up every option that is compared.
@@ -31,7 +32,7 @@ from gauss_bench.engines.own_options import OptionTable
 from gauss_bench.untrusted import parse_toml
 
 FILE = "variants.toml"
-LEAST_LENGTH = 20  # [characters] a shorter text is not accepted as a reason
+MIN_REASON_LENGTH = 20  # [characters] a shorter text is not accepted as a reason
 REMARK, SOFT = "remark", "soft"
 OWN_SEARCH = "own search: "
 
@@ -75,7 +76,7 @@ class Variants:
         settings: label -> knob -> value.
         space: name -> variant, in the order of the file; a search tries all of them.
         first: names of the variants to try first if time is short.
-        soft: name of settings or of a variant that satisfies J a = gamma only roughly -> cause.
+        soft: name of settings or of a variant whose accelerations satisfy J a = gamma only approximately -> cause.
         unfinished: name of a variant that stops its solver before it has converged -> cause.
     """
 
@@ -120,6 +121,8 @@ def read_variants(room: Path) -> Variants:
 def _read(file: Mapping[str, Any]) -> Variants:
     """Check a parsed file table by table, and return its content.
 
+    A variant is soft if its settings are, and unfinished if its options include all knob values of a line of [[unfinished]].
+
     Raises:
         VariantError: a table or field has a fault.
     """
@@ -134,10 +137,11 @@ def _read(file: Mapping[str, Any]) -> Variants:
             space[variant.name] = variant
             if label in soft:
                 soft[variant.name] = soft[label]
+    # every value of a knob, in settings and in variants, must be in the knob's range
     for label, values in [*settings.items(), *((x.name, x.options) for x in space.values())]:
         outside = [k for k, knob in knobs.items() if k in values and not knob.allows(values[k])]
         _require(not outside, label, f"{', '.join(outside)} is not in its own range")
-    first = tuple(file.get("first", ()))
+    first = tuple(file.get("first", ()))  # variants that a search tries first if its time is short
     for name in first:
         _require(name in space, "first", f"there is no variant {name!r}")
     unfinished: dict[str, str] = {}
@@ -165,9 +169,9 @@ def _read_knob(place: str, line: Line) -> Knob:
         _require(key in ("meaning", "source", "own_search", "values", "range"), place, f"unknown field {key}")
     meaning, address, reason = (line.get(x, "") for x in ("meaning", "source", "own_search"))
     _require(isinstance(meaning, str) and bool(meaning.strip()), place, "does not say what it means")
-    _require(bool(address) != bool(reason), place, "needs `source`, or `own_search`, why we try it")
+    _require(bool(address) != bool(reason), place, "needs either `source` (an address) or `own_search` (the reason to try it)")
     _require(not address or str(address).startswith("https://"), place, "`source` is no address")
-    _require(not reason or len(str(reason)) >= LEAST_LENGTH, place, "`own_search` gives no reason")
+    _require(not reason or len(str(reason)) >= MIN_REASON_LENGTH, place, "`own_search` gives no reason")
     return Knob(meaning.strip(), address or OWN_SEARCH + reason, tuple(line.get("values", ())), _read_range(place, line))
 
 
@@ -180,9 +184,9 @@ def _read_range(place: str, line: Line) -> tuple[float, float]:
 
 
 def _read_settings(lines: Mapping[str, Line], own: Sequence[str]) -> tuple[dict[str, Line], dict[str, str]]:
-    """Return two tables of the settings: label -> knob -> value for all knobs in `own`, and label -> declared reason of softness.
+    """Return two tables: label of settings -> knob -> value, for all knobs in `own`; and label of soft settings -> stated cause.
 
-    A setting is soft if it lets constraints give way.
+    Settings are soft if the constraints give way under them, so that J a = gamma holds only approximately.
     """
     settings: dict[str, Line] = {}
     soft: dict[str, str] = {}
@@ -225,13 +229,21 @@ def _require_known(line: Line, names: tuple[str, ...], place: str) -> None:
 
 
 def _read_cause(text: Any, place: str) -> str:
-    """Return a cause if it is a text of LEAST_LENGTH characters at least."""
-    _require(isinstance(text, str) and len(text) >= LEAST_LENGTH, place, f"gives no cause: {text}")
+    """Return a stated cause, which must be a text of at least MIN_REASON_LENGTH characters.
+
+    Raises:
+        VariantError: it is not.
+    """
+    _require(isinstance(text, str) and len(text) >= MIN_REASON_LENGTH, place, f"gives no cause: {text}")
     return str(text)
 
 
 def _combinations(name: str, line: Line, usual: Mapping[str, Any]) -> Iterator[Variant]:
-    """Yield a variant for every combination of the values that a line lists; `usual` holds the values of its settings."""
+    """Yield a variant for every combination of the values that a line of [variants] lists.
+
+    Args:
+        usual: knob -> value in the settings that the line names, for the knobs that the line leaves out.
+    """
     values = {k: x for k, x in line.items() if k != "settings"}
     lists = {k: x for k, x in values.items() if _is_choice(x, usual.get(k))}
     for picked in product(*lists.values()):  # a value of each list
@@ -241,5 +253,8 @@ def _combinations(name: str, line: Line, usual: Mapping[str, Any]) -> Iterator[V
 
 
 def _is_choice(value: Any, usual: Any) -> bool:
-    """Tell whether a line lists several values of a knob. Where the knob's default is a list, only a list of lists does."""
+    """Tell whether a value in a line is a list of alternatives for a knob.
+
+    If the knob's usual value is itself a list, only a list of lists counts as alternatives.
+    """
     return isinstance(value, list) and (not isinstance(usual, list) or all(isinstance(x, list) for x in value))

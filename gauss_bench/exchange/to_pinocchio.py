@@ -109,7 +109,7 @@ def transcribe(mechanism: Mechanism, built: "PinocchioModel", gains: tuple[float
     }
     if drive.laws:
         numbers |= {"LAWS": list(name_laws(mechanism).values()), "KP": drive.gains[0], "KD": drive.gains[1]}
-        numbers |= {"DRIVEN": drive.rows, "DRIVEN_AT_ZERO": drive.origin, "INERTIAS": drive.inertias}
+        numbers |= {"DRIVEN": drive.rows, "DRIVEN_AT_ZERO": drive.origin, "INERTIAS": drive.driver_inertias}
     script.lines += [f"{name} = {python(x)}" for name, x in numbers.items()]
     accuracy = ", ".join(python(float(built.options[x])) for x in ("absolute_accuracy", "relative_accuracy", "mu"))
     return [*script.lines, f"PROXIMAL = pin.ProximalSettings({accuracy}, {int(built.options['max_iter'])})"]

@@ -6,13 +6,14 @@ limit of short steps, velocities change at the rate
 
     y'' = P(y) a_free + d/de P(y + e v) v        at e = 0
 
-The first term is the change of v in one step at y, divided by its length, which may have any value. The second term is found by
-fourth-order differences of steps so short that they only project. So the result has no error of a time step, and no error of
-closing gaps (erp = 0). The solver iterates until it has converged. With Bullet's own limits, which runs use, it ends before it has
-converged, and earlier for shorter steps.
+The first term is the change of v in one step at y, divided by the length h of the step, which may have any value. The second term
+is found by fourth-order finite differences of P(y + e v) v. Each value of P(y + e v) v is the result of a step so short that forces
+have no effect, and only the projection remains. So the result has no error of a time step, and no error of closing gaps (erp = 0).
+Here the solver iterates until it has converged. With Bullet's own limits, which runs use, the solver stops before it has converged,
+and sooner for shorter steps.
 
-`tree_model.acceleration_by_steps` would not do: it divides the error of the iterated solver by the length of a step, which is much
-shorter than the distance between the points of the differences here.
+`tree_model.acceleration_by_steps` is unsuitable for Bullet: it divides the error of the iterative solver by the length of a step.
+This step is much shorter than the distance e between the points of the differences here, so the error would be much larger.
 """
 
 from collections.abc import Mapping
@@ -36,30 +37,34 @@ INSTANT = 1e-15  # [s] length of a step that only projects
 class Accelerations:
     """A function (t, y, dy) -> the accelerations (n,) of a world's coordinates, for a state on the constraints.
 
+    The accelerations are P(y) a_free + d/de P(y + e v) v at e = 0, with v = dy, as the head of this file explains.
+
     Attributes:
         world: a world that no run uses, with the options CONVERGED.
         laws: index of a driven joint -> its motion law.
     """
 
     def __init__(self, world: TreeWorld | BodyWorld, forces: GivenForces | BodyForces, laws: Mapping[int, MotionLaw]):
+        """Take a world with the options CONVERGED, the forces of its linkage, and the motion laws of driven joints."""
         self.world, self.forces, self.laws = world, forces, laws
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
+        """Return the accelerations (n,) at time t [s] and the state y, dy (n,)."""
         tau = self.forces(t, y, dy)
         # speeds of the driven joints at the beginning of the step, and at its end by law''(t)
         before = {joint: float(dy[joint]) for joint in self.laws}
         after = {joint: float(dy[joint] + STEP * law(t)[2]) for joint, law in self.laws.items()}
         direct: Array = (self._velocities_after(STEP, y, dy, tau, after) - dy) / STEP  # P a_free
         speed = float(np.abs(dy).max(initial=0.0))
-        if speed == 0.0:  # the second term is quadratic in the speeds
+        if speed == 0.0:  # the second term is quadratic in the speeds, so it is zero
             return direct
         e = DIFFERENCE / speed
-        # P(y + k e v) v at four points
+        # P(y + k e v) v at four points; in so short a step, tau changes no speed
         at = {k: self._velocities_after(INSTANT, y + k * e * dy, dy, tau, before) for k in (-2, -1, 1, 2)}
         return direct + (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * e)
 
     def _velocities_after(self, step: float, y: Array, dy: Array, tau: Array, driven: Mapping[int, float]) -> Array:
-        """Return the velocities (n,) after a step of `step` [s] from y, dy (n,) under the forces tau (n,).
+        """Return the velocities (n,) after one step of length `step` [s] from y, dy (n,) under the forces tau (n,).
 
         Args:
             driven: index of a driven joint -> the speed that its motor reaches in the step.

@@ -85,6 +85,9 @@ def step_through(
 
     Args:
         laws: index of a driven joint -> its motion law.
+        plan: stretches of equal steps: begin [s], number of steps, their length [s], `last` [s], and the index of the sample at the
+            end of the stretch, or None. A force that jumps at the end of the stretch is evaluated no later than `last`, just before
+            the jump.
         samples: arrays x and dx (k, n) for the states in the world's coordinates, which are filled.
     """
     # forces that never change need no call of Python between the steps
@@ -117,6 +120,7 @@ class JointModel(TreeModel):
     library = "Bullet"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Compare the open tree with the linkage, and build a world in which accelerations are found."""
         import pybullet
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
@@ -162,11 +166,13 @@ class JointModel(TreeModel):
         return super().accelerate(t, *self.tree.relative(*self.evaluator.project(t, q, v)))
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Reset to the start; `native` has no effect, because Python calls Bullet for every step."""
         super().prepare(times, native)
         self.world = self._world(self.options)  # a new world, so that no run depends on the one before
         self.world.put(self.y0, self.dy0)
 
     def run(self) -> None:
+        """Take all steps, and store the tree states at the samples."""
         step_through(self.world, self.forces, self.laws, self.plan, (self.y, self.dy))
 
 
@@ -174,14 +180,16 @@ class FreeBodies(BodyModel):
     """A mechanism as free bodies in Bullet, run by one `Choice`."""
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Compare the free bodies with the linkage, and build a world in which accelerations are found."""
         import pybullet
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.pybullet: Any = pybullet
         self.forces, self.evaluator = BodyForces(mechanism), Evaluator(mechanism)
         self._verify()
-        still = BodyWorld(pybullet, mechanism, {**self.options, **CONVERGED})
-        self.accelerations = Accelerations(still, self.forces, {})
+        # accelerations need a solver that converges, whatever the settings; runs make a world of their own in `prepare`
+        converging_world = BodyWorld(pybullet, mechanism, {**self.options, **CONVERGED})
+        self.accelerations = Accelerations(converging_world, self.forces, {})
 
     def _verify(self) -> None:
         """Compare the free bodies with the linkage, at its start.
@@ -194,6 +202,7 @@ class FreeBodies(BodyModel):
         world.set_step(SHORT)  # Bullet turns no rigid body by more than a quarter of a turn in a step
         world.put(q, v)
         world.step(self.forces(0.0, q, v).tolist())
+        # Bullet's force is mass times change of velocity over the step
         loads, own = self.evaluator.mass * (world.state()[1] - v) / SHORT, self.evaluator.applied.generalised(q, v, 0.0)
         require_agreement({"forces on free bodies": (loads, own, size(own))}, AGREEMENT)
 
@@ -202,9 +211,11 @@ class FreeBodies(BodyModel):
         return finite_acceleration(t, self.accelerations(t, *self.evaluator.project(t, q, v)), "Bullet")
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Reset to the start; `native` has no effect, because Python calls Bullet for every step."""
         super().prepare(times, native)
         self.world = BodyWorld(self.pybullet, self.mechanism, self.options)
         self.world.put(self.mechanism.q0, self.mechanism.v0)
 
     def run(self) -> None:
+        """Take all steps, and store the absolute states at the samples."""
         step_through(self.world, self.forces, {}, self.plan, (self.q, self.v))

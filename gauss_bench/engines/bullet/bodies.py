@@ -33,7 +33,7 @@ class BodyWorld(World):
         body = self._call(pybullet.createMultiBody, baseMass=mass, baseCollisionShapeIndex=NO_SHAPE, useMaximalCoordinates=1)
         if mass:
             self._call(pybullet.changeDynamics, body, -1, mass=mass, localInertiaDiagonal=[inertia] * 3)
-            self._free_from_limits(body)
+            self._set_damping_and_limits(body)
         return body
 
     def put(self, q: Array, v: Array) -> None:

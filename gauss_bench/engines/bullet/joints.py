@@ -53,9 +53,13 @@ def list_joints(mechanism: Mechanism, tree: Tree) -> list[Joint]:
     for b in tree.branches:
         mass, inertia = mechanism.links[b.link].mass, mechanism.links[b.link].inertia
         if b.kind == "free":
-            joints.append(Joint(0, False, ORIGIN, (1.0, 0.0, 0.0), ORIGIN, 0.0, 0.0))
-            joints.append(Joint(len(joints), False, ORIGIN, (0.0, 1.0, 0.0), ORIGIN, 0.0, 0.0))
-            joints.append(Joint(len(joints), True, ORIGIN, UPWARDS, ORIGIN, mass, inertia))
+            # slides along x and y that carry no mass, then a hinge that carries the link; a joint's number is len(joints) after
+            # it was appended, because numbers count from 1
+            joints.append(Joint(0, turns=False, origin=ORIGIN, axis=(1.0, 0.0, 0.0), centre=ORIGIN, mass=0.0, inertia=0.0))
+            joints.append(
+                Joint(len(joints), turns=False, origin=ORIGIN, axis=(0.0, 1.0, 0.0), centre=ORIGIN, mass=0.0, inertia=0.0)
+            )
+            joints.append(Joint(len(joints), turns=True, origin=ORIGIN, axis=UPWARDS, centre=ORIGIN, mass=mass, inertia=inertia))
             carriers[b.link], origins[b.link] = len(joints), np.zeros(2)
             continue
         place = spatial(rotate(b.parent_anchor + b.base, angles[b.parent]) - origins[b.parent])
@@ -71,12 +75,13 @@ class TreeWorld(World):
     """A world of Bullet in which the links of a linkage hang on a tree of joints; without `closed` its loops are open."""
 
     def __init__(self, pybullet: Any, mechanism: Mechanism, tree: Tree, options: Mapping[str, Any], closed: bool = True):
+        """Add the tree of joints to a new world, without the motors that brake joints by default, and close its loops."""
         super().__init__(pybullet, mechanism, options)
         self.tree, self.pins = tree, closing_pins(tree)
         self.joints = list_joints(mechanism, tree)
         self.all = list(range(len(self.joints)))
         self.body = self._add_body()
-        self._free_from_limits(self.body)
+        self._set_damping_and_limits(self.body)
         for k in self.all:  # switches off the motor that brakes each joint
             self._call(pybullet.setJointMotorControl2, self.body, k, pybullet.VELOCITY_CONTROL, force=0)
         for a, b in self.pins if closed else ():
@@ -122,6 +127,7 @@ class TreeWorld(World):
         if link == GROUND:
             return -1
         (branch,) = [b for b in self.tree.branches if b.link == link]
+        # a free link hangs on three joints in a row: slide along x, slide along y, hinge; the third carries the link
         return branch.at + (2 if branch.kind == "free" else 0)
 
     def _pivot(self, point: Point) -> list[float]:

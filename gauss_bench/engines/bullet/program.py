@@ -43,7 +43,9 @@ RUN = """    joints = range(len(Y0))
 
 
 def write(mechanism: Mechanism, choice: Choice, variants: Variants) -> str:
-    """Return the text of a program that runs a mechanism by one `Choice`.
+    """Return the text of a program that runs a mechanism with one `Choice`.
+
+    TreeWorld is built with a stand-in for PyBullet, which records all calls; `script.lines` then holds them as program text.
 
     Raises:
         RunFailure: the links are free bodies, or the program would need forces that only this suite computes.

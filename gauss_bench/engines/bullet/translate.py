@@ -5,8 +5,8 @@ of PyBullet do, and gives them to Bullet as forces of the tree's joints:
 
     tau = constant - stiffness y - damping y' + V^T Q(q, v, t)
 
-V maps the rates of the tree coordinates y to absolute speeds, and Q are the forces that are no linear law on y. Only dampers on a
-single joint are Bullet's own joint damping.
+V maps the rates of the tree coordinates y to absolute speeds, and Q are the forces that are not linear in y and y'. For a damper
+on a single joint, Bullet's own joint damping is used instead.
 """
 
 from dataclasses import replace
@@ -51,4 +51,5 @@ class BodyForces:
         self.constant = np.zeros(mechanism.n)
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
+        """Return the forces and torques (3 links,) at time t [s] and a state q, v (3 links,)."""
         return self.applied.generalised(q, v, t)

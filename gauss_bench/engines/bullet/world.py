@@ -37,6 +37,7 @@ class World:
     """
 
     def __init__(self, pybullet: Any, mechanism: Mechanism, options: Mapping[str, Any]):
+        """Make a new world without bodies, with the solver and gravity."""
         self.pybullet, self.options = pybullet, options
         self.client: int = pybullet.connect(pybullet.DIRECT)
         finalize(self, pybullet.disconnect, self.client)  # a world that is no longer used does not stay connected
@@ -56,9 +57,10 @@ class World:
         """Call a function of PyBullet for this world."""
         return function(*arguments, **keywords, physicsClientId=self.client)
 
-    def _free_from_limits(self, body: int) -> None:
-        """Set the damping of a body's links to the option, and raise the limit of its joint speeds to FASTEST."""
+    def _set_damping_and_limits(self, body: int) -> None:
+        """Set the damping of all links of a body to the option `damping`, and raise the limit of the joint speeds to FASTEST."""
         damping = self.options["damping"]
+        # -1 is the base; but Bullet keeps these numbers once for the whole body, with all its links and joints
         self._call(self.pybullet.changeDynamics, body, -1, linearDamping=damping, angularDamping=damping)
         self._call(self.pybullet.changeDynamics, body, -1, maxJointVelocity=FASTEST)
 

@@ -1,4 +1,4 @@
-"""Two kinds of linkage by equations derived on paper and written in C, as an expert writes them who needs one linkage to be fast.
+"""Two kinds of linkage, with equations derived on paper and written in C, as an expert would do to make one linkage fast.
 
 The derivations are `crank_slider.c` and `four_bar.c`: trigonometry closes the loop, and Lagrange's equation is written in the angle
 of the crank, the only degree of freedom. No code is generated. The derivations cover these two loops with the loads that `loops.py`
@@ -45,6 +45,7 @@ class ByHand:
         return f"C by {compiler()}" if compiler() else NO_COMPILER
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why no derivation by hand covers a mechanism, or None if one does."""
         if reason := unsteady(mechanism, "the derivation by hand"):
             return reason
         try:
@@ -66,11 +67,13 @@ class ByHandModel(CompiledSteps):
     note = "one coordinate, derived by hand, in C"
 
     def __init__(self, mechanism: Mechanism, loop: Loop, choice: Choice):
+        """Compile the derivation with the numbers of the linkage, and compare its motion with the linkage."""
         self.mechanism, self.loop, self.choice, self.evaluator = mechanism, loop, choice, Evaluator(mechanism)
         numbers = "\n".join(f"static const double {name} = {float(value)!r};" for name, value in loop.numbers.items())
-        self.code = Code(f"{numbers}\n{(FOLDER / loop.source).read_text(encoding='utf-8')}", 1)
+        self.code = Code(f"{numbers}\n{(FOLDER / loop.source).read_text(encoding='utf-8')}", n=1)
         self.advance = partial(self.code.step, choice.integrator)
         self.crank = angle_slot(loop.links[0])
+        # the derivation's crank angle is that of the line between the crank's pins, at the angle lines[0] in the crank's frame
         self.start = np.array([mechanism.q0[self.crank] + loop.lines[0]]), mechanism.v0[[self.crank]]
         self._verify()
 
@@ -92,10 +95,12 @@ class ByHandModel(CompiledSteps):
             require_agreement(pairs, AGREEMENT)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the accelerations (n,) of all links at the crank's angle and speed in q, v (n,)."""
         _, _, a = self.motion(np.array([t]), q[None, [self.crank]] + self.loop.lines[0], v[None, [self.crank]])
         return finite_acceleration(t, a[0], "the derivation by hand")
 
     def motion(self, t: Array, x: Array, dx: Array) -> tuple[Array, Array, Array]:
+        """Return q, v, a (k, n) of all links at crank angles x (k, 1) and speeds dx (k, 1)."""
         q = self._place_links(x[:, 0])
         second = np.array([self.code.acceleration(0.0, *state)[0] for state in zip(x, dx, strict=True)])
         at_rest = self.evaluator.constraints(0.0, q, np.zeros_like(q))
@@ -110,11 +115,13 @@ class ByHandModel(CompiledSteps):
         return np.asarray(np.linalg.solve(np.concatenate([J, row], axis=1), ends[..., None])[..., 0])
 
     def _place_links(self, th: Array) -> Array:
-        """Return q (k, n) at crank angles (k,): each link is placed at the pin that joins it to the one before."""
+        """Return q (k, n) at crank angles (k,): each link is placed at the pin that joins it to the link before."""
         loop, q = self.loop, np.zeros((len(th), self.mechanism.n))
-        start = np.array([angle_at(self.mechanism.q0, link) for link in loop.links])
-        unwrapped = wind(self._angles(th), follow(self._angles, float(self.start[0][0]), th, start))  # (k, 3)
+        start_angles = np.array([angle_at(self.mechanism.q0, link) for link in loop.links])
+        # `follow` tracks the angles from the start, at the crank angle start[0][0], and so finds the whole turns that `wind` adds
+        unwrapped = wind(self._angles(th), follow(self._angles, float(self.start[0][0]), th, start_angles))  # (k, 3)
         for link, angle, pin in zip(loop.links, unwrapped.T, loop.pins, strict=True):
+            # the pin's point on the link before is placed already; the point on the link itself must coincide with it
             q[:, angle_slot(link)] = angle
             places(q)[:, link] = position(q, pin.before) - rotate(pin.own.local, angle)
         return q

@@ -32,14 +32,14 @@ class Pin(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """A linkage as one of the two loops.
+    """The numbers of a linkage that is a crank-slider or a four-bar, for the derivation of its kind.
 
     Attributes:
         source: file of the derivation.
         numbers: name in the derivation -> value.
         links: indices of the crank, the second and the third link.
-        lines: (3,) direction [rad], in each link's frame, of the line whose angle the derivation uses; minus the slider's angle for
-            a slider.
+        lines: (3,) for each link the direction [rad], in the link's frame, of the line whose angle the derivation uses; for a
+            slider, minus its constant angle.
         pins: for each link the pin that joins it to the ground or to the link before.
     """
 
@@ -51,17 +51,17 @@ class Loop:
 
 
 def loop_of(mechanism: Mechanism) -> Loop:
-    """Recognise a linkage as one of the two loops, and return its numbers.
+    """Recognise a linkage as a crank-slider or a four-bar, and return its numbers for the derivation in C.
 
     Raises:
-        Underived: it is neither of the two, or the derivations do not have one of its loads.
+        Underived: the linkage is neither of the two, or has a load that the derivations lack.
     """
     crank, pins = mechanism.crank, mechanism.pins
     constrained = mechanism.drivers or mechanism.constraints or mechanism.has_friction
     if crank is None or constrained or len(mechanism.links) != 3 or len(mechanism.joints) != 4:
         raise Underived("only loops of three links with a crank, moved by loads alone, are derived by hand")
     second = next((k for k in range(3) if k != crank and _find_pin(pins, crank, k)), crank)
-    third = 3 - crank - second
+    third = 3 - crank - second  # the indices of the three links are 0, 1 and 2
     pivot, crank_pin, far_pin = _find_pin(pins, GROUND, crank), _find_pin(pins, crank, second), _find_pin(pins, second, third)
     if not (pivot and crank_pin and far_pin):
         raise Underived("only a crank between a ground pin and a second link is derived by hand")
@@ -77,7 +77,7 @@ def loop_of(mechanism: Mechanism) -> Loop:
         lines.append(-float(angle_at(mechanism.q0, third)))
         numbers |= _slider(mechanism, mechanism.slides[0], third, far_pin.own)
         numbers |= _loads(mechanism, crank, third, far_pin.own)
-        side = np.cos(angle_at(mechanism.q0, second) + lines[1])
+        side = np.cos(angle_at(mechanism.q0, second) + lines[1])  # of the second link's line with the x axis
     else:
         source, ground_pin = "four_bar.c", _find_pin(pins, GROUND, third)
         if ground_pin is None:
@@ -89,6 +89,7 @@ def loop_of(mechanism: Mechanism) -> Loop:
         numbers |= _loads(mechanism, crank, None, far_pin.own)
         start = position(mechanism.q0, crank_pin.before)
         to_ground, to_far = ground_pin.before.local - start, position(mechanism.q0, far_pin.before) - start
+        # positive if the far pin is to the left of the line from the crank's pin to the ground's second pin
         side = to_ground[0] * to_far[1] - to_ground[1] * to_far[0]
     numbers["SIDE"] = float(np.sign(side))  # selects the one of the two closures in which the linkage starts
     return Loop(source, numbers, (crank, second, third), np.array(lines), (pivot, crank_pin, far_pin))
@@ -125,7 +126,10 @@ def _weights(k: str, mechanism: Mechanism, link: int, pivot: Point, tip: Point) 
 
 
 def _second_link(mechanism: Mechanism, link: int, crank_pin: Point, line: Array) -> dict[str, float]:
-    """Return length, mass, inertia and centre of mass of the second link, in a frame along its line from the crank's pin."""
+    """Return length, mass, inertia and centre of mass of the second link.
+
+    The centre of mass (A2, B2) is given in a frame at the crank's pin, whose x axis runs along the line to the other pin.
+    """
     body, (x, y) = mechanism.links[link], turn_vector(-crank_pin.local, -_angle(line))
     return {"L": float(np.linalg.norm(line)), "M2": body.mass, "I2": body.inertia, "A2": float(x), "B2": float(y)}
 
@@ -142,7 +146,7 @@ def _slider(mechanism: Mechanism, slide: Prismatic, link: int, pin: Point) -> di
 
 
 def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> dict[str, float]:
-    """Return torque and damping on the crank, and stiffness, damping and rest of the slider's pin along x.
+    """Return torque and damping on the crank, and stiffness, damping and rest position of the spring along x at the slider's pin.
 
     Raises:
         Underived: another load acts.

@@ -92,6 +92,7 @@ class CasadiModel:
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Write the equations of a mechanism as CasADi's expressions."""
         import casadi
 
         from gauss_bench.engines.casadi.equations import equations, solution
@@ -137,7 +138,10 @@ class CasadiModel:
         return finite_acceleration(t, np.array(self.solve(t, q, v)[0])[:, 0], "CasADi")
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start and make an integrator for each length of interval; `native` has no effect."""
+        """Reset to the start and make the integrators; `native` has no effect.
+
+        With projection there is an integrator for each length of an interval between samples, otherwise one for the whole run.
+        """
         self.times, self.steps, self.evaluations = times, 0, 0
         (self.x,) = sample_arrays(times, np.concatenate([self.mechanism.q0, self.mechanism.v0]))
         grids: dict[float, list[float]] = {}  # length of an interval -> times [s] at which its integrator returns states
@@ -146,7 +150,7 @@ class CasadiModel:
             self.spans = [float(f"{x:.12g}") for x in np.diff(times)]  # rounded, so that equal intervals share an integrator
             grids = {x: [x] for x in self.spans}
         elif len(times) > 1:
-            grids = {0.0: list(times[1:] - times[0])}
+            grids = {0.0: list(times[1:] - times[0])}  # one integrator returns all samples; its key 0.0 is not a length
         self.integrators = {x: self._make_integrator(grid) for x, grid in grids.items()}
 
     def _make_integrator(self, grid: list[float]) -> Any:
@@ -177,6 +181,7 @@ class CasadiModel:
         return np.pad(solved, (0, size - len(solved)))  # only some systems have corrections
 
     def run(self) -> None:
+        """Integrate the whole run in one call, or from sample to sample with projection."""
         if self.spans:
             self._run_with_projection()
         elif self.integrators:
@@ -211,6 +216,7 @@ class CasadiModel:
         return np.array(states).T
 
     def read(self) -> Trajectory:
+        """Return the samples, with accelerations without Baumgarte's terms."""
         n = self.mechanism.n
         q, v = self.x[:, :n], self.x[:, n:]
         reached, a = slice(finite(self.x)), np.full_like(q, np.nan)

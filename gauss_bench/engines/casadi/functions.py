@@ -131,7 +131,11 @@ def replace_number(mechanism: Mechanism, name: str, symbol: Any) -> tuple[Mechan
 
 
 def _replace_field(item: Any, key: str, symbol: Any) -> tuple[Any, float]:
-    """Return a dataclass with a symbol in a field, or in the component x or y of a field, and the number that was there."""
+    """Return a copy of a dataclass, in which a symbol replaces a number, and the replaced number.
+
+    Args:
+        key: name of the field that holds the number; for a component of a vector, this name with ".x" or ".y" added.
+    """
     field, _, axis = key.partition(".")
     old = getattr(item, field)
     if not axis:

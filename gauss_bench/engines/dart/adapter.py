@@ -44,10 +44,12 @@ class Dart(LibraryEngine, file=VARIANTS):
         return f"DART {dartpy.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why DART cannot model a mechanism, or None if it can."""
         tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
         return beyond_a_tree(mechanism, "DART") or undriven(mechanism, tree, "DART")
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        """Name what Python computes in every step of a timed run; an empty text if there is nothing."""
         options = VARIANTS.options(choice.settings)
         forces = forces_of(mechanism, joint_tree(mechanism, options), options["joint_forces"])
         names = []
@@ -76,6 +78,7 @@ class DartModel(TreeModel):
     library = "DART"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Compare the open tree with the linkage, and build the worlds."""
         import dartpy
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
@@ -83,25 +86,27 @@ class DartModel(TreeModel):
         self.forces = forces_of(mechanism, self.tree, self.options["joint_forces"])
         self.laws = {at: driver.law for at, driver in drivers_by_coordinate(mechanism, self.tree).items()}
         with Messages() as messages:
-            opened = self._build(whole=False)
-            opened.world.setTimeStep(INSTANT)
-            verify(mechanism, self.tree, lambda y, dy: self._describe(opened, y, dy), AGREEMENT)
+            # the world that is compared with the linkage: no closures, because `restart` is not called, and no motors
+            open_tree = self._build(motors=False)
+            open_tree.world.setTimeStep(INSTANT)
+            verify(mechanism, self.tree, lambda y, dy: self._describe(open_tree, y, dy), AGREEMENT)
+            # two equal worlds: runs step one, and the accelerations at given states are measured in the other
             self.moving, self.still = self._build(), self._build()
             messages.check()
 
-    def _build(self, whole: bool = True) -> Built:
-        """Return a new world of the linkage; without `whole`, of its open tree without drivers."""
-        built = Builder(self.dartpy, self.mechanism, self.tree, self.forces, whole).build()
+    def _build(self, motors: bool = True) -> Built:
+        """Return a new world of the linkage, whose closures `Built.restart` adds; without `motors`, driven joints move freely."""
+        built = Builder(self.dartpy, self.mechanism, self.tree, self.forces, motors).build()
         if self.options["lcp"] == "PGS":
             select_pgs(self.dartpy, built, self.options["pgs_iterations"])
         return built
 
-    def _describe(self, opened: Built, y: Array, dy: Array) -> OpenModel:
-        """Return the open tree at a tree state y, dy (n,), by DART's own kinematics and dynamics."""
-        opened.put(y, dy)
-        self._push(opened, 0.0)
-        opened.skeleton.computeForwardDynamics()
-        return OpenModel(opened.gaps(), accelerations=opened.skeleton.getAccelerations()[opened.order])
+    def _describe(self, open_tree: Built, y: Array, dy: Array) -> OpenModel:
+        """Return gaps and accelerations of the open tree at a tree state y, dy (n,), by DART's own kinematics and dynamics."""
+        open_tree.put(y, dy)
+        self._push(open_tree, 0.0)
+        open_tree.skeleton.computeForwardDynamics()
+        return OpenModel(open_tree.gaps(), accelerations=open_tree.skeleton.getAccelerations()[open_tree.order])
 
     def _set_options(self, erp: float) -> None:
         """Set the options of closures; `erp` is the share of a gap that a step closes.
@@ -129,7 +134,10 @@ class DartModel(TreeModel):
             built.skeleton.setCommand(int(built.order[at]), float(law(end)[1]))
 
     def _rates(self, t: float, y: Array, dy: Array, h: float) -> tuple[Array, Array]:
-        """Return the rates (n,) after one and after two steps of h [s] from a tree state y, dy (n,); gaps stay open."""
+        """Return the rates (n,) after one and after two steps of h [s] from a tree state y, dy (n,).
+
+        With erp = 0 the steps keep the gaps of the loops, so that no rate serves to close a gap.
+        """
         built = self.still
         built.restart(self.dartpy.constraint)
         self._set_options(erp=0.0)
@@ -143,12 +151,20 @@ class DartModel(TreeModel):
         return rates[0], rates[1]
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
+        """Return the accelerations (n,) at a tree state y, dy (n,), from the changes of rates over short steps.
+
+        DART computes accelerations only without closures, so those of closed loops must be measured.
+
+        Raises:
+            RunFailure: DART prints a message.
+        """
         with Messages() as messages:
             measured = acceleration_by_steps(self._rates, t, y, dy, SHORT)
             messages.check()
         return measured
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Reset to the start; `native` has no effect, because Python calls DART for every step."""
         super().prepare(times, native)
         self.moving.restart(self.dartpy.constraint)
         self._command(self.moving, times[0], times[0])

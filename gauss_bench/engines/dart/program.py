@@ -54,7 +54,9 @@ RUN = """    place, speed = np.empty((2, len(Y0)))
 
 
 def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str:
-    """Return the text of a program that runs a mechanism by one `Choice`, whose settings have these options.
+    """Return the text of a program that runs a mechanism with one `Choice`; `options` are the option values of its settings.
+
+    Builder runs with a stand-in for DART, which records all calls; `script.lines` then holds them as lines of the program.
 
     Raises:
         RunFailure: the program would need forces that only this suite computes.
@@ -70,7 +72,7 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
     built = Builder(dartpy, mechanism, tree, forces).build()
     if options["lcp"] == "PGS":
         select_pgs(dartpy, built, options["pgs_iterations"])
-    # of each closing pin its bodies without the ground, then the body and the point of its first end
+    # for each closing pin: the list of its bodies without the ground, then the body and the point of its first end
     closures = [[[body for body, _ in pin if body is not None], *pin[0]] for pin in built.pins]
     script.lines.append(f"order = {python(built.order)}  # index of each joint's coordinate in DART's order")
     script.lines.append(f"world, bodies, closures = {python(built.world)}, {python(built.bodies)}, {python(closures)}")

@@ -100,10 +100,17 @@ class Built:
 
 
 class Builder:
-    """Builds a DART world of a mechanism; without `whole`, the world of its open tree without drivers."""
+    """Builds a DART world of a mechanism, whose loops are still open.
 
-    def __init__(self, dartpy: Any, mechanism: Mechanism, tree: Tree, forces: GivenForces, whole: bool = True):
-        self.dartpy, self.mechanism, self.tree, self.forces, self.whole = dartpy, mechanism, tree, forces, whole
+    Attributes:
+        forces: the loads, of which springs and dampers of joints become elements of DART.
+        motors: whether driven joints have motors, which DART needs to follow motion laws; without them they move freely.
+        skeleton: DART's tree of joints and bodies; DART's `bodies` are listed by link.
+    """
+
+    def __init__(self, dartpy: Any, mechanism: Mechanism, tree: Tree, forces: GivenForces, motors: bool = True):
+        """Begin with an empty skeleton; `build` adds the links."""
+        self.dartpy, self.mechanism, self.tree, self.forces, self.motors = dartpy, mechanism, tree, forces, motors
         self.skeleton = dartpy.dynamics.Skeleton("linkage")
         self.bodies: dict[int, Any] = {}
         self.coordinates: dict[int, tuple[Any, int]] = {}  # index of a tree coordinate -> DART's joint, and the index within it
@@ -119,7 +126,7 @@ class Builder:
         for branch in self.tree.branches:
             self._add_link(branch)
         self._add_springs()
-        if self.whole:
+        if self.motors:
             for at in drivers_by_coordinate(mechanism, self.tree):
                 joint, _ = self.coordinates[at]
                 joint.setActuatorType(self.dartpy.dynamics.ActuatorType.VELOCITY)
@@ -128,7 +135,7 @@ class Builder:
         pins = [(self._end(a), self._end(b)) for a, b in closing_pins(self.tree)]
         start = np.array(self.tree.relative(mechanism.q0, mechanism.v0))
         bodies = [self.bodies[i] for i in range(len(mechanism.links))]
-        return Built(world, self.skeleton, bodies, order, pins, start, [])
+        return Built(world, self.skeleton, bodies, order, pins, start, closures=[])
 
     def _add_link(self, b: Branch) -> None:
         """Add the joint and the body of a branch."""
@@ -183,15 +190,15 @@ class Builder:
 
 
 def place(body: Any, point: Array) -> Array:
-    """Return the place (3,) in the world of a point (3,) in the frame of a body, or of the ground if the body is None [m]."""
+    """Return the place (3,) in the world [m] of a point (3,) given in the frame of a body; the body None is the ground."""
     return point if body is None else np.asarray(body.getTransform().multiply(point))
 
 
 def select_pgs(dartpy: Any, built: Built, iterations: int) -> None:
     """Make PGS the solver of impulses in place of Dantzig's method; it takes exactly `iterations` iterations.
 
-    DART's solvers have no constructor in Python. But every world has a PGS as its second solver, for problems on which the first
-    one fails. A world refuses its own second solver as its first, so this one is taken from another world.
+    DART's solvers have no constructor in Python. But every world has a PGS as its second solver, for problems on which its first
+    solver fails. A world does not accept its own second solver as its first, so the PGS is taken from another world.
     """
     solver = dartpy.simulation.World().getConstraintSolver().getSecondaryBoxedLcpSolver()
     solver.setOption(dartpy.constraint.PgsBoxedLcpSolverOption(iterations, 0.0, 0.0))

@@ -54,6 +54,7 @@ class Drake(LibraryEngine, file=VARIANTS):
         return f"Drake {version('drake')}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why Drake cannot run a mechanism with a choice, or None if it can."""
         if reason := beyond_a_tree(mechanism, "Drake") or unsteady(mechanism, "Drake"):
             return reason
         options = VARIANTS.options(choice.settings)
@@ -84,25 +85,26 @@ class DrakeModel(TreeModel):
     Attributes:
         closure: how loops are closed; its kind is OPEN if there are no loops.
         runners: step size [s] -> simulation of a discrete plant; a discrete plant has only one step size.
-        steppers: longest step [s] -> plants with steps of this length and shorter.
+        steppers: longest step [s] -> evaluators of plants with steps of this length and shorter.
         continuous: simulation of a continuous plant; None if the integrator is SAP.
     """
 
     library = "Drake"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Build the plants, after the open tree has been compared with the linkage."""
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.drake = load_library()
         self.builder = Builder(self.drake, mechanism, self.tree)
-        opened = Stepper(self._build(0.0, Closure()))
-        verify(mechanism, self.tree, lambda y, dy: self._describe(opened, y, dy), AGREEMENT)
+        open_tree = Stepper(self._build(0.0, Closure()))  # a continuous plant without closures
+        verify(mechanism, self.tree, lambda y, dy: self._describe(open_tree, y, dy), AGREEMENT)
         self.closure = choose_closure(self.tree, self.options)
         self.runners: dict[float, Runner] = {}
         self.steppers: dict[float, list[Stepper]] = {}
         self.continuous: ContinuousRunner | None = None
-        if (choice.integrator or SAP) != SAP:
+        if (choice.integrator or SAP) != SAP:  # an empty name stands for SAP
             self.continuous = ContinuousRunner(self.drake, self._build(0.0, self.closure))
-        self._runner(choice.step)
+        self._runner(choice.step)  # builds the discrete plant now, so that a linkage that Drake refuses fails here
 
     def _build(self, step: float, closure: Closure) -> Built:
         """Return a plant for steps of a length [s], or a continuous plant if it is 0.
@@ -115,10 +117,10 @@ class DrakeModel(TreeModel):
         except (RuntimeError, ValueError) as error:
             raise RunFailure(Status.ERROR, f"Drake cannot build the plant: {in_a_sentence(error)}") from error
 
-    def _describe(self, opened: Stepper, y: Array, dy: Array) -> OpenModel:
-        """Return the open tree at a tree state y, dy (n,), by Drake's own kinematics and dynamics."""
-        accelerations = opened.reported_acceleration(y, dy)
-        return OpenModel(gaps(opened.built, opened.context), accelerations=accelerations)
+    def _describe(self, open_tree: Stepper, y: Array, dy: Array) -> OpenModel:
+        """Return gaps and accelerations of the open tree at a tree state y, dy (n,), by Drake's own kinematics and dynamics."""
+        accelerations = open_tree.reported_acceleration(y, dy)
+        return OpenModel(gaps(open_tree.built, open_tree.context), accelerations=accelerations)
 
     def _runner(self, size: float) -> Runner:
         """Return the simulation that takes steps of a size [s]; the plant is built on the first call for its size."""
@@ -130,7 +132,10 @@ class DrakeModel(TreeModel):
         return self.runners[key]
 
     def _short_steppers(self, longest: float) -> list[Stepper]:
-        """Return plants whose first has steps of `longest` [s], and each other has steps of half the length of the one before."""
+        """Return HALVINGS + 1 steppers: the first takes steps of `longest` [s], each further one steps of half the length before.
+
+        They are built at the first call for `longest`, and kept.
+        """
         if longest not in self.steppers:
             lengths = [longest / 2**k for k in range(HALVINGS + 1)]
             self.steppers[longest] = [Stepper(self._build(x, self.closure)) for x in lengths]
@@ -159,9 +164,10 @@ class DrakeModel(TreeModel):
             raise RunFailure(Status.ERROR, f"t = {t:.6g} s: Drake: {in_a_sentence(error)}") from error
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Reset to the start, and build all plants that the run needs; `native` has no effect, because Drake takes the steps."""
         super().prepare(times, native)
         for stretch in self.plan:
-            self._runner(stretch.size)
+            self._runner(stretch.size)  # builds the plant for this step size and keeps it, so that no timed run builds one
         if self.continuous:
             name = self.choice.integrator
             accuracy, _ = self.choice.tolerances(self.options["accuracy"], 0.0)
@@ -194,8 +200,9 @@ class DrakeModel(TreeModel):
     def read(self) -> Trajectory:
         """Return the samples with their accelerations.
 
-        With constraints, the accelerations of a sample are those that Drake reports for the run's next step. Shorter steps, as in
-        `tree_acceleration`, would close the gap that the run's steps leave at once. The first sample has no gap.
+        With constraints, the accelerations of a sample are those that Drake reports for the run's next step. The steps of a run
+        leave small gaps in the loops. The shorter steps of `tree_acceleration` would close these gaps in a shorter time, so that
+        their accelerations would contain a fast motion that the run does not have. The first sample has no gap.
         """
         if self.closure.kind != BALL:
             return super().read()
@@ -204,8 +211,9 @@ class DrakeModel(TreeModel):
         steppers = {runner: Stepper(runner.built) for runner in {*runners.values()}}
 
         def acceleration_of_sample(k: int) -> Array:
+            """Return the absolute accelerations (3 links,) at sample k, by the plant that took the steps to this sample."""
             y, dy = self.y[k], self.dy[k]
-            if k == 0:
+            if k == 0:  # no step leads to the first sample
                 return self.accelerate(float(self.times[0]), y, dy)
             ddy = steppers[runners[k]].reported_acceleration(y, dy)
             return self.tree.absolute(y, dy, ddy).a

@@ -42,7 +42,9 @@ RUN = """    context = plant.GetMyMutableContextFromRoot(root)
 
 
 def write(mechanism: Mechanism, tree: Tree, choice: Choice, closure: Closure, scheme: str, accuracy: float | None) -> str:
-    """Return the text of a program that runs a mechanism by one `Choice`.
+    """Return the text of a program that runs a mechanism with one `Choice`.
+
+    Builder runs with stand-ins for Drake's modules, which record all calls; `script.lines` then holds them as program text.
 
     Args:
         scheme: Drake's name of an integrator of continuous plants; empty for a discrete plant.

@@ -22,6 +22,7 @@ class Stepper:
     """A plant that is evaluated at given states and takes steps from them."""
 
     def __init__(self, built: Built):
+        """Make a context, Drake's object for a state, of the plant."""
         self.built = built
         self.length = float(built.plant.time_step())  # [s]; 0 of a continuous plant
         self.root = built.system.CreateDefaultContext()
@@ -33,9 +34,12 @@ class Stepper:
         return self.built.reported_acceleration(self.context)
 
     def last_changes(self, y: Array, dy: Array, steps: int) -> tuple[Array, Array]:
-        """Take steps from a tree state y, dy (n,), and return the changes of dy (n,) over the step length in the last two."""
+        """Take `steps` >= 2 steps from a tree state y, dy (n,).
+
+        Return, for each of the last two steps, the change of dy (n,) in this step divided by the step length.
+        """
         self.built.set_state(self.context, y, dy)
-        rates = [dy]
+        rates = [dy]  # dy at the beginning, and after each step
         for _ in range(steps):
             self.context.SetDiscreteState(self.built.plant.EvalUniquePeriodicDiscreteUpdate(self.context))
             rates.append(self.built.state(self.context)[1])
@@ -46,6 +50,7 @@ class Runner:
     """A simulation of a discrete plant, whose steps have one length."""
 
     def __init__(self, drake: Any, built: Built):
+        """Make a simulator of the plant."""
         self.built = built
         self.simulator: Any = drake.analysis.Simulator(built.system)
         self.root = self.simulator.get_mutable_context()
@@ -60,7 +65,7 @@ class Runner:
         self.taken = 0
 
     def advance(self, steps: int, size: float) -> tuple[Array, Array]:
-        """Take steps of a size [s], which is that of the plant, and return the tree state y, dy (n,) after them."""
+        """Take steps of the plant's own step size, which is `size` [s] up to rounding, and return the tree state y, dy (n,)."""
         self.taken += steps
         # Drake computes the time of a step by the same product; a sum of sizes could differ from it by rounding
         self.simulator.AdvanceTo(self.taken * self.built.plant.time_step())
@@ -79,10 +84,12 @@ class ContinuousRunner(Runner):
             self.integrator.set_target_accuracy(accuracy)
 
     def start(self, y: Array, dy: Array) -> None:
+        """Begin at a tree state y, dy (n,) and at time 0, and count steps from there."""
         super().start(y, dy)
         self.integrator.ResetStatistics()
 
     def advance(self, steps: int, size: float) -> tuple[Array, Array]:
+        """Integrate over `steps` times `size` [s], in steps of this size unless Drake chooses them; return y, dy (n,)."""
         if self.takes_equal_steps:
             self.integrator.set_maximum_step_size(size)
         self.simulator.AdvanceTo(self.root.get_time() + steps * size)
@@ -96,19 +103,20 @@ class ContinuousRunner(Runner):
 def settled_acceleration(steppers: Callable[[float], Sequence[Stepper]], y: Array, dy: Array) -> Array:
     """Return the acceleration (n,) at a tree state y, dy (n,) with closed loops, found from steps of discrete plants.
 
-    A step of SAP gives pinned points equal velocities at their places at its beginning, which leaves a gap, and it closes half of
-    the gap that the step before has left. If the loops are closed at first, the change of speed D_k in step k, divided by the step
-    length h, approaches a limit D(h), and its distance from the limit halves in every step:
+    A step of SAP makes the velocities of pinned points equal, evaluated with the positions at the beginning of the step. At the end
+    of the step a gap is therefore left. The step also closes half of the gap that the step before has left. Let D_k be the change
+    of speed in step k, divided by the step length h. If the loops are closed at first, D_k approaches a limit D(h), and its
+    distance from the limit halves in every step:
 
         D(h) = 2 D_k - D_(k-1),    a = D(0)
 
     D(0) is extrapolated from several lengths h. A force that Drake treats implicitly changes D(h), but not D(0).
 
-    Trap: if a step would change the speeds by less than a millionth, SAP does not change them at all. So if short steps do not
-    agree, longer ones are taken.
+    Trap: if a step would change the speeds by less than a millionth, SAP does not change them at all. So if the results of short
+    steps do not agree, longer steps are taken.
 
     Args:
-        steppers: function of a longest step [s]; it returns plants with this step and shorter ones, the longest first.
+        steppers: function of a longest step [s]; it returns steppers of plants with this step and shorter ones, the longest first.
 
     Raises:
         RunFailure: the extrapolation changes if the shortest steps are left out.
@@ -121,8 +129,13 @@ def settled_acceleration(steppers: Callable[[float], Sequence[Stepper]], y: Arra
 
 
 def extrapolate_changes(steppers: Sequence[Stepper], y: Array, dy: Array) -> tuple[Array, float]:
-    """Return the acceleration (n,) extrapolated from all steppers, and its largest change if the shortest steps are left out."""
+    """Return the acceleration (n,) extrapolated from all steppers, and its largest change if the shortest steps are left out.
+
+    Args:
+        steppers: one for each step length, the longest first; each takes SETTLING steps from the tree state y, dy (n,).
+    """
     pairs = [stepper.last_changes(y, dy, SETTLING) for stepper in steppers]
+    # D(h) = 2 D_k - D_(k-1), because the distance from the limit D(h) halves in every step
     changes = [2 * last - before for before, last in pairs]
     lengths = [stepper.length for stepper in steppers]
     found = extrapolate(lengths, changes)

@@ -83,7 +83,7 @@ class Closure:
     damping_ratio: float = 0.0
 
     def constants(self, mass: float) -> tuple[float, float]:
-        """Return stiffness [N/m] and damping [N s/m] of a bushing that moves a mass [kg]."""
+        """Return stiffness [N/m] and damping [N s/m] with which a mass [kg] on a bushing vibrates with the period and damping."""
         frequency = 2 * np.pi / self.period  # [rad/s]
         return mass * frequency**2, 2 * self.damping_ratio * mass * frequency
 
@@ -163,7 +163,10 @@ class Built:
         return self.plant.GetPositions(context)[self.order], self.plant.GetVelocities(context)[self.order]
 
     def reported_acceleration(self, context: Any) -> Array:
-        """Return the y'' (n,) of Drake's output port; of a discrete plant, the change of speeds in the next step over the step."""
+        """Return the y'' (n,) of Drake's output port.
+
+        For a discrete plant this is the change of the speeds in the next step, divided by the step length.
+        """
         accelerations: Array = np.array(self.plant.get_generalized_acceleration_output_port().Eval(context))[self.order]
         return accelerations
 
@@ -204,11 +207,15 @@ class Builder:
         if closure.kind == BUSHING:
             self._add_bushings(closure)
         self.plant.Finalize()
-        return self._connect(pins)
+        return self._assemble(pins)
 
-    def _connect(self, pins: list[tuple[tuple[Any, Array], tuple[Any, Array]]]) -> Built:
-        """Return the finalised plant; if there are propellers, return it in a diagram with them."""
-        order = []
+    def _assemble(self, pins: list[tuple[tuple[Any, Array], tuple[Any, Array]]]) -> Built:
+        """Return the finalised plant; if there are propellers (forces fixed in a link), return it in a diagram with them.
+
+        Args:
+            pins: for each closing pin, its two ends: the frame of Drake's body and the point (3,) in it.
+        """
+        order = []  # Drake's index of each tree coordinate
         for at in sorted(self.joints):
             order += [self.joints[at].position_start() + k for k in range(len(self.dampings[at]))]
         bodies = [self.bodies[i] for i in range(len(self.mechanism.links))]
@@ -329,7 +336,10 @@ class Builder:
             self.plant.AddForceElement(self.drake.tree.LinearBushingRollPitchYaw(*ends, twist, twist, stiffness, damping))
 
     def _pin_masses(self) -> list[float]:
-        """List for each closing pin the least mass [kg] that a force on its gap moves at the start."""
+        """List for each closing pin its least effective mass [kg] at the start: that of a force on its gap, in the worst direction.
+
+        The masses are those of the open tree.
+        """
         tree = self.tree
         y, dy = tree.relative(self.mechanism.q0, self.mechanism.v0)
         own = open_tree(Evaluator(self.mechanism), tree, y, dy)
@@ -340,9 +350,9 @@ class Builder:
 
 
 def least_mass(J: Array, M: Array) -> float:
-    """Return the mass [kg] that a force on a gap moves, in the direction in which that mass is least.
+    """Return the least effective mass [kg] of a gap: force over acceleration of the gap, in the direction where it is least.
 
-    Its inverse is the largest eigenvalue of J M^-1 J^T.
+    The inverse of this mass is the largest eigenvalue of J M^-1 J^T.
 
     Args:
         J: (2, n) Jacobian of the gap.

@@ -1,10 +1,10 @@
 """Accelerations of an Exudyn system at a given state, and the comparison of that system with its linkage.
 
-There are two ways to compute accelerations:
+M is the mass matrix, f the applied forces, C the constraints and C_q their Jacobian. Two classes compute accelerations:
 
-    BuiltIn    Exudyn computes its initial accelerations at the state. It differentiates C_q v by one-sided differences, which
-               limits the accuracy to about 1e-7, and ignores the second derivatives of motion laws.
-    Readout    Exudyn computes M, f and C_q. This module computes the rate of C_q by fourth-order differences along v, adds the
+    BuiltIn    takes the accelerations that Exudyn itself computes when a run starts from the state. Exudyn differentiates C_q v by
+               one-sided differences, which limits the accuracy to about 1e-7, and ignores the second derivatives of motion laws.
+    Readout    reads M, f and C_q from Exudyn. This module computes the rate of C_q by fourth-order differences along v, adds the
                second derivatives of motion laws, and solves the system [M C_q^T; C_q 0].
 """
 
@@ -30,15 +30,18 @@ class BuiltIn:
     """A function (q, v) -> the accelerations (n,) that Exudyn computes when a run starts from the state q, v (n,)."""
 
     def __init__(self, system: System, settings: Any):
+        """Prepare a solver of Exudyn that never runs, but computes initial accelerations with the settings of runs."""
         self.system, self.settings, self.initial = system, settings, system.exu.ConfigurationType.Initial
         self.solver = system.exu.MainSolverImplicitSecondOrder()
         self.solver.InitializeSolver(system.mbs, settings)
 
     def __call__(self, q: Array, v: Array) -> Array:
+        """Return the accelerations (n,) at q, v (n,)."""
         data = self.system.mbs.systemData
-        data.SetODE2Coordinates(q - self.system.mechanism.q0, self.initial)
+        data.SetODE2Coordinates(q - self.system.mechanism.q0, self.initial)  # Exudyn's coordinates are displacements from q0
         data.SetODE2Coordinates_t(v, self.initial)
         alpha = self.settings.timeIntegration.generalizedAlpha
+        # Exudyn computes accelerations only at the start of a run, and only with this option; runs keep their own value of it
         for_runs = alpha.computeInitialAccelerations
         alpha.computeInitialAccelerations = True
         self.solver.InitializeSolverInitialConditions(self.system.mbs, self.settings)
@@ -47,9 +50,10 @@ class BuiltIn:
 
 
 class Readout:
-    """A function (q, v, t) -> Terms with Exudyn's M, f, C_q and C at a state q, v (n,), and the bias -(C_q)' v by differences."""
+    """A function (q, v, t) -> Terms with Exudyn's M, f, C_q and C at a state q, v (n,), and gamma = -(C_q)' v by differences."""
 
     def __init__(self, system: System):
+        """Prepare a solver of Exudyn from which matrices are read."""
         self.system, self.current = system, system.exu.ConfigurationType.Current
         self.solver = system.exu.MainSolverImplicitSecondOrder()
         self.settings = system.exu.SimulationSettings()  # with dense matrices, which Python can read and set
@@ -62,6 +66,8 @@ class Readout:
         """Return Exudyn's constraint Jacobian C_q (m, n) at q (n,)."""
         self.system.mbs.systemData.SetODE2Coordinates(q - self.system.mechanism.q0, self.current)
         self.solver.SetSystemJacobian(np.zeros((self.n + self.m,) * 2))  # Exudyn adds to the matrix that is there
+        # factors: 1 for derivatives by positions, 0 for those by speeds, 1 for those by first-order coordinates, which do not exist
+        # here; False: of the constraints on positions
         self.solver.ComputeJacobianAE(self.system.mbs, 1.0, 0.0, 1.0, False)
         return np.array(self.solver.GetSystemJacobian())[self.n :, : self.n]
 
@@ -77,8 +83,9 @@ class Readout:
         return -(rate @ v)
 
     def __call__(self, q: Array, v: Array, t: float) -> Terms:
+        """Return Exudyn's terms of the equations of motion at a state q, v (n,) and time t [s]."""
         mbs, solver = self.system.mbs, self.solver
-        bias, J = self.bias(q, v), self.jacobian(q)
+        bias, J = self.bias(q, v), self.jacobian(q)  # this also puts q into Exudyn's current state
         bias[self.m - len(self.laws) :] += [float(law(t)[2]) for law in self.laws]
         mbs.systemData.SetTime(t, self.current)
         mbs.systemData.SetODE2Coordinates_t(v, self.current)
@@ -86,9 +93,9 @@ class Readout:
         M = np.array(solver.GetSystemMassMatrix())
         solver.ComputeODE2RHS(mbs)
         Q = np.array(solver.GetSystemResidual())[: self.n]
-        compute_gaps(solver, mbs, self.settings)
+        compute_gaps(solver, mbs, self.settings)  # from here on, the residual's last rows are those of the constraints
         phi = np.array(solver.GetSystemResidual())[self.n : self.n + self.m]
-        return Terms(M, J, Q, bias, phi, J @ v)
+        return Terms(M, J, Q, bias, phi, J @ v)  # J v lacks the rates of motion laws: the adapter does not use it
 
 
 def kkt_acceleration(terms: Terms, redundant: bool) -> Array:

@@ -110,8 +110,8 @@ def rigid_body(kind: Any, mass: float, inertia: float | list[float], node: Any) 
 
 
 def call_after_steps(mbs: Any, function: Any) -> None:
-    """Let Exudyn call a function after each step; 0 stands for no function."""
+    """Let Exudyn call function(mbs, t) after each step; the number 0 as `function` ends these calls."""
     if hasattr(mbs, "SetPostStepUserFunction"):
         mbs.SetPostStepUserFunction(function)
-    else:
+    else:  # a release that has only a call before each step, where the state is the one after the step before
         mbs.SetPreStepUserFunction(function)

@@ -71,6 +71,7 @@ class Exudyn(LibraryEngine, file=VARIANTS):
         return f"Exudyn {across_releases.version(exu)} ({module})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why Exudyn cannot model a mechanism, or None if it can."""
         if reason := common_refusal(mechanism, "Exudyn"):
             return reason
         if mechanism.knife_edges:
@@ -157,6 +158,7 @@ class ExudynModel:
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Build Exudyn's system, and compare it with the linkage."""
         self.exu, items = library()
         self.mechanism, self.choice = mechanism, choice
         self.evaluator = evaluator_of(mechanism)
@@ -171,8 +173,11 @@ class ExudynModel:
         self.log = Log(self.exu)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the accelerations (n,) at time t [s] and a state q, v (n,), by the KKT system or by Exudyn."""
         try:
-            self.system.last = np.inf  # no force keeps the value that it has before a jump
+            # In a run, forces are evaluated no later than `system.last`, so that a step that ends at a jump has the force before
+            # the jump. Here every force has its value at t.
+            self.system.last = np.inf
             # Exudyn's initial accelerations ignore the second derivative of a law and the time of a force.
             varies = any(law(t)[2] != 0 for law in self.readout.laws) or self.mechanism.varying
             kkt = varies or VARIANTS.options(self.choice.settings)["acceleration"] == KKT
@@ -214,9 +219,9 @@ class ExudynModel:
         data.SetTime(float(self.times[0]), initial)
         data.SetODE2Coordinates_tt(np.zeros(self.mechanism.n), initial)
         data.SetAECoordinates(np.zeros(self.evaluator.constraints.m), initial)
-        self.q[0], self.v[0] = 0.0, self.mechanism.v0
+        self.q[0], self.v[0] = 0.0, self.mechanism.v0  # q holds displacements from q0, so it is zero at the start
         try:
-            self.a[0] = self.built_in(self.mechanism.q0, self.mechanism.v0)
+            self.a[0] = self.built_in(self.mechanism.q0, self.mechanism.v0)  # also puts this state into Exudyn
             if use_kkt:
                 self.a[0] = self._solve_kkt(float(self.times[0]), self.mechanism.q0, self.mechanism.v0)
                 data.SetODE2Coordinates_tt(self.a[0], initial)
@@ -224,7 +229,10 @@ class ExudynModel:
             self.failure = RunFailure(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({sentence(error)})")
 
     def _register_samples(self) -> None:
-        """Let Exudyn call Python after each step if its only call has samples before its end; otherwise save these calls."""
+        """If one call of the solver covers several samples, let Exudyn call a Python function after each step, which stores them.
+
+        Otherwise register no function, so that no time is lost by calls of Python.
+        """
         if len(self.solver_runs) != 1 or len(self.times) == 2:
             across_releases.call_after_steps(self.system.mbs, 0)
             return
@@ -232,6 +240,7 @@ class ExudynModel:
         step = -1  # Exudyn also calls the function before the first step
 
         def after_step(mbs: Any, t: float) -> bool:
+            """Count a step, and store a sample if one is due; True lets Exudyn go on."""
             nonlocal step
             step += 1
             if step in rows:
@@ -246,6 +255,7 @@ class ExudynModel:
         self.q[k], self.v[k], self.a[k] = data.GetODE2Coordinates(), data.GetODE2Coordinates_t(), data.GetODE2Coordinates_tt()
 
     def run(self) -> None:
+        """Run Exudyn's solver for one stretch after another, and store the samples; a failure goes into `self.failure`."""
         settings, mbs = self.simulation, self.system.mbs
         time, alpha = settings.timeIntegration, settings.timeIntegration.generalizedAlpha
         for part in self.solver_runs:
@@ -259,6 +269,7 @@ class ExudynModel:
                 message = f"t = {mbs.systemData.GetTime():.6g} s: Exudyn gave up ({sentence(error)}); try a smaller step"
                 self.failure = RunFailure(Status.NOT_CONVERGED, message)
                 return
+            # Exudyn's index is that of the next step, counted from 1
             t, steps = mbs.systemData.GetTime(), mbs.sys["dynamicSolver"].it.currentStepIndex - 1
             if not done:
                 message = f"t = {t:.6g} s: Exudyn reports failure without a reason; try a smaller step"
@@ -270,7 +281,7 @@ class ExudynModel:
             if part.row is not None:
                 self._store_sample(part.row)
             alpha.computeInitialAccelerations = False  # the next call continues with the accelerations of this one
-            if part.last != np.inf:
+            if part.last != np.inf:  # a force jumps at the end of this stretch
                 self._restart(part)
 
     def _end(self, part: Stretch) -> float:
@@ -291,6 +302,7 @@ class ExudynModel:
             self.a[part.row] = a
 
     def read(self) -> Trajectory:
+        """Return the samples; raise the failure of the run, an open joint or a warning of Exudyn as a RunFailure."""
         warning = self.log.close()
         across_releases.call_after_steps(self.system.mbs, 0)  # because the function would keep this object in memory
         q = self.mechanism.q0 + self.q

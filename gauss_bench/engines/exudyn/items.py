@@ -93,6 +93,7 @@ class System:
     """
 
     def __init__(self, exu: Any, items: Any, mechanism: Mechanism):
+        """Add all links, joints, drivers and forces of a mechanism to a new system of Exudyn."""
         self.exu, self.items, self.mechanism = exu, items, mechanism
         self.container = exu.SystemContainer()
         self.mbs = self.container.AddSystem()
@@ -132,7 +133,10 @@ class System:
         return self.mbs.AddMarker(self.items.MarkerBodyRigid(bodyNumber=self.bodies[link], localPosition=spatial(local)))
 
     def _mark_angle(self, link: int) -> Any:
-        """Add a marker of a link's angle relative to its start, and return it; for the ground, of a coordinate that stays zero."""
+        """Add a marker of a link's angle relative to its start, and return it.
+
+        The ground has no angle: its marker is that of a coordinate that stays zero.
+        """
         coordinate = 0 if link == GROUND else 2
         return self.mbs.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[link], coordinate=coordinate))
 
@@ -193,11 +197,13 @@ class System:
             return state
 
         def equation(mbs: Any, t: float, item: int, q: Any, v: Any, velocity: bool) -> list[float]:
+            """Return the residual x(q) - law(t), or its rate if Exudyn asks for the velocity level."""
             if velocity:
                 return [float(rate(coordinate, full(q), full(v))) - float(law(t)[1])]
             return [float(value(coordinate, full(q))) - float(law(t)[0])]
 
         def jacobian(mbs: Any, t: float, item: int, q: Any, v: Any, velocity: bool) -> Array:
+            """Return the derivatives (1, columns) of x by the coordinates of both links."""
             return np.array(gradient(coordinate, full(q))[None, columns])
 
         return equation, jacobian
@@ -207,13 +213,20 @@ class System:
         return lambda mbs, t, item, offset: float(law(t)[rate]) - start
 
     def _add_varying_force(self, force: Force) -> None:
-        """Add a force or torque that varies, with a user function."""
+        """Add a force or torque that varies, with a user function, which Exudyn calls at every evaluation.
+
+        Time is limited to `self.last`, so that in a step that ends at a jump of the force, the force has the value before the jump.
+        """
         factor = factor_of(force)
         assert factor is not None
         match force:
             case Torque(_, link, reaction, value):
 
                 def torque(mbs: Any, t: float, item: int, turned: float, turning: float, *numbers: float) -> float:
+                    """Return the torque with Exudyn's sign: a positive torque of a spring reduces the angle between its markers.
+
+                    The factor depends on the relative speed `turning` [rad/s], which counts in the direction of the torque.
+                    """
                     return -value * float(factor(min(t, self.last), np.sign(value) * turning))
 
                 markers = [self._mark_angle(reaction), self._mark_angle(link)]
@@ -223,6 +236,7 @@ class System:
             case PointForce(_, point) if point.link != GROUND:
 
                 def scale(mbs: Any, t: float, load: Any) -> list[float]:
+                    """Return the force vector `load` times the factor at time t [s]."""
                     return [float(x) for x in factor.of_time(min(t, self.last)) * np.array(load)]
 
                 marker, vector, fixed = self._mark_frame(point.link, point.local), spatial(force.value), force.frame != GROUND
@@ -254,7 +268,11 @@ class System:
             self.mbs.AddLoad(self.items.LoadCoordinate(markerNumber=self._mark_angle(link), load=value))
 
     def _add_point_force(self, f: PointForce) -> None:
-        """Add a constant force; if it is fixed in a third link, it is a connector, and a load cancels its reaction on that link."""
+        """Add a constant force.
+
+        A force whose direction is fixed in a third link is a connector between that link and the point; an additional load cancels
+        the connector's reaction on the third link.
+        """
         size, items = float(np.linalg.norm(f.value)), self.items
         if f.point.link == GROUND or size == 0:
             return
@@ -318,7 +336,10 @@ class System:
         self.mbs.AddObject(spring)
 
     def _lateral_distance(self, along: Along) -> float:
-        """Return the distance [m] of the point to the left of the axis at the start; if the axis moves, a slide keeps it."""
+        """Return the signed distance [m] of the point from the axis at the start, positive to the left of the axis.
+
+        If the axis moves with a link, a slide joint keeps this distance constant.
+        """
         left = along.angle + (np.pi if along.across else np.pi / 2)
         return float(value(Along(along.origin, along.point, left), self.mechanism.q0))
 

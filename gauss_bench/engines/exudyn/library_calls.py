@@ -16,7 +16,10 @@ STEPS = 20  # steps in one call
 
 
 def step_sparse(mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
-    """Return a call of STEPS steps from the mechanism's start, with Exudyn's accelerations at the state q, v (n,)."""
+    """Return a `LibraryCall` that takes STEPS steps from the mechanism's start.
+
+    Its accelerations, by which the call is checked, are Exudyn's at the state q, v (n,).
+    """
     model = ExudynModel(mechanism, Choice("tuned", "generalized_alpha", "none", STEP))
     model.simulation.linearSolver.solverType = model.exu.LinearSolverType.EigenSparse
     times = np.array([0.0, STEPS * STEP])

@@ -1,7 +1,7 @@
 """Cases by which Exudyn's releases are compared besides the adapter's runs: joints that the adapter does not use, and the defaults.
 
-The bars are rigid bodies in the plane, whose loop a constant distance closes, or rigid bodies in space, whose loop a joint of space
-closes. The accelerations are those with which a run starts.
+The bars are planar rigid bodies whose loop is closed by a constraint of constant distance, or spatial rigid bodies whose loop is
+closed by a spatial joint. The accelerations are those with which a run starts.
 """
 
 import inspect
@@ -32,7 +32,11 @@ def list_probes() -> list[dict[str, str]]:
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of the case `name` at absolute states q, v (k, n)."""
+    """Return the absolute accelerations (k, n) of the case `name` at absolute states q, v (k, n).
+
+    Args:
+        name: "CLOSURE, SOLVER": Exudyn's names of the item that closes the loop and of the linear solver.
+    """
     closure, _, solver = name.rpartition(", ")
     exu, items = library()
     settings = exu.SimulationSettings()
@@ -40,14 +44,21 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
     across_releases.set_linear_solver(exu, settings, solver, ignore_singular=False)
     across_releases.set_method(exu, settings, "GeneralizedAlpha")
     build = build_pair if closure == PLANAR else build_in_space
-    return np.array([start(exu, items, settings, build, closure, *state) for state in zip(q, v, strict=True)])
+    return np.array([initial_accelerations(exu, items, settings, build, closure, *state) for state in zip(q, v, strict=True)])
 
 
-Build = Callable[[Any, Any, Array, Array, str], Sequence[int]]  # builds the bars, and returns their coordinates in the plane
+# function (mbs, items, q, v, closure) that builds the bars, and returns the indices of their coordinates in the plane: x, y, angle
+Build = Callable[[Any, Any, Array, Array, str], Sequence[int]]
 
 
-def start(exu: Any, items: Any, settings: Any, build: Build, closure: str, q: Array, v: Array) -> Array:
-    """Return the accelerations (n,) with which a run of the bars from a state q, v (n,) begins."""
+def initial_accelerations(exu: Any, items: Any, settings: Any, build: Build, closure: str, q: Array, v: Array) -> Array:
+    """Return the accelerations (n,) with which a run of the bars from a state q, v (n,) begins.
+
+    Args:
+        items: Exudyn's module of item classes.
+        build: function that builds the bars.
+        closure: name of the item that closes the loop.
+    """
     container = exu.SystemContainer()
     mbs = container.AddSystem()
     kept = build(mbs, items, q, v, closure)
@@ -61,7 +72,7 @@ def start(exu: Any, items: Any, settings: Any, build: Build, closure: str, q: Ar
 
 
 def build_pair(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequence[int]:
-    """Build crank and rocker in the plane, whose ends have a constant distance; return the indices of their coordinates."""
+    """Build crank and rocker as planar bodies, whose ends have a constant distance; return the indices of their coordinates."""
     ground = mbs.AddObject(items.ObjectGround())
     ends = []
     for k, bar in enumerate(PAIR):
@@ -77,9 +88,9 @@ def build_pair(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequen
 
 
 def build_in_space(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequence[int]:
-    """Build the four-bar of rigid bodies in space, and return the indices of x, y and the angle about z of every bar.
+    """Build the four-bar of spatial rigid bodies, and return the indices of x, y and the angle about z of every bar.
 
-    Its links hang on a tree of hinges about z, and the joint `closure` constrains x and y of the last gap.
+    The bars form a tree of hinges about z; the joint `closure` holds the end of the rod at the end of the rocker, in x and y.
     """
     ground = mbs.AddObject(items.ObjectGround())
     bodies: list[Any] = []
@@ -114,7 +125,10 @@ def mark(mbs: Any, kind: Any, body: Any, at: float) -> Any:
 
 
 def defaults() -> dict[str, str]:
-    """Return name -> default value, of the simulation settings and of the arguments of joints, connectors, bodies and loads."""
+    """Return name -> default value, of the simulation settings and of the arguments of joints, connectors, bodies and loads.
+
+    Every linear solver and every method of integration that the release has is listed with the value "there".
+    """
     exu, items = library()
     found = dict(read_settings(exu.SimulationSettings(), "", DEPTH))
     for name, kind in vars(items).items():

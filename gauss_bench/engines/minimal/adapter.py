@@ -1,8 +1,10 @@
-"""A linkage of one degree of freedom in one coordinate, which another coordinate replaces before its dead centres.
+"""A linkage of one degree of freedom in one independent coordinate, which another coordinate replaces before dead centres.
 
-The equation is generated for the cheapest coordinate whose dyads stay open over the whole motion. If there is none, steps are taken
-in one coordinate until one of its dyads opens by less than `least`. Then the coordinate whose dyads are open widest takes over, on
-the branch that the linkage is on.
+From the coordinate the other links follow in pairs (dyads). The opening of a dyad tells how far it is from its dead centre, where
+the opening is zero and the coordinate no longer determines the motion. The equation is generated for the cheapest coordinate whose
+dyads stay away from their dead centres during the whole motion. If there is none, steps are taken in one coordinate until the
+opening of one of its dyads falls below `least`. Then the motion is continued in the coordinate whose dyads have the largest
+openings, on the linkage's present branch.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,17 +34,17 @@ from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 VARIANTS = read_variants(Path(__file__).parent)
 ADAPTIVE = "dop853"
-# The opening of a dyad is the sine or cosine of an angle, which is zero at a dead centre.
+# The opening of a dyad is the sine or cosine of an angle, which is zero at the dead centre.
 STATES = 64  # number of states of the motion at which the openings of the dyads are evaluated
 STEADY = 0.15  # least opening, about 9 degrees from a dead centre, of a coordinate that is used over the whole motion
-CHANGE = 0.35  # opening at which another coordinate takes over: nearer to dead centres steps would have to be smaller
-NARROW = 0.02  # opening below which no coordinate is used: the run ends if none is open wider
+CHANGE = 0.35  # opening at which another coordinate replaces the present one: nearer to dead centres steps would have to be smaller
+NARROW = 0.02  # opening below which no coordinate is used: the run ends if no coordinate has a larger one
 AGREEMENT = 1e-8  # relative, of accelerations: rounding and the closure of the states cause about 1e-10, a wrong term about 1
 CHECKED = 4  # number of states at which a generated equation is compared with the linkage
 
 
 class Key(NamedTuple):
-    """The key of one equation: the index of its way, and the signs of its dyads, which name the branch."""
+    """The key of one equation: the index of its coordinate in `MinimalModel.ways`, and the signs of its dyads (the branch)."""
 
     way: int
     signs: tuple[float, ...]
@@ -64,6 +66,7 @@ class Minimal:
         return compiler_version()
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why one coordinate cannot describe a mechanism, or None if it can."""
         if reason := unsteady(mechanism, "the equation in one coordinate"):
             return reason
         try:
@@ -82,7 +85,7 @@ class Minimal:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """The part of a run that was stepped in one equation.
+    """The part of a run that was integrated by one equation, that is, in one independent coordinate on one branch.
 
     Attributes:
         row: index of the first sample in `states`.
@@ -100,27 +103,28 @@ class Segment:
 
 @dataclass(frozen=True, eq=False)
 class LinkMotion:
-    """The links at k states of one equation.
+    """Poses, velocities and accelerations of the links at k states of one equation.
 
     Attributes:
         places: (k, links, 2) centres of mass [m].
-        lines: (k, links) angles [rad], up to whole turns.
+        raw_angles: (k, links) angles [rad], up to whole turns.
         v, a: (k, n) velocities and accelerations in absolute coordinates.
     """
 
     places: Array
-    lines: Array
+    raw_angles: Array
     v: Array
     a: Array
 
     @staticmethod
     def of(rate: Array, results: Sequence[Array]) -> "LinkMotion":
         """Return the links' motion, given the results (k, ...) of `Equation.motion` and rates (k,) of the coordinate."""
-        place, slope, bend, second = results
-        x, y, c, s = np.moveaxis(place.reshape(len(place), -1, 4), -1, 0)  # (k, links) each
-        w = rate[:, None]
+        # (k, 4 links) x, y, cos, sin of each link; (k, n) first and second derivatives p', p'' by the coordinate q; (k, 1) q''
+        pose, first, second, acceleration = results
+        x, y, c, s = np.moveaxis(pose.reshape(len(pose), -1, 4), -1, 0)  # (k, links) each
+        w = rate[:, None]  # q'
         # v = p' q',  a = p' q'' + p'' q'^2
-        return LinkMotion(np.stack([x, y], axis=-1), np.arctan2(s, c), slope * w, slope * second + bend * (w * w))
+        return LinkMotion(np.stack([x, y], axis=-1), np.arctan2(s, c), first * w, first * acceleration + second * (w * w))
 
     @staticmethod
     def at(equation: Equation, y: Array) -> "LinkMotion":
@@ -131,29 +135,34 @@ class LinkMotion:
     def unwrap(self, near: Array) -> Array:
         """Return q (k, n), with whole turns added to the angles so that they are nearest to `near` (k, links)."""
         q = np.empty_like(self.v)
-        places(q)[:], angles(q)[:] = self.places, wind(self.lines, near)
+        places(q)[:], angles(q)[:] = self.places, wind(self.raw_angles, near)
         return q
 
 
 class MinimalModel:
-    """The model of a linkage in one coordinate at a time.
+    """The model of a linkage with one independent coordinate, which another coordinate may replace during a run.
+
+    A way is one choice of the coordinate, with the dyads that close the other links. The opening of a dyad is its distance from its
+    dead centre, zero at the dead centre and 1 at most. An equation belongs to one way on one branch, which a `Key` names.
 
     Attributes:
         ways: the possible coordinates.
         walk: sampled states of the motion.
         scales: for each way the openings (dyads,) that count as 1.
         signs: for each way the signs (states, dyads) of its openings at the sampled states.
-        open: (ways, states) smallest opening of the dyads of each way.
-        steady: indices of the ways that never need a change.
+        open: (ways, states) smallest opening of the dyads of each way at each sampled state.
+        steady: indices of the ways whose openings stay above STEADY at all sampled states, so that no other one is needed.
         least: opening below which a coordinate is not used.
         equations, evaluators, machines: for each key so far its equation, its links' motion as machine code, and its steps.
         first, now: keys of the first equation and of the present one.
-        y: (2n,) present state, in the present equation.
+        y: (2n,) present state of the present equation: its coordinates q (n,), of which the first is the way's coordinate, and
+            their rates v (n,).
         tried: keys of the equations that have failed at this state.
         failure: the reason why the run ended early, or an empty text.
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Choose the first coordinate, write its equation, and compare it with the linkage."""
         self.mechanism, self.choice, self.ways = mechanism, choice, ways(mechanism)
         self.walk, self.start_angles = manifold_states(mechanism, STATES), angles(mechanism.q0)
         sampled = Links.of(self.walk.q, self.walk.v)
@@ -166,7 +175,9 @@ class MinimalModel:
         self.signs = [np.sign(x) for x in openings]
         self.open = np.array([_smallest(x, scale) for x, scale in zip(openings, self.scales, strict=True)])
         self.steady = [k for k in range(len(self.ways)) if self.open[k].min() > STEADY]
+        # smallest opening over the motion if the best coordinate is used at each state
         widest = float(self.open.max(axis=0).min())
+        # half of it leaves room: where one coordinate reaches `least`, another one is open wider
         self.least = STEADY / 2 if self.steady else min(CHANGE, max(widest / 2, NARROW))
         self.equations: dict[Key, Equation] = {}
         self.evaluators: dict[Key, Callable[[Array], list[Array]]] = {}
@@ -175,20 +186,24 @@ class MinimalModel:
         self._verify()
 
     def _choose_first(self) -> Key:
-        """Return the cheapest coordinate that never needs a change, else the one whose dyads are open widest at the start."""
-        start = int(np.abs(self.walk.q - self.mechanism.q0).max(axis=1).argmin())
+        """Return the key of the coordinate and branch with which a run starts.
+
+        It is the cheapest coordinate of those that suffice for the whole motion (`steady`). If there is none, it is the coordinate
+        whose smallest opening is largest at the start.
+        """
+        start = int(np.abs(self.walk.q - self.mechanism.q0).max(axis=1).argmin())  # index of the sampled state nearest to the start
         candidates = self.steady or [int(self.open[:, start].argmax())]
         keys = [Key(k, tuple(self.signs[k][start].tolist())) for k in candidates]
         return min(keys, key=lambda key: self._equation(key).program.acceleration.costs.single)
 
     def _states_on_branch(self, key: Key) -> NDArray[np.intp]:
-        """Return the indices of the sampled states on the equation's branch at which its dyads are open wide enough."""
+        """Return the indices of the sampled states on the equation's branch at which all its openings are above `least`."""
         return np.flatnonzero((self.signs[key.way] == key.signs).all(axis=1) & (self.open[key.way] > self.least))
 
     def _equation(self, key: Key, q: Array | None = None) -> Equation:
-        """Return the equation of a key, which the first call writes.
+        """Return the equation of a key; it is derived at the first call and then kept.
 
-        Its expressions are sampled at states of the walk on its branch, and at the position q (n,) if it is given.
+        Its expressions are tested at sampled states of the motion on its branch, and at the position q (n,) if it is given.
         """
         if key not in self.equations:
             on = self._states_on_branch(key)
@@ -212,7 +227,10 @@ class MinimalModel:
         return self.machines[key]
 
     def _openings(self, at: Links) -> dict[Key, float]:
-        """Return key -> smallest opening of its dyads, for every coordinate on the branch that the links are on."""
+        """Return for every coordinate the smallest opening of its dyads at a state of the links.
+
+        A key of the result is the coordinate and the signs of its openings, which name the branch that the links are on.
+        """
         smallest = {}
         for k, (way, scale) in enumerate(zip(self.ways, self.scales, strict=True)):
             openings = way.openings(at)
@@ -238,25 +256,27 @@ class MinimalModel:
         return equation.state(Links.of(q, v), {link: float(angle_at(q, link)) for link in equation.angles})
 
     def _derive(self, key: Key, q: Array, v: Array) -> tuple[Array, Array, Array]:
-        """Return q, v, a (n,) that an equation computes from its own coordinate at a state of the linkage."""
+        """Return q, v, a (n,) of all links that an equation computes from the coordinate and its rate at the state q, v (n,)."""
         equation = self._equation(key, q)
         y = self._state(equation, q, v)
         if key == self.first:  # to compile takes time, which pays only for an equation that is evaluated often
-            rate = y[len(y) // 2]
+            rate = y[len(y) // 2]  # of the coordinate: y is q (n,), then v (n,), and each begins with the coordinate
             motion = LinkMotion.of(rate[None], [x[None] for x in self._evaluator(key)(y)])
         else:
             motion = LinkMotion.at(equation, y[None])
         return motion.unwrap(angles(q))[0], motion.v[0], motion.a[0]
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the accelerations (n,) at a state q, v (n,), from the equation in one coordinate."""
         openings = self._openings(Links.of(q, v))
-        # Use the first coordinate if it is regular here, because its equation is compiled; else the one that is open widest.
+        # Use the first coordinate if its opening suffices here, because its equation is compiled; else that of the largest opening.
         widest = max(openings, key=lambda key: openings[key])
-        regular = (key for key, opening in openings.items() if key.way == self.first.way and opening > self.least)
-        return finite_acceleration(t, self._derive(next(regular, widest), q, v)[2], "the equation in one coordinate")
+        usable = (key for key, opening in openings.items() if key.way == self.first.way and opening > self.least)
+        _, _, a = self._derive(next(usable, widest), q, v)
+        return finite_acceleration(t, a, "the equation in one coordinate")
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start; a motion that changes its coordinate is rehearsed once, so that no timed run compiles.
+        """Reset to the start; a motion that may change the coordinate is run once now, so that no timed run compiles.
 
         Steps are always taken by the compiled loop, whatever `native` says.
         """
@@ -264,9 +284,9 @@ class MinimalModel:
         self.start = self._state(self._equation(self.first), self.mechanism.q0, self.mechanism.v0)
         self.parts = equal_runs(times, self.choice.step)
         machine = self._machine(self.first)
-        if not machine.adaptive:
+        if not machine.is_adaptive:
             for part in self.parts:
-                machine.room(part.samples)
+                machine.memory_for(part.samples)
         self._reset()
         if not self.steady:
             self.run()
@@ -279,6 +299,7 @@ class MinimalModel:
         self.segments: list[Segment] = []
 
     def run(self) -> None:
+        """Integrate part after part, and store the results as segments; a failure goes into `failure`."""
         if self.choice.integrator == ADAPTIVE:
             self._run_adaptive()
             return
@@ -287,33 +308,37 @@ class MinimalModel:
                 self._run_equal(part)
 
     def _run_equal(self, part: Equal) -> None:
-        """Take the steps of one part, in which steps have one size and samples one number of steps between them."""
+        """Take the steps of one part of the run, with a constant step size and a constant number of steps between samples.
+
+        Each call of the machine code adds a `Segment` with the samples that it has reached.
+        """
         begin, h, total, done = float(self.times[part.row]), part.size, part.steps * part.samples, 0
         while done < total and not self.failure:
             machine, start = self.machines[self.now], self.y
-            due = part.steps - done % part.steps  # steps to the next sample
+            to_sample = part.steps - done % part.steps  # steps to the next sample
             # After a change of coordinate between two samples, one call goes to the next sample only.
-            count, every = (total - done, part.steps) if due == part.steps else (due, due)
-            states, moved, end = machine.steps(start, begin + done * h, h, count, every)
+            count, interval = (total - done, part.steps) if to_sample == part.steps else (to_sample, to_sample)
+            states, steps_taken, end = machine.steps(start, begin + done * h, h, count, interval)
             end = end.copy()  # the next call overwrites the machine's memory
             # A machine that stops early does not return the state at which it stopped as a sample, even if one is due there.
-            stopped_at_sample = moved < count and moved and moved % every == 0
+            stopped_at_sample = steps_taken < count and steps_taken and steps_taken % interval == 0
             states = np.vstack([states, end]) if stopped_at_sample else states.copy()
             self.segments.append(Segment(machine.equation, part.row + 1 + done // part.steps, start, states, end))
-            done, self.y, self.steps = done + moved, end, self.steps + moved
-            if moved < count:
-                self._change(begin + done * h, moved)
+            done, self.y, self.steps = done + steps_taken, end, self.steps + steps_taken
+            if steps_taken < count:  # a dyad came too near to its dead centre
+                self._change(begin + done * h, steps_taken)
         self.evaluations = EVALUATIONS[self.choice.integrator] * self.steps
 
     def _run_adaptive(self) -> None:
-        """Take adaptive steps from one change of coordinate to the next."""
+        """Take adaptive steps; where the coordinate can no longer be used, store a `Segment` and go on in another coordinate."""
         times, row, t = self.times, 0, float(self.times[0])
         options = VARIANTS.options(self.choice.settings)
         tolerances = self.choice.tolerances(options["dop853_rtol"], options["dop853_atol"])
         while row < len(times) - 1 and not self.failure:
             machine = self.machines[self.now]
             course = machine.course(self.y, np.append(t, times[row + 1 :]), tolerances)
-            states = course.samples[1:]
+            states = course.samples[1:]  # without the start of this segment
+            # `course.state` is the state at which the integrator stopped, possibly between two samples
             end = course.state if row + len(states) < len(times) - 1 else states[-1]
             self.segments.append(Segment(machine.equation, row + 1, self.y, states, end))
             row, self.y, t = row + len(states), end, course.t
@@ -322,13 +347,15 @@ class MinimalModel:
             if row < len(times) - 1:
                 self._change(t, course.taken)
 
-    def _change(self, t: float, moved: int) -> None:
-        """Continue at time t [s] in the coordinate whose dyads are open widest, unless it has failed at this state.
+    def _change(self, t: float, steps_taken: int) -> None:
+        """Replace the coordinate at time t [s] by the one with the largest openings that has not failed at this state.
 
-        `moved` is the number of steps in the present coordinate; without steps, those that failed before are excluded too.
+        Args:
+            steps_taken: number of steps in the present coordinate. If it is 0, the state is that of the change before, so the
+                coordinates that failed there remain excluded.
         """
         machine = self.machines[self.now]
-        self.tried = {self.now} if moved else self.tried | {self.now}
+        self.tried = {self.now} if steps_taken else self.tried | {self.now}
         if not np.isfinite(self.y).all():
             self.failure = f"t = {t:.6g} s: not finite; a smaller step may help"
             return
@@ -338,15 +365,20 @@ class MinimalModel:
         if best is None:
             self.failure = f"t = {t:.6g} s: no coordinate is regular over a whole step; a smaller step may help"
             return
+        # The present position helps to write a new equation; there whole turns do not matter, so the angles are those nearest to 0.
         q = None if best in self.machines else LinkMotion.at(machine.equation, self.y[None]).unwrap(0.0 * self.start_angles)[0]
         new, spring_angles = self._machine(best, q).equation, machine.equation.spring_angles(self.y[: machine.n])
         self.y, self.now, self.changes = new.state(here, spring_angles), best, self.changes + 1
 
     def _stopped_links(self) -> Links:
-        """Return the links at the present state; machine code evaluates them, because a change of coordinate is timed."""
-        place, slope, *_ = self._evaluator(self.now)(self.y)
-        x, y, c, s = place.reshape(-1, 4).T  # (links,) each
-        dx, dy, spin = slope.reshape(-1, 3).T * self.y[len(self.y) // 2]
+        """Return poses and velocities of the links at the present state.
+
+        Machine code evaluates them, because a change of coordinate is part of the timed run.
+        """
+        pose, first, *_ = self._evaluator(self.now)(self.y)
+        x, y, c, s = pose.reshape(-1, 4).T  # (links,) each
+        # derivatives by the coordinate times its rate, which is the first entry of the second half of the state
+        dx, dy, spin = first.reshape(-1, 3).T * self.y[len(self.y) // 2]
         return Links.with_ground((x + 1j * y).tolist(), (c + 1j * s).tolist(), (dx + 1j * dy).tolist(), spin.tolist())
 
     def _name(self, equation: Equation) -> str:
@@ -355,26 +387,27 @@ class MinimalModel:
         return f"slide {way.joint.name}" if way.joint.slides else f"angle of {self.mechanism.link_name(way.link)}"
 
     def _follow(self, segment: Segment, at: Array, angles_at_start: Array) -> Array:
-        """Return approximate angles (k, links) [rad] at values (k,) of the coordinate, with whole turns counted.
+        """Return approximate angles (k, links) [rad], with whole turns counted, at values `at` (k,) of the coordinate.
 
-        They are followed through a segment from the angles (links,) at its start.
+        The angles are followed through a segment, from the angles (links,) at its start.
         """
         equation = segment.equation
 
-        def lines(x: Array) -> Array:
-            """Return the angles (k, links) [rad], up to whole turns, at values (k,) of the coordinate."""
-            states = np.zeros((len(x), 2 * equation.program.n))
+        def link_angles(x: Array) -> Array:
+            """Return the angles (j, links) [rad], up to whole turns, at values x (j,) of the coordinate."""
+            states = np.zeros((len(x), 2 * equation.program.n))  # poses do not depend on the other entries
             states[:, 0] = x
-            return LinkMotion.at(equation, states).lines
+            return LinkMotion.at(equation, states).raw_angles
 
+        # the coordinate of a slide is a length [m]: `follow` needs a typical one to choose its steps
         length = typical_length(self.mechanism) if equation.way.joint.slides else None
-        return follow(lines, float(segment.start[0]), at, angles_at_start, length)
+        return follow(link_angles, float(segment.start[0]), at, angles_at_start, length)
 
     def read(self) -> Trajectory:
         """Return the samples.
 
         Raises:
-            RunFailure: no coordinate was regular at some time; it carries the samples until then.
+            RunFailure: at some time no coordinate could be used; the exception carries the samples up to this time.
         """
         q, v, a = sample_arrays(self.times, *self._derive(self.first, self.mechanism.q0, self.mechanism.v0))
         unwrapped = self.start_angles
@@ -383,7 +416,7 @@ class MinimalModel:
             motion = LinkMotion.at(segment.equation, states)
             positions = motion.unwrap(self._follow(segment, states[:, 0], unwrapped))
             q[rows], v[rows], a[rows] = positions[:-1], motion.v[:-1], motion.a[:-1]
-            unwrapped = angles(positions[-1])
+            unwrapped = angles(positions[-1])  # at the end of this segment, where the next one starts
         coordinates = ", ".join(dict.fromkeys(self._name(x.equation) for x in self.segments))
         note = f"in one coordinate: {coordinates}" + (f", changed {self.changes} times" if self.changes else "")
         trajectory = Trajectory(self.times, q, v, a, self.steps, self.evaluations, note)

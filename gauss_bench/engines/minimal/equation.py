@@ -62,12 +62,17 @@ class Equation:
     program: Program
     motion: Function
 
-    def state(self, at: Links, angles: Mapping[int, float]) -> Array:
-        """Return the program's state (2n,), q then v, at a state of the links; `angles` [rad] are those that springs need."""
+    def state(self, at: Links, link_angles: Mapping[int, float]) -> Array:
+        """Return the program's state (2n,), q then v, at a state of the links.
+
+        Args:
+            link_angles: link -> its angle [rad], with whole turns counted, for the links whose angles springs need.
+        """
         value, rate = self.way.state(at)
+        # the coordinate in every entry; the loop replaces those of the integrated angles, and an angle known only up to whole turns
         q, v = np.full(self.program.n, value), np.full(self.program.n, rate)
         for link, (k, turn) in self.angles.items():
-            q[k], v[k] = angles[link] - turn, at.w[link]
+            q[k], v[k] = link_angles[link] - turn, at.w[link]
         return np.concatenate([q, v])
 
     def spring_angles(self, q: Array) -> dict[int, float]:
@@ -85,14 +90,17 @@ def links_of_springs(mechanism: Mechanism) -> list[int]:
 
 
 class Root(NamedTuple):
-    """A link relative to which slides fix the angle of another link, and the constant difference of both angles [rad]."""
+    """A link to which another link is connected by slides, so that both turn together, and the constant angle `turn` between them.
+
+    The angle of the other link is the angle of the root plus `turn` [rad].
+    """
 
     link: int
     turn: float
 
 
 def _roots(way: Way) -> dict[int, Root]:
-    """Return link -> its root, which is the link itself if no slide fixes its angle."""
+    """Return for every link that a way places its root, which is the link itself if no slide fixes its angle."""
     roots = {GROUND: Root(GROUND, 0.0), way.link: Root(way.link, 0.0)}
     if isinstance(way.joint, Prismatic):
         roots[way.link] = Root(GROUND, way.joint.turn if way.joint.guide.link == GROUND else -way.joint.turn)
@@ -108,7 +116,9 @@ def _roots(way: Way) -> dict[int, Root]:
 
 
 def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Array, least: Array) -> Equation:
-    """Write the equation of motion in the coordinate of a way.
+    """Write the equation of motion in the independent coordinate of a way.
+
+    The program's q are this coordinate, and after it the angles that are integrated beside it.
 
     Args:
         way: the coordinate and the dyads that close the other links.
@@ -116,6 +126,7 @@ def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Ar
         q: (k, n) positions on this branch, away from its dead centres, in absolute coordinates.
         least: (dyads,) opening of each dyad below which the equation must not be used.
     """
+    # links whose angles springs need, without those whose angles slides fix relative to the ground -> root
     roots = {link: root for link, root in _roots(way).items() if link in links_of_springs(mechanism) and root.link != GROUND}
     integrated = tuple(sorted({root.link for root in roots.values()} - {way.link}))
     slots = {link: k for k, link in enumerate((way.link, *integrated))}  # root -> index of its angle in the program's q
@@ -123,8 +134,8 @@ def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Ar
     value, _ = way.state(Links.of(q, np.zeros_like(q)))
     states = np.column_stack([value, *(angle_at(q, link) for link in integrated)])
     motion = _Motion(mechanism, way, signs, integrated, states)
-    a, guards = motion.acceleration(), motion.openings
-    roots_of_dyads = [root for root, _ in guards]
+    a, openings = motion.acceleration(), motion.openings
+    square_roots = [node for node, _ in openings]  # one of each dyad, zero at its dead centre
     n = 1 + len(integrated)
     inputs: Inputs = (("t", 1), ("q", n), ("v", n), ("p", 0))
     program = Program(
@@ -136,33 +147,40 @@ def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Ar
         parameters=(),
         values=np.zeros(0),
         dropped=(),
-        thresholds=np.array([size * x for (_, size), x in zip(guards, least, strict=True)]),
-        acceleration=function(inputs, [a, roots_of_dyads], uses([*a, *roots_of_dyads])),
+        thresholds=np.array([size * x for (_, size), x in zip(openings, least, strict=True)]),  # of the square roots
+        acceleration=function(inputs, [a, square_roots], uses([*a, *square_roots])),
     )
+    # a[0] is q''; the others are the second derivatives of the integrated angles
     return Equation(way, tuple(signs), integrated, angles, program, function(inputs, [*motion.links(), a[:1]], None))
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A point: its position p [m], and the first and second derivatives d and b of the position by the coordinate."""
+    """A point: its position p [m], and the first derivative d and the second derivative b of p by the coordinate."""
 
     p: Vec
     d: Vec
     b: Vec
 
     def __sub__(self, other: "Place") -> "Place":
+        """Return the vector from another point to this one, with its derivatives."""
         return Place(self.p - other.p, self.d - other.d, self.b - other.b)
 
 
 class Body:
-    """A link: its direction, the derivatives of its angle, and the motion `place` of its point `at` (in the link's frame).
+    """A link as a function of the coordinate.
 
-    `pin` is a second pin of the link in its own frame, or None: with two pins, masses at both replace the link's mass.
+    Attributes:
+        e: direction exp(i angle) of the link.
+        omega, alpha: first and second derivative of the angle by the coordinate.
+        at: (2,) a point of the link in its own frame [m].
+        place: motion of this point.
+        pin: (2,) a second pin of the link in its own frame [m], or None: with two pins, masses at both replace the link's mass.
     """
 
     def __init__(self, e: Vec, omega: Node, alpha: Node, at: Array, place: Place, pin: Array | None = None):
         self.e, self.omega, self.alpha, self.at, self.place, self.pin = e, omega, alpha, at, place, pin
-        self.square, self.change = omega * omega, omega * alpha
+        self.omega_squared, self.omega_alpha = omega * omega, omega * alpha
 
     def arm(self, to: Array) -> Vec:
         """Return the vector from the point `at` to another point of the link, in world axes."""
@@ -171,7 +189,7 @@ class Body:
     def point(self, local: Array) -> Place:
         """Return the motion of a point of the link: p' = p0' + i omega r,  p'' = p0'' + i alpha r - omega^2 r."""
         r, o = self.arm(local), self.place
-        return Place(o.p + r, o.d + cross(self.omega, r), o.b + cross(self.alpha, r) - r * self.square)
+        return Place(o.p + r, o.d + cross(self.omega, r), o.b + cross(self.alpha, r) - r * self.omega_squared)
 
 
 def _constant(graph: ExpressionGraph, x: float, y: float) -> Vec:
@@ -199,20 +217,29 @@ class _Motion:
     """All links of a linkage as functions of the coordinate.
 
     Attributes:
+        roots: link -> its root.
         q: nodes of the coordinate and of the angles that are integrated beside it.
-        v: node of the coordinate's rate.
+        v: node of the coordinate's rate q'.
         bodies: link -> its motion; the ground is included.
-        openings: for each dyad its square root, and the root's value at an opening of 1.
+        openings: for each dyad the node of the square root that closes it, and the root's value where the dyad's opening is 1. The
+            opening is the root divided by this value: zero at the dead centre.
     """
 
     def __init__(self, mechanism: Mechanism, way: Way, signs: Sequence[float], integrated: tuple[int, ...], states: Array):
+        """Place the link of the coordinate, then close dyad after dyad.
+
+        Args:
+            signs: for each dyad the sign that selects one of its two solutions.
+            integrated: links whose angles are integrated beside the coordinate.
+            states: (k, n) sampled values of the coordinate and of these angles, at which expressions are tested for equality.
+        """
         self.mechanism, self.integrated, self.roots = mechanism, integrated, _roots(way)
         self.graph = graph = ExpressionGraph(len(states))
         self.q = [graph.input("q", k, states[:, k], NEAR) for k in range(states.shape[1])]
-        self.v = graph.input("v", 0, np.linspace(1.0, 3.0, len(states)), 1.0)
+        self.v = graph.input("v", 0, np.linspace(1.0, 3.0, len(states)), 1.0)  # samples of q': any speeds except zero will do
         self.zero, self.one = graph.constant(0.0), graph.constant(1.0)
-        still = Vec(self.zero, self.zero)
-        rest = Place(still, still, still)
+        origin = Vec(self.zero, self.zero)
+        rest = Place(origin, origin, origin)  # the ground's origin, which does not move
         self.bodies: dict[int, Body] = {GROUND: Body(_unit(graph, 0.0), self.zero, self.zero, np.zeros(2), rest)}
         self.bodies[way.link] = self._place_input_link(way)
         self.openings: list[tuple[Node, float]] = []
@@ -221,76 +248,96 @@ class _Motion:
             close[dyad.kind](dyad, sign)
 
     def _place_input_link(self, way: Way) -> Body:
-        """Return the motion of the link whose motion is the coordinate: it turns by q, or it slides by q."""
+        """Return the motion of the link that the coordinate q moves: the link turns by q, or it slides by q."""
         graph, joint, q = self.graph, way.joint, self.q[0]
         still = Vec(self.zero, self.zero)
         if not isinstance(joint, Prismatic):
-            at = Place(_constant(graph, *way.fixed.local), still, still)
-            return Body(Vec(graph.cos(q), graph.sin(q)), self.one, self.zero, way.moved.local, at)
+            pin = Place(_constant(graph, *way.fixed.local), still, still)
+            return Body(Vec(graph.cos(q), graph.sin(q)), omega=self.one, alpha=self.zero, at=way.moved.local, place=pin)
         if joint.guide.link == GROUND:
             turn, along = joint.turn, _unit(graph, joint.angle)
         else:  # the guide moves, in the direction opposite to that of the block in it
             turn = -joint.turn
             along = _unit(graph, joint.angle + turn) * -1.0
-        place = _constant(graph, *way.fixed.local) + along * q + cross(joint.offset, along)
-        return Body(_unit(graph, turn), self.zero, self.zero, way.moved.local, Place(place, along, still))
+        position = _constant(graph, *way.fixed.local) + along * q + cross(joint.offset, along)  # its derivative by q is `along`
+        place = Place(position, along, still)
+        return Body(_unit(graph, turn), omega=self.zero, alpha=self.zero, at=way.moved.local, place=place)
 
     def at(self, point: Point) -> Place:
         """Return the motion of a link-fixed point."""
         return self.bodies[point.link].point(point.local)
 
     def _close_rrr(self, dyad: Dyad, sign: float) -> None:
-        """Close two links on pins A and C: B lies on circles of radii r1 and r2 about them.
+        """Close two links that are pinned at A and at C: their common pin B lies on circles of radii r1 and r2 about A and C.
 
         With a = B - A and c = B - C: a' = i omega1 a, c' = i omega2 c, and a - c = C - A is known with its derivatives. The
-        determinant of the equations for omega1 and omega2 is the cross product a x c = +-root / 2.
+        products of the first and second derivative of this equation with c and with a give
+
+            omega1 a x c = c . (C - A)',    alpha1 a x c = c . (C - A)'' + omega1^2 a . c - omega2^2 r2^2
+            omega2 a x c = a . (C - A)',    alpha2 a x c = a . (C - A)'' + omega1^2 r1^2 - omega2^2 a . c
+
+        The cross product a x c is +-root / 2.
         """
         A, C = self.at(dyad.first.other), self.at(dyad.second.other)
         r1, r2 = dyad.lengths
-        way = C - A
-        d, D = way.p, dot(way.p, way.p)
-        near = D + (r1 * r1 - r2 * r2)
-        square = D * (4 * r1 * r1) - near * near
-        root = self.graph.sqrt(square)
-        a = (d * near + cross(root * sign, d)) * (self.graph.inverse(D) * 0.5)
+        base = C - A
+        d, D = base.p, dot(base.p, base.p)
+        twice_a_dot_d = D + (r1 * r1 - r2 * r2)
+        root_squared = D * (4 * r1 * r1) - twice_a_dot_d * twice_a_dot_d
+        root = self.graph.sqrt(root_squared)
+        a = (d * twice_a_dot_d + cross(root * sign, d)) * (self.graph.inverse(D) * 0.5)
         c = a - d
-        both, inverse = (r1 * r1 + r2 * r2 - D) * 0.5, root * self.graph.inverse(square) * (2 * sign)
-        omega1, omega2 = dot(way.d, c) * inverse, dot(way.d, a) * inverse
+        # inverse: 1 / (a x c)
+        a_dot_c, inverse = (r1 * r1 + r2 * r2 - D) * 0.5, root * self.graph.inverse(root_squared) * (2 * sign)
+        omega1, omega2 = dot(base.d, c) * inverse, dot(base.d, a) * inverse
         s1, s2 = omega1 * omega1, omega2 * omega2
-        alpha1 = (dot(way.b, c) + s1 * both - s2 * (r2 * r2)) * inverse
-        alpha2 = (dot(way.b, a) + s1 * (r1 * r1) - s2 * both) * inverse
+        alpha1 = (dot(base.b, c) + s1 * a_dot_c - s2 * (r2 * r2)) * inverse
+        alpha2 = (dot(base.b, a) + s1 * (r1 * r1) - s2 * a_dot_c) * inverse
         pin1, pin2 = (pin.local for pin in dyad.middle)
         self._add_rod(dyad.first, a, omega1, alpha1, A, pin1)
         self._add_rod(dyad.second, c, omega2, alpha2, C, pin2)
         self.openings.append((root, 2 * r1 * r2))
 
     def _add_rod(self, outer: OuterJoint, arm: Vec, omega: Node, alpha: Node, place: Place, pin: Array) -> None:
-        """Add the link whose `arm` leads from its outer joint, with the motion `place`, to its point `pin`.
+        """Add a link that turns about its outer joint.
 
         With s the arm in the link's frame, as a complex number, the link's direction is e = arm / s.
+
+        Args:
+            arm: vector from the outer joint to the link's point `pin`, in world axes.
+            omega, alpha: first and second derivative of the link's angle by the coordinate.
+            place: motion of the outer joint.
+            pin: (2,) the point in the link's frame [m].
         """
         s = pin - outer.own.local
         inverse = _constant(self.graph, float(s[0] / (s @ s)), float(-s[1] / (s @ s)))
         self.bodies[outer.link] = Body(_product(arm, inverse), omega, alpha, outer.own.local, place, pin)
 
     def _close_rrp(self, dyad: Dyad, sign: float) -> None:
-        """Close a rod on pin A and a slide: B lies on a circle about A and on a line at `height` beside R.
+        """Close a rod that is pinned at A and, at its other end B, to a link that slides along a line.
 
-        With u along the line and n across it, B = A + x u + y n = R + s u + height n; u and n turn with the line's link.
+        B lies on a circle about A, and on a parallel to the line through R, at the distance `height` to the left. With u along the
+        line and n across it,
+
+            B = A + x u + y n = R + s u + height n
+
+        u and n turn with the line's link. The derivatives of this equation in the direction n give omega and alpha of the rod; the
+        first derivative in the direction u gives `slip` = s'.
         """
         guide, A, R = self.bodies[dyad.line.link], self.at(dyad.first.other), self.at(dyad.line)
         u = _product(guide.e, _unit(self.graph, dyad.angle))
-        n, way, height, r = _quarter(u), R - A, dyad.height, dyad.lengths[0]
-        y = dot(n, way.p) + height
-        square = r * r - y * y
-        root = self.graph.sqrt(square)
+        n, base, height, r = _quarter(u), R - A, dyad.height, dyad.lengths[0]
+        y = dot(n, base.p) + height
+        root_squared = r * r - y * y
+        root = self.graph.sqrt(root_squared)
         x = root * sign
-        # 1 / x = x / square: one division serves the root and its reciprocal
-        inverse, a, s = x * self.graph.inverse(square), u * x + n * y, x - dot(u, way.p)
-        omega = (dot(n, way.d) + guide.omega * s) * inverse
-        slip = -(omega * y) - (dot(u, way.d) - guide.omega * height)
-        turning = guide.alpha * s - guide.square * height + guide.omega * slip * 2.0
-        alpha = (dot(n, way.b) + turning + omega * omega * y) * inverse
+        # inverse: 1 / x = x / x^2, so that one division serves the root and its reciprocal; a = B - A
+        inverse, a, s = x * self.graph.inverse(root_squared), u * x + n * y, x - dot(u, base.p)
+        omega = (dot(n, base.d) + guide.omega * s) * inverse
+        slip = -(omega * y) - (dot(u, base.d) - guide.omega * height)
+        # component along n of the second derivative of s u + height n
+        turning = guide.alpha * s - guide.omega_squared * height + guide.omega * slip * 2.0
+        alpha = (dot(n, base.b) + turning + omega * omega * y) * inverse
         on_rod, on_slider = (pin.local for pin in dyad.middle)
         self._add_rod(dyad.first, a, omega, alpha, A, on_rod)
         B = self.bodies[dyad.first.link].point(on_rod)
@@ -299,19 +346,26 @@ class _Motion:
         self.openings.append((root, r))
 
     def _close_rpr(self, dyad: Dyad, sign: float) -> None:
-        """Close a guide on pin C and its block on pin A: A - C = (x + i height) u, with u along the guide."""
+        """Close a guide that is pinned at C, and its block that is pinned at A.
+
+        With u along the guide, n across it, and omega the derivative of the guide's angle,
+
+            A - C = (x + i height) u,    (A - C)' = (x' - omega height) u + omega x n
+
+        The component along n gives omega, that along u gives `slip` = x'; the second derivative along n gives alpha.
+        """
         C, A = self.at(dyad.first.other), self.at(dyad.second.other)
-        way, height = A - C, dyad.height
-        D = dot(way.p, way.p)
-        square = D - height * height
-        root = self.graph.sqrt(square)
+        base, height = A - C, dyad.height
+        D = dot(base.p, base.p)
+        root_squared = D - height * height
+        root = self.graph.sqrt(root_squared)
         x = root * sign
-        inverse = x * self.graph.inverse(square)
-        u = way.p * inverse if height == 0 else (way.p * x - cross(height, way.p)) * self.graph.inverse(D)
+        inverse = x * self.graph.inverse(root_squared)  # 1 / x
+        u = base.p * inverse if height == 0 else (base.p * x - cross(height, base.p)) * self.graph.inverse(D)
         n = _quarter(u)
-        omega = dot(n, way.d) * inverse
-        slip = dot(u, way.d) + omega * height
-        alpha = (dot(n, way.b) + omega * omega * height - omega * slip * 2.0) * inverse
+        omega = dot(n, base.d) * inverse
+        slip = dot(u, base.d) + omega * height
+        alpha = (dot(n, base.b) + omega * omega * height - omega * slip * 2.0) * inverse
         e = _product(u, _unit(self.graph, -dyad.angle))
         self.bodies[dyad.first.link] = Body(e, omega, alpha, dyad.first.own.local, C)
         turned = _product(e, _unit(self.graph, dyad.turn))
@@ -319,12 +373,15 @@ class _Motion:
         self.openings.append((root, 1.0))
 
     def acceleration(self) -> list[Node]:
-        """Return q'' = (Q - h q'^2) / m, and the second derivatives by time of the integrated angles."""
-        m, h, Q = list[Node](), list[Node](), list[Node]()
+        """Return q'' = (Q - h q'^2) / m, and the second derivatives by time of the integrated angles.
+
+        m is the inertia of the linkage in the coordinate q, h = m'(q) / 2, and Q the power of all loads at q' = 1.
+        """
+        m, h, Q = list[Node](), list[Node](), list[Node]()  # the summands of each
         for k, link in enumerate(self.mechanism.links):
-            masses, halves, moment = _inertia(self.bodies[k], link.mass, link.inertia)
-            m, h = [*m, *masses], [*h, *halves]
-            Q.append(dot(_constant(self.graph, *self.mechanism.gravity), moment))
+            terms_of_m, terms_of_h, momentum = _inertia(self.bodies[k], link.mass, link.inertia)
+            m, h = [*m, *terms_of_m], [*h, *terms_of_h]
+            Q.append(dot(_constant(self.graph, *self.mechanism.gravity), momentum))
         for load in loads(self.mechanism.forces):
             Q.append(self._power_of_law(load) if isinstance(load, Law) else self._power_of_force(load))
         total, square = self.graph.total, self.v * self.v
@@ -332,13 +389,14 @@ class _Motion:
         return [a, *(self.bodies[k].omega * a + self.bodies[k].alpha * square for k in self.integrated)]
 
     def _power_of_law(self, law: Law) -> Node:
-        """Return the power of a law's force at q' = 1: its strength times the rate of its coordinate."""
+        """Return the power of a law's force at q' = 1: its strength times the rate of the law's own coordinate at q' = 1."""
         # The rate of a distance has a root in its denominator: half the rate of its square avoids dividing by it.
         unit = state(law.coordinate, _Rates(self, self.one))
         rate = unit.half_square_rate if isinstance(unit, DistanceState) else unit.rate
-        known = self.graph.node(rate)
-        self.graph.mul(known, self.v)  # enters the graph first, so that the state's own rate is recognised as this product
-        return self.graph.node(strength(state(law.coordinate, _Rates(self, self.v)), law)) * known
+        unit_rate = self.graph.node(rate)
+        # This product is not used here. It enters the graph first, so that the rate at q' = v is recognised as the same product.
+        self.graph.mul(unit_rate, self.v)
+        return self.graph.node(strength(state(law.coordinate, _Rates(self, self.v)), law)) * unit_rate
 
     def _power_of_force(self, force: PointForce) -> Node:
         """Return the power of a force at a point at q' = 1."""
@@ -347,10 +405,11 @@ class _Motion:
         return power
 
     def angle(self, link: int) -> Node:
-        """Return a link's angle [rad], including whole turns."""
+        """Return a link's angle [rad], including whole turns: the angle of its root plus a constant."""
         root, turn = self.roots[link]
         if root == GROUND:
             return self.graph.constant(turn)
+        # q[0] is the coordinate, q[1:] are the integrated angles; a root that is not integrated turns by the coordinate itself
         k = 1 + self.integrated.index(root) if root in self.integrated else 0
         return self.q[k] + turn
 
@@ -367,37 +426,43 @@ class _Motion:
 
 
 def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[Node], Vec]:
-    """Return the terms that a link adds to m and to h, and its mass times the derivative of its centre.
+    """Return the terms that a link adds to m and to h, and the link's momentum at q' = 1.
 
-    A link with two pins is replaced by masses at them, by the equation at the head of this file.
+    The momentum is the mass times the derivative of the centre of mass. A link with two pins A and B is replaced by masses at the
+    pins and a moment of inertia J. With s = B - A, the centre at A + (k + i j) s, and primes for derivatives by q,
+
+        m = M (1 - k) |A'|^2 + M k |B'|^2 + J omega^2 - 2 M j omega A' . s,    h = m' / 2
     """
     if body.pin is None:
-        z = body.point(np.zeros(2))
-        return [dot(z.d, z.d) * mass, body.square * inertia], [dot(z.d, z.b) * mass, body.change * inertia], z.d * mass
+        centre = body.point(np.zeros(2))
+        m = [dot(centre.d, centre.d) * mass, body.omega_squared * inertia]
+        h = [dot(centre.d, centre.b) * mass, body.omega_alpha * inertia]
+        return m, h, centre.d * mass
     s = body.pin - body.at
     kappa = complex(*-body.at) / complex(*s)
     k, j = kappa.real, (0.0 if abs(kappa.imag) < AXIS else kappa.imag)
     A, B, J = body.place, body.point(body.pin), inertia + mass * float(s @ s) * (abs(kappa) ** 2 - k)
-    m = [dot(A.d, A.d) * (mass * (1 - k)), dot(B.d, B.d) * (mass * k), body.square * J]
-    h = [dot(A.d, A.b) * (mass * (1 - k)), dot(B.d, B.b) * (mass * k), body.change * J]
-    moment = A.d * (mass * (1 - k)) + B.d * (mass * k)
+    m = [dot(A.d, A.d) * (mass * (1 - k)), dot(B.d, B.d) * (mass * k), body.omega_squared * J]
+    h = [dot(A.d, A.b) * (mass * (1 - k)), dot(B.d, B.b) * (mass * k), body.omega_alpha * J]
+    momentum = A.d * (mass * (1 - k)) + B.d * (mass * k)
     if j:  # the centre lies beside the line of the pins
         arm = body.arm(body.pin)
         aside = dot(A.d, arm)
         m.append(body.omega * aside * (-2 * mass * j))
-        turning = dot(A.b, arm) + dot(A.d, cross(body.omega, arm))
-        h.append((body.alpha * aside + body.omega * turning) * (-mass * j))
-        moment = moment - arm * (body.omega * (mass * j))  # its part i j s' is -j omega s
-    return m, h, moment
+        derivative = dot(A.b, arm) + dot(A.d, cross(body.omega, arm))  # of A' . s
+        h.append((body.alpha * aside + body.omega * derivative) * (-mass * j))
+        momentum = momentum - arm * (body.omega * (mass * j))  # (i j s)' = -j omega s
+    return m, h, momentum
 
 
 class _Rates(Placement):
-    """The links at a given speed q', in the form in which `mechanism/frames.py` evaluates coordinates of forces.
+    """The links at a given speed q', for `mechanism/frames.py`, which evaluates the coordinates on which forces depend.
 
     Every point is the origin of a frame of its own, so that no arm from the centre of mass is needed.
     """
 
     def __init__(self, motion: _Motion, speed: Node):
+        """Take the links as functions of the coordinate, and the node of the coordinate's rate q'."""
         self.motion, self.speed, self.arithmetic = motion, speed, motion.graph
         self.still = Vec(motion.zero, motion.zero)
 
@@ -406,12 +471,15 @@ class _Rates(Placement):
         return self._frame(link, self.still, self.still)
 
     def _frame(self, link: int, place: Vec, velocity: Vec) -> Frame:
+        """Return a frame that turns with a link, and whose origin has a place and a velocity."""
         omega = self.motion.bodies[link].omega * self.speed
         return Frame(link, place, velocity, omega, self.motion.angle(link))
 
     def end(self, point: Point) -> End:
+        """Return a point as the origin of its own frame, with no arm from there."""
         place = self.motion.at(point)
         return End(self._frame(point.link, place.p, place.d * self.speed), self.still)
 
     def vector(self, link: int, value: Array) -> Direction:
+        """Return a direction (2,) that is fixed in a link, in world axes."""
         return Direction(self.frame(link), _product(self.motion.bodies[link].e, _constant(self.motion.graph, *value)))

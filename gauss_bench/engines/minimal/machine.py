@@ -29,39 +29,42 @@ class Machine:
 
     Attributes:
         n: number of entries of the program's q.
-        adaptive: whether the integrator chooses its own steps.
+        is_adaptive: whether the integrator chooses its own steps.
     """
 
     def __init__(self, equation: Equation, integrator: str):
-        self.equation, self.n, self.adaptive = equation, equation.program.n, integrator == "dop853"
+        """Compile the equation with the integrator, for one trajectory at a time."""
+        self.equation, self.n, self.is_adaptive = equation, equation.program.n, integrator == "dop853"
         code = read_code(equation.program, "none")
-        if self.adaptive:
-            self._adaptive = Loaded(lambda many: adaptive(code), TARGET)
-            self._adaptive.call(1)  # compiles
+        # `call(1)` compiles the code for one lane, that is, for one trajectory
+        if self.is_adaptive:
+            self._adaptive_code = Loaded(lambda many: adaptive(code), TARGET)
+            self._adaptive_code.call(1)
         else:
-            self._steps = Loaded(lambda many: rollout(bodies(code, integrator, REACHES[integrator]), many), TARGET)
-            self._steps.call(1)  # compiles
-        self._rooms: dict[int, Single] = {}
+            self._fixed_code = Loaded(lambda many: rollout(bodies(code, integrator, REACHES[integrator]), many), TARGET)
+            self._fixed_code.call(1)
+        self._memories: dict[int, Single] = {}  # number of samples -> memory of a rollout with as many
 
-    def room(self, slots: int) -> Single:
+    def memory_for(self, slots: int) -> Single:
         """Return the memory of a rollout with `slots` samples, allocated on the first call."""
-        if slots not in self._rooms:
-            self._rooms[slots] = Single(self._steps.codes[1], (2 * self.n, 0, slots * 2 * self.n, 3))
-        return self._rooms[slots]
+        if slots not in self._memories:
+            # the arrays of the routine `rollout`: state y, parameters (none), samples, and a report of three numbers
+            self._memories[slots] = Single(self._fixed_code.codes[1], (2 * self.n, 0, slots * 2 * self.n, 3))
+        return self._memories[slots]
 
     def steps(self, y: Array, t: float, h: float, count: int, every: int) -> tuple[Array, int, Array]:
         """Take up to `count` steps of h [s] from y at time t [s], with a sample after each `every` steps.
 
-        Return the samples (k, 2n), the number of valid steps and the state after them. A step is invalid if a dyad opens by less
-        than its threshold; stepping ends before it. All results are views of memory that the next call overwrites.
+        Return the samples (k, 2n), the number of valid steps and the state after them. A step is invalid if the opening of a dyad
+        is below its threshold; stepping ends before it. All results are views of memory that the next call overwrites.
         """
         slots = max(1, ceil(count / every))
-        room = self.room(slots)
-        start, _, samples, report = room.arrays
+        memory = self.memory_for(slots)
+        start, _, samples, report = memory.arrays
         start[:] = y
-        room.numbers[:] = h, t
-        room.counts[:3] = count, every, slots
-        room.run()
+        memory.numbers[:] = h, t
+        memory.counts[:3] = count, every, slots
+        memory.run()
         states = samples.reshape(slots, 2 * self.n)
         if report[1]:  # all steps were valid
             return states, count, states[-1]
@@ -69,8 +72,8 @@ class Machine:
         return states[: count_before(done, every)], done, start
 
     def course(self, y: Array, times: Array, tolerances: tuple[float, float]) -> Course:
-        """Integrate adaptively over the times, as far as the dyads are open wide enough."""
-        return integrate(self._adaptive, y, np.zeros(0), times, tolerances)
+        """Integrate adaptively over the times (k,) [s], up to the point where the opening of a dyad falls below its threshold."""
+        return integrate(self._adaptive_code, y, np.zeros(0), times, tolerances)
 
 
 def compile_function(function: Function) -> Callable[[Array], list[Array]]:
@@ -79,21 +82,26 @@ def compile_function(function: Function) -> Callable[[Array], list[Array]]:
     Return a function of a state y (2n,) with the same results.
     """
     raw, n = Graph(), function.sizes[1]
+    # the function's operations as a graph with the entries of y as leaves; the leaf of t is not used
     leaves = [raw.leaf(f"%y{k}") for k in range(2 * n)]
     results = inline(raw, function, ([raw.leaf("%t")], leaves[:n], leaves[n:], []), lambda x: sincos(raw, x))
+    # the graph is simplified and its operations are put in order; `roots` are the nodes of the results, in one list
     graph, roots = rewrite(raw, [x for row in results for x in row])
     values = order(graph, roots, {})
+    # a routine that loads y, computes, and stores the results in the array `out`; the mask that is true everywhere: it never fails
     load = Load("y", {graph.leaf(f"%y{k}"): k for k in range(2 * n)})
-    arrays, steps = {"y": Rows(2 * n), "out": Rows(len(roots))}, (load, Compute(values), Store("out", roots))
-    routine = Routine("evaluate", graph, arrays, (), (), steps, graph.all(True), count_operations(graph, values))
-    loaded = Loaded(lambda many: routine, TARGET)
+    arrays, body = {"y": Rows(2 * n), "out": Rows(len(roots))}, (load, Compute(values), Store("out", roots))
+    routine = Routine("evaluate", graph, arrays, (), (), body, graph.all(True), count_operations(graph, values))
+    loaded = Loaded(lambda many: routine, TARGET)  # `many` has no effect, because only one state is evaluated at a time
     loaded.call(1)  # compiles
-    cuts = np.cumsum([len(row) for row in results])[:-1]
+    cuts = np.cumsum([len(row) for row in results])[:-1]  # where one result ends and the next begins in `out`
 
     def evaluate(y: Array) -> list[Array]:
-        one = loaded.single(2 * n, len(roots))
-        one.arrays[0][:] = y
-        one.run()
-        return np.split(one.arrays[1].copy(), cuts)
+        """Return the function's results at a state y (2n,), one array for each."""
+        call = loaded.single(2 * n, len(roots))
+        state, out = call.arrays
+        state[:] = y
+        call.run()
+        return np.split(out.copy(), cuts)
 
     return evaluate

@@ -1,14 +1,14 @@
 """The order in which a linkage closes from one coordinate, dyad after dyad, and the geometry of each dyad.
 
 A dyad is two links and three joints: the inner joint connects the two links, and each outer joint connects one of them to a link
-that is placed already. With pins R and slides P linkages commonly have three kinds:
+that is placed already. With pins R and slides P, the dyads of linkages are commonly of three kinds:
 
     RRR   two pins and a pin between:       B on two circles about A and C
     RRP   a pin, a pin between, a slide:    B on a circle about A and on a line
     RPR   two pins and a slide between:     a line through C at a given distance from A
 
-Each has two solutions (branches), of which a sign selects one. A way is a choice of the link whose motion is the coordinate,
-together with the dyads that close the other links from there.
+Each dyad has two solutions (branches), of which a sign selects one. A way is a choice of the link whose motion is the independent
+coordinate, together with the dyads that close the other links from there.
 Sources: Assur, Issledovanie ploskikh sterzhnevykh mekhanizmov (1913); Artobolevskii, Theory of Mechanisms and Machines (1975).
 """
 
@@ -147,15 +147,17 @@ class Dyad:
         It is the sine of the angle between the links (RRR), the cosine of the angle between rod and line (RRP), or the distance of
         A from C along the guide [m] (RPR).
         """
-        a, b = self.middle
+        # on the first and on the second link: the points of B, or in an RPR dyad the pins C and A
+        on_first, on_second = self.middle
+        # for complex x and y, Re(conj(x) y) is their scalar product, and Im(conj(x) y) their cross product
         along = at.direction(self.line.link, self.angle).conjugate()
         if self.kind == "RPR":
-            return (along * (at.point(b) - at.point(a))).real
+            return (along * (at.point(on_second) - at.point(on_first))).real
         r1, r2 = self.lengths
-        arm = at.arm(self.first.own, a)
+        arm = at.arm(self.first.own, on_first)  # from A to B
         if self.kind == "RRP":
             return (along * arm).real / r1
-        return (arm.conjugate() * at.arm(self.second.own, b)).imag / (r1 * r2)
+        return (arm.conjugate() * at.arm(self.second.own, on_second)).imag / (r1 * r2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,23 +181,29 @@ class Way:
         return self.moved.link
 
     def state(self, at: Links) -> tuple[Any, Any]:
-        """Return the coordinate and its rate at one state or many; an angle is known up to whole turns."""
+        """Return the coordinate and its rate at one state or many: angle [rad] and angular rate, or displacement [m] and speed.
+
+        An angle is known up to whole turns.
+        """
         if not isinstance(self.joint, Prismatic):
             e = at.e[self.link]
             return np.arctan2(e.imag, e.real), at.w[self.link]
+        # No link of a slide on the ground rotates, so every point of a link has the velocity u of its centre of mass.
         a, b = self.joint.ends
         along = at.direction(a.link, self.joint.angle).conjugate()
         return (along * (at.point(b) - at.point(a))).real, (along * (at.u[b.link] - at.u[a.link])).real
 
     def openings(self, at: Links) -> Array:
-        """Return the openings (..., dyads) of all dyads, in order."""
+        """Return the openings of all dyads, that is, how far each is from its dead centre: (..., dyads) in the dyads' order."""
         if not self.dyads:
             return np.zeros((*np.shape(at.w[self.link]), 0))
         return np.stack([dyad.opening(at) for dyad in self.dyads], axis=-1)
 
 
 def ways(mechanism: Mechanism) -> tuple[Way, ...]:
-    """Return the ways of a linkage, one for each joint with the ground from which dyads close the linkage, the crank's first.
+    """Return the possible choices of the coordinate, each with the dyads that close the linkage from there.
+
+    There is one for each joint with the ground from which dyads reach all links; that of the crank comes first.
 
     Raises:
         NoWay: there is none, or the linkage has forces or constraints that an equation in one coordinate does not cover.
@@ -212,7 +220,7 @@ def ways(mechanism: Mechanism) -> tuple[Way, ...]:
         raise NoWay(f"one coordinate does not describe {mechanism.dof} degrees of freedom")
     if mechanism.redundant:
         raise NoWay(f"redundant constraint rows ({mechanism.redundant}): no sequence of dyads has them")
-    complete, left = [], "no link of one degree of freedom is held to the ground by a pin or slide"
+    complete, reason = [], "no link of one degree of freedom is held to the ground by a pin or slide"
     on_ground = [(joint, a, b) for joint in mechanism.joints for a, b in permutations(joint.ends) if a.link == GROUND]
     for joint, fixed, moved in sorted(on_ground, key=lambda x: x[2].link != mechanism.crank):
         dyads, open_links = close_from(mechanism, {moved.link})
@@ -220,9 +228,9 @@ def ways(mechanism: Mechanism) -> tuple[Way, ...]:
             complete.append(Way(joint, fixed, moved, tuple(dyads)))
         elif not complete:
             names = ", ".join(mechanism.link_name(k) for k in sorted(open_links))
-            left = f"no dyad of pins and slides closes the loops of {names}, whichever link is given"
+            reason = f"no dyad of pins and slides closes the loops of {names}, whichever link is given"
     if not complete:
-        raise NoWay(left)
+        raise NoWay(reason)
     return tuple(complete)
 
 
@@ -246,7 +254,16 @@ def close_from(mechanism: Mechanism, given: set[int]) -> tuple[list[Dyad], set[i
 
 
 def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair: tuple[int, int], placed: set[int]) -> Dyad | None:
-    """Return the dyad that two links form in this order, or None; `pins` are link -> point for each pin."""
+    """Return the dyad that two links form in this order, or None if they form none.
+
+    It is an RRR dyad (pin between the links, both pinned to placed links), an RRP dyad (pin between, a slide at the second link) or
+    an RPR dyad (slide between, whose guide is on the first link). Its height is measured to the left of the line.
+
+    Args:
+        pins: for each pin, link -> point of the pin on this link.
+        pair: indices of the two links.
+        placed: indices of the links that are placed already.
+    """
     one, two = pair
     firsts, seconds = (_outer_joints(pins, slides, link, placed) for link in pair)
     between = next((pin for pin in pins if one in pin and two in pin and not placed & pin.keys()), None)
@@ -262,17 +279,21 @@ def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair
         to_pin = turn_vector(second.own.local - slide.block.local, slide.turn)
         to_line = slide.guide.local - first.own.local
         height = slide.offset + _left_of(slide.angle, to_pin) + _left_of(slide.angle, to_line)
-        return Dyad("RPR", first, second, (first.own, second.own), slide.guide, slide.angle, height, slide.turn)
+        ends = first.own, second.own
+        return Dyad("RPR", first, second, ends, line=slide.guide, angle=slide.angle, height=height, turn=slide.turn)
     middle = between[one], between[two]
     slide = second.slide
     if slide is None:
-        return Dyad("RRR", first, second, middle, middle[0])
+        return Dyad("RRR", first, second, middle, line=middle[0])
     if slide.guide.link == second.other.link:  # the line rests in the placed link
         arm = turn_vector(middle[1].local - slide.block.local, slide.turn)
-        return Dyad("RRP", first, second, middle, slide.guide, slide.angle, slide.offset + _left_of(slide.angle, arm), slide.turn)
+        height = slide.offset + _left_of(slide.angle, arm)
+        return Dyad("RRP", first, second, middle, line=slide.guide, angle=slide.angle, height=height, turn=slide.turn)
+    # the guide is on the second link and the block on the placed one: seen from there, angle, offset and turn change their roles
     arm = middle[1].local - slide.guide.local  # the line moves with the second link, whose angle is known
     height = _left_of(slide.angle, arm) - slide.offset
-    return Dyad("RRP", first, second, middle, slide.block, slide.angle - slide.turn, height, -slide.turn)
+    angle, turn = slide.angle - slide.turn, -slide.turn
+    return Dyad("RRP", first, second, middle, line=slide.block, angle=angle, height=height, turn=turn)
 
 
 def _outer_joints(

@@ -34,6 +34,7 @@ class Draft:
     """
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, tree: Tree):
+        """Add the links, joints, closures, forces and driven lengths of a mechanism to a new specification."""
         self.mujoco, self.mechanism, self.tree = mujoco, mechanism, tree
         self.spec: Any = new_spec(mujoco)
         self.spec.option.gravity = spatial(mechanism.gravity)
@@ -56,7 +57,7 @@ class Draft:
 
     def _add_link(self, b: Branch, link: Link, y: Array) -> None:
         """Add a link as a body without geometry, in its pose at the tree coordinates y (n,), with its joints."""
-        origin, angle = rest_pose(b, y)
+        origin, angle = pose_in_parent(b, y)
         quaternion = [np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)]
         body = self.bodies[b.parent].add_body(name=self._name("body", link.name), pos=spatial(origin), quat=quaternion)
         body.explicitinertial = True
@@ -65,6 +66,7 @@ class Draft:
         hinge, slide = self.mujoco.mjtJoint.mjJNT_HINGE, self.mujoco.mjtJoint.mjJNT_SLIDE
 
         def add_joint(at: int, name: str, kind: Any, axis: list[float], anchor: Array) -> None:
+            """Add a joint of the link for the tree coordinate `at`, with its axis and its point in the link's frame."""
             self.joints[at] = body.add_joint(name=self._name("joint", name), type=kind, axis=axis, pos=spatial(anchor), ref=y[at])
 
         # a free link has slides along x and y and then a hinge
@@ -139,7 +141,7 @@ class Draft:
         return driver, tendon, motor
 
     def add_motors(self) -> list[str]:
-        """Turn constant forces into motors whose controls are their values, for a document that is used without this suite.
+        """Replace constant forces by motors, for a document that is used without this suite; a motor's control is its force.
 
         Returns:
             The names of the forces that a control can change.
@@ -215,7 +217,8 @@ class Draft:
         """Sum the springs and dampers on each joint.
 
         A spring acts on x = row . y + constant, where the row has a single entry, 1 or -1. The square of the entry is 1, so the
-        stiffness of the sum is the sum of stiffnesses. Its rest position follows from the springs' forces at y = 0.
+        stiffness of the joint is the sum of the springs' stiffnesses. The joint's rest position follows from the springs' forces
+        at y = 0.
         """
         by_joint: defaultdict[int, list[OnJoints]] = defaultdict(list)
         for f in springs:
@@ -227,10 +230,14 @@ class Draft:
             joint.springref = force_at_zero / k if k else 0.0
 
 
-def rest_pose(b: Branch, y: Array) -> tuple[Array, float]:
-    """Return the origin (2,) [m] and angle [rad] of a branch's link in its parent's frame, at tree coordinates y (n,)."""
+def pose_in_parent(b: Branch, y: Array) -> tuple[Array, float]:
+    """Return the origin (2,) [m] and angle [rad] of a branch's link in its parent's frame, at tree coordinates y (n,).
+
+    Origins of frames are centres of mass. `parent_anchor` and `anchor` are the joint's points in the parent and in the link. A
+    slide displaces the link's point by base + y axis, and holds it at the angle `turn`.
+    """
     if b.kind == "free":
         return y[b.at : b.at + 2], float(y[b.at + 2])
-    slide = b.base + y[b.at] * b.axis if b.kind == "prismatic" else np.zeros(2)
+    displacement = b.base + y[b.at] * b.axis if b.kind == "prismatic" else np.zeros(2)
     angle = b.turn if b.kind == "prismatic" else float(y[b.at])
-    return b.parent_anchor + slide - rotate(b.anchor, np.array(angle)), angle
+    return b.parent_anchor + displacement - rotate(b.anchor, np.array(angle)), angle

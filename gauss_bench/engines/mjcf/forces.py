@@ -42,10 +42,11 @@ class AtSite:
 
     Attributes:
         name: name of the force in the linkage.
-        frame: point from which L is measured. None for a direction that is fixed in the link of `point`, without any reaction.
-        direction: (2,) fixed in the link of `frame`.
-        bias: coefficients of 1, L and dL/dt.
-        constant: whether this is a whole constant force of the linkage, so that one control can change it.
+        frame: point from which L is measured, on the link that takes the opposite force. None for a force whose direction is fixed
+            in the link of `point`, and which has no opposite force.
+        direction: (2,) fixed in the link of `frame`, or of `point` if `frame` is None.
+        bias: coefficients of 1, the length L [m], and its rate dL/dt [m/s].
+        constant: whether this element alone is a constant force of the linkage, so that one control can change that force.
     """
 
     name: str
@@ -100,17 +101,17 @@ def other_load(other: tree_loads.OtherLoad, mechanism: Mechanism, turns: Turning
 
 
 def point_force(f: PointForce, turns: Turning) -> list[Native]:
-    """Return the elements for a constant force that is fixed in the world, in the link of its point, or in a third link.
+    """Return the elements for a constant force whose direction is fixed in the world, in the link of its point, or in a third link.
 
-    A third link only gives the direction: a second element cancels the reaction on it. This is exact only if no hinge that turns
-    the third link moves the point.
+    A third link only gives the direction, so a second element cancels the opposite force that the first element exerts on it. This
+    is exact only if the point does not move when a hinge turns the third link.
 
     Raises:
         RunFailure: the force is fixed in a third link whose hinges move the point (status SKIP).
     """
-    link, bias = f.point.link, (1.0, 0.0, 0.0)
+    link, bias = f.point.link, (1.0, 0.0, 0.0)  # the element's force is bias . [1, L, dL/dt]: constant
     if not f.value.any():
-        return []  # without a direction it cannot become a motor either
+        return []  # a force of zero needs no element, and has no direction in which a motor could change it
     if turns.together(f.frame, GROUND):
         world = Point(GROUND, np.zeros(2), "ground")
         return [AtSite(f.name, f.point, world, rotate(f.value, turns.constants[f.frame]), bias, constant=True)]

@@ -32,7 +32,7 @@ AGREEMENT = 1e-10  # relative: rounding causes about 1e-14, a wrong sign or fact
 
 
 class Mjx(LibraryEngine, file=VARIANTS):
-    """MJX with those of MuJoCo's integrators and settings that it has."""
+    """MJX, with those of MuJoCo's integrators and settings that MJX supports."""
 
     name = "mjx"
     integrators = ("rk4", "euler", "implicitfast")
@@ -47,6 +47,7 @@ class Mjx(LibraryEngine, file=VARIANTS):
         return f"mujoco-mjx {version('mujoco-mjx')} (mujoco {version('mujoco')}, jax {version('jax')})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why MJX cannot model a mechanism, or None if it can."""
         tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
         if reason := beyond_a_tree(mechanism, "MJX") or unsteady(mechanism, "MJX"):
             return reason
@@ -66,13 +67,14 @@ class MjxModel(TreeModel):
     Attributes:
         draft: the specification from which MuJoCo compiles the model.
         device: the model on JAX's device.
-        sized: step [s] for which the numbers on the device were computed.
+        uploaded_step: step [s] for which the numbers on the device were computed.
         bodies: MuJoCo's indices of the links' bodies.
     """
 
     library = "MJX"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Compile the model, compare it with the linkage without drivers, and upload it for the choice's step."""
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.libraries = load_libraries()
         try:
@@ -83,16 +85,16 @@ class MjxModel(TreeModel):
             raise RunFailure(Status.ERROR, f"MJX cannot take the model: {error}") from error
         self.bodies = [self.draft.bodies[i].id for i in range(len(mechanism.links))]
         verify(mechanism, self.tree, self.describe, AGREEMENT)
-        self._size()
+        self._upload_for_step()
 
-    def _size(self) -> None:
-        """Put the numbers for the choice's step on the device: the softness of closures may depend on the step."""
+    def _upload_for_step(self) -> None:
+        """Compile the model for the choice's step, on which the softness of closures may depend, and upload its numbers."""
         model, _ = compile_model(self.libraries.mujoco, self.draft, self.choice, self.options)
         self.device.set(model)
-        self.sized = self.choice.step
+        self.uploaded_step = self.choice.step
 
     def describe(self, y: Array, dy: Array) -> OpenModel:
-        """Return the mass matrix and forces that MJX computes for the open tree at a tree state y, dy (n,), without drives."""
+        """Return the mass matrix and forces that MJX computes for the open tree at a tree state y, dy (n,), without drivers."""
         x = self.device.evaluate(y, dy)
         return OpenModel(-x.gaps[:, :2], x.mass, x.forces, positions=x.centres[self.bodies][:, :2])  # MJX's gaps are a minus b
 
@@ -100,15 +102,17 @@ class MjxModel(TreeModel):
         return self.device.evaluate(y, dy).acceleration
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Reset to the start; `native` tells whether JAX's loop or a call from Python takes each step."""
         super().prepare(times, native)
-        if self.choice.step != self.sized:
-            self._size()
+        if self.choice.step != self.uploaded_step:
+            self._upload_for_step()
         self.models = {stretch.size: self.device.with_step(stretch.size) for stretch in self.plan}
         self.state = self.device.start(self.y0, self.dy0, float(times[0]))
         for model in self.models.values():  # the first call compiles the loop, which must not happen in a timed run
             self.device.take_steps(model, self.state, 0)
 
     def run(self) -> None:
+        """Take all steps, and store the tree states at the samples."""
         take_steps, state = self.device.take_steps, self.state
         for stretch in self.plan:
             model = self.models[stretch.size]

@@ -13,16 +13,18 @@ from gauss_bench.engines.mjcf.settings import configure
 def compile_model(
     mujoco: Any, draft: Draft, choice: Choice, options: Mapping[str, Any], driven: bool = True
 ) -> tuple[Any, Sequence[Drive]]:
-    """Return MuJoCo's model of a draft under a choice, whose settings have these options, and the model's drives.
+    """Return the model that MuJoCo compiles from a draft, with the integrator and step of a choice, and the model's drives.
 
     Args:
-        driven: whether driven coordinates get their armatures; otherwise there are no drives.
+        draft: the model's specification.
+        options: the options of the choice's settings.
+        driven: whether driven coordinates get their armatures (large rotor inertias); otherwise there are no drives.
     """
     model = draft.spec.compile()
     share = float(options["armature_of_a_driven_hinge_over_inertia"])
     drives = find_drives(model, draft, share) if driven else []
     if drives:
-        set_armatures(mujoco, model, drives)  # laws of constant speed need no force besides
+        set_armatures(mujoco, model, drives)  # so large an inertia keeps a constant speed, so that no motor needs to act
     configure(mujoco, model, options, choice.step)
     model.opt.timestep = choice.step
     model.opt.integrator = find_integrator(mujoco, choice.integrator or "rk4")

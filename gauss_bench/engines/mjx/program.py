@@ -50,9 +50,13 @@ RUN = """    for k in range(every, steps + 1, every):
 
 
 class OnMujoco:
-    """The model that MJX is given, compiled and evaluated by MuJoCo, with the members of `Built` in `engines/mjcf/document.py`."""
+    """The same model that MJX gets, but compiled and evaluated by MuJoCo.
+
+    It has the members of `Built` in `engines/mjcf/document.py`, so that the document can be written from it.
+    """
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
+        """Compile the model with the integrator and step of a choice."""
         self.mujoco, self.mechanism, self.choice, self.options = mujoco, mechanism, choice, options
         self.tree = joint_tree(mechanism, options)
         self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
@@ -69,7 +73,7 @@ class OnMujoco:
 
 
 def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str:
-    """Return the text of a program that runs a mechanism by one `Choice`, whose settings have these options.
+    """Return the text of a program that runs a mechanism with one `Choice`; `options` are the option values of its settings.
 
     Raises:
         RunFailure: an MJCF document cannot hold the mechanism.

@@ -44,7 +44,7 @@ def load_libraries() -> Libraries:
 
     jax.config.update("jax_platforms", "cpu")
     jax.config.update("jax_enable_x64", True)
-    if folder := trusted_folder():
+    if folder := trusted_folder():  # the folder of the user's cache; None if others could put code into it
         jax.config.update("jax_compilation_cache_dir", str(folder / FOLDER))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", KEPT_ABOVE)
     import mujoco
@@ -88,24 +88,29 @@ def functions(jax: Any, mjx: Any, shapes: Shapes) -> tuple[Callable[..., Any], C
         take_steps    model, state, number of steps -> state after the steps
         terms         model, state -> acceleration, mass matrix, forces, centres of mass, gaps (`Evaluated`)
 
-    They take lists because JAX needs some milliseconds in every call to pass MJX's own classes.
+    They take lists because JAX needs some milliseconds in every call to pass MJX's own classes. A list holds the arrays of such an
+    object in a fixed order; together with the object's structure in `shapes`, it gives the object back.
     """
     flatten, unflatten, over = jax.tree_util.tree_leaves, jax.tree_util.tree_unflatten, jax.tree_util.tree_map
 
     def take_steps(model: list[Any], state: list[Any], count: Any) -> list[Any]:
-        whole, start = unflatten(shapes.model, model), unflatten(shapes.state, state)
+        """Return the state after `count` steps."""
+        mjx_model, start = unflatten(shapes.model, model), unflatten(shapes.state, state)
 
         def take_step(_: Any, old: Any) -> Any:
+            """Return MJX's state after one step, with the number types of the old state."""
             # Trap: with tendons MJX returns integers of another size, and JAX's loop refuses a state whose types change
-            return over(lambda new, kept: new.astype(kept.dtype), mjx.step(whole, old), old)
+            return over(lambda new, kept: new.astype(kept.dtype), mjx.step(mjx_model, old), old)
 
         return list(flatten(jax.lax.fori_loop(0, count, take_step, start)))
 
     def terms(model: list[Any], state: list[Any]) -> tuple[Any, ...]:
-        whole = unflatten(shapes.model, model)
-        x = mjx.forward(whole, unflatten(shapes.state, state))
+        """Return the fields of `Evaluated`: accelerations, mass matrix, forces, centres of mass, gaps of closures."""
+        mjx_model = unflatten(shapes.model, model)
+        x = mjx.forward(mjx_model, unflatten(shapes.state, state))
         forces = x.qfrc_applied + x.qfrc_passive + x.qfrc_actuator - x.qfrc_bias
-        return x.qacc, mjx.full_m(whole, x), forces, x.xipos, x._impl.efc_pos
+        # the gaps are the residuals of the only constraints, the closures; MJX shows them in this private field alone
+        return x.qacc, mjx.full_m(mjx_model, x), forces, x.xipos, x._impl.efc_pos
 
     return jax.jit(take_steps), jax.jit(terms)
 
@@ -118,6 +123,7 @@ class Device:
     """
 
     def __init__(self, libraries: Libraries, model: Any, torque: Array):
+        """Put a compiled model with constant forces `torque` (n,) on the device."""
         self.jax, self.mjx = libraries.jax, libraries.mjx
         self.trees = self.jax.tree_util
         rest = self.mjx.put_data(model, libraries.mujoco.MjData(model))
@@ -129,9 +135,10 @@ class Device:
         self.set(model)
 
     def _put(self, x: Any) -> Any:
-        """Return numbers as an array that is bound to the device.
+        """Return numbers as an array that is committed to the device: JAX may not move it to another device.
 
-        Trap: `jax.numpy.array` makes arrays that are not bound. For such an array JAX compiles everything a second time, in a run.
+        Trap: `jax.numpy.array` makes arrays that are not committed. For such an array JAX compiles everything a second time, in a
+        run.
         """
         return self.jax.device_put(np.asarray(x, dtype=float), self.jax.devices("cpu")[0])
 

@@ -44,6 +44,7 @@ class Mujoco(LibraryEngine, file=VARIANTS):
         return f"mujoco {mujoco.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why MuJoCo cannot model a mechanism, or None if it can."""
         if reason := beyond_a_tree(mechanism, "MuJoCo"):
             return reason
         tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
@@ -67,12 +68,14 @@ class MujocoModel(TreeModel):
         torque: (n,) constant generalised force.
         bodies: MuJoCo's indices of the links' bodies.
         drives: the driven coordinates.
-        last: end of the present stretch of steps [s]; at later times forces are those before a jump at `last`.
+        last: latest time [s] of an evaluation of forces in the present stretch of steps: a force that jumps at the end of the
+            stretch has the value before the jump. inf outside of runs.
     """
 
     library = "MuJoCo"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Compile the model, compare it with the linkage without drives, then add the drives."""
         import mujoco
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
@@ -89,13 +92,13 @@ class MujocoModel(TreeModel):
         self.model.opt.integrator = find_integrator(mujoco, choice.integrator or "rk4")
         # Trap: without this flag MuJoCo resets a diverging run to the start, and the run would look like a motion.
         disable(mujoco, self.model, ["mjDSBL_AUTORESET"])
-        self.still: Any = copy_to_evaluate(mujoco, self.model)
+        self.still: Any = copy_to_evaluate(mujoco, self.model)  # evaluates single states, and never steps
         self.data: Any = mujoco.MjData(self.model)
         self.still_data: Any = mujoco.MjData(self.still)
         self.still_data.qfrc_applied[:] = self.torque
         self.varying_forces = AppliedForces(replace(mechanism, forces=mechanism.varying, gravity=np.zeros(2)))
         self.last = np.inf
-        self.drives: list[Drive] = []  # the model is compared without armatures
+        self.drives: list[Drive] = []  # compared without drives, whose armatures would change the mass matrix
         verify(mechanism, self.tree, self.describe, AGREEMENT)
         self.drives = find_drives(self.model, draft, float(self.options["armature_of_a_driven_hinge_over_inertia"]))
         if self.drives:
@@ -138,6 +141,7 @@ class MujocoModel(TreeModel):
         return np.array(self.forward(y, dy, t).qacc)
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Reset to the start; `native` tells whether MuJoCo's loop or a call from Python takes each step."""
         super().prepare(times, native)
         self.complaints: list[str] = []
         self.mujoco.mj_resetData(self.model, self.data)
@@ -146,6 +150,7 @@ class MujocoModel(TreeModel):
         self.data.qfrc_applied[:] = self.torque
 
     def run(self) -> None:
+        """Take all steps, and store the samples; drivers and varying forces are set in a callback."""
         control = self.mujoco.get_mjcb_control()
         if self.sets_forces:  # MuJoCo calls this function at every stage of a step, with the time of the stage
             self.mujoco.set_mjcb_control(lambda model, data: self._set_forces(data, min(data.time, self.last)))
@@ -158,8 +163,10 @@ class MujocoModel(TreeModel):
     def _run(self) -> None:
         """Take the steps of every stretch in one call of MuJoCo's loop, or in a call from Python for each step."""
         step, model, data = self.mujoco.mj_step, self.model, self.data
+        # a stretch: start [s], number of steps, their size [s], latest time of an evaluation [s], index of the sample at the end
         for begin, count, size, last, row in self.plan:
-            model.opt.timestep, self.last = size, last
+            model.opt.timestep = size
+            self.last = last  # read by the function that sets forces (`run`)
             if self.mechanism.kinks:
                 data.time = begin  # MuJoCo sums up step sizes: by rounding its time could be before the kink at `begin`
             if self.native:
@@ -190,6 +197,7 @@ class MujocoModel(TreeModel):
         options = {"control_spec": int(kinds.mjSTATE_QFRC_APPLIED), "nstep": count, "state": states}
 
         def step_all() -> Array:
+            """Take the steps, and return the last tree states (k, 2, n)."""
             with rollout.Rollout(nthread=0) as pool:
                 pool.rollout(self.model, [data], initial, self.torque[None, None], **options)
             return states[:, -1, tree_state].reshape(len(q), 2, -1)
@@ -197,6 +205,7 @@ class MujocoModel(TreeModel):
         return step_all
 
     def read(self) -> Trajectory:
+        """Return the samples with notes; raise a warning of MuJoCo about a run that stayed finite as a RunFailure."""
         notes = []
         if self.sets_forces:
             subject = "the motion law is" if self.drives else "forces that vary are"

@@ -117,6 +117,7 @@ class OwnModelRun:
     """The model of a file, under the options of a choice.
 
     Attributes:
+        seen: where the links are in the model: their bodies, centres of mass, angles, and the plane of motion.
         model, data: MuJoCo's model and state that a run steps.
         still, still_data: a copy of both that evaluates accelerations at given states.
         key: index of the keyframe at which runs start.
@@ -125,6 +126,7 @@ class OwnModelRun:
     """
 
     def __init__(self, path: Path, seen: Seen, key: int, changes: Mapping[str, Any], choice: Choice):
+        """Compile the file, with `changes` of options given by their names in MJCF, and put it into its keyframe."""
         import mujoco
 
         self.mujoco: Any = mujoco
@@ -149,18 +151,20 @@ class OwnModelRun:
     def absolute(self, y: Array, dy: Array) -> LinkStates:
         """Return the states of all links at joint coordinates and rates y, dy (nv,)."""
         data, model, seen = self.forward(y, dy), self.still, self.seen
+        axes, normal = seen.plane[:2], seen.plane[2]  # of the plane of motion, in the world of MuJoCo
         q: list[float] = []
         jacobian: list[Array] = []
         bias: list[float] = []  # dJ/dt dy
         for link, body in enumerate(seen.bodies):
+            # the link's centre of mass in the world: place of the body's frame plus the rotated local vector
             place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ seen.locals[link]
             # (3, nv) each: Jacobians of the point and of the rotation, and their time derivatives
             point, turn, point_rate, turn_rate = np.zeros((4, 3, model.nv))
             self.mujoco.mj_jac(model, data, point, turn, place, body)
             self.mujoco.mj_jacDot(model, data, point_rate, turn_rate, place, body)
-            q += [*(seen.plane[:2] @ place), seen.angles[link] + seen.turns[link] @ y]
-            jacobian += [*(seen.plane[:2] @ point), seen.plane[2] @ turn]
-            bias += [*(seen.plane[:2] @ point_rate @ dy), seen.plane[2] @ turn_rate @ dy]
+            q += [*(axes @ place), seen.angles[link] + seen.turns[link] @ y]
+            jacobian += [*(axes @ point), normal @ turn]
+            bias += [*(axes @ point_rate @ dy), normal @ turn_rate @ dy]
         J = np.array(jacobian)
         return LinkStates(np.array(q), J @ dy, J @ np.array(data.qacc) + np.array(bias), J)
 
@@ -180,15 +184,18 @@ class OwnModelRun:
         raise RunFailure(Status.ERROR, "the joints of the model cannot take a state of its linkage")
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the accelerations (n,) of the links at a state q, v (n,); no force depends on time."""
         return self.absolute(*self.relative(q, v)).a
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Put the model into its keyframe at times[0], and plan the steps, which MuJoCo always takes, whatever `native` says."""
         self.times, self.plan = times, list(stretches(times, self.choice.step))
         self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
         start_model(self.mujoco, self.model, self.data, self.key)
         self.data.time = times[0]
 
     def run(self) -> None:
+        """Take all steps, and store the joint states at the samples."""
         with collect_warnings(self.mujoco, []):  # the judge finds a run that diverges
             for _, count, size, _, row in self.plan:
                 self.model.opt.timestep = size
@@ -197,6 +204,7 @@ class OwnModelRun:
                     self.y[row], self.dy[row] = self.data.qpos, self.data.qvel
 
     def read(self) -> Trajectory:
+        """Return the samples in absolute coordinates of the links."""
         with collect_warnings(self.mujoco, []):
             states = [self.absolute(*state) for state in zip(self.y, self.dy, strict=True)]
         q, v, a, _ = (np.array(x) for x in zip(*states, strict=True))
@@ -211,7 +219,7 @@ def acts_beside_loops(path: str, key: int, until: float) -> dict[str, Any]:
         until: time [s] at which the run ends.
 
     Returns:
-        A table of "what", a sentence that names the element that acts, or an empty text, and "at", the time [s].
+        A table with two keys. "what": a sentence that names the element which acts; empty if none does. "at": the time [s].
     """
     import mujoco
 

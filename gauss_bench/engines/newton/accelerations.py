@@ -11,9 +11,11 @@ The second term is the fourth-order difference of four copies at q + k e v witho
 step, and little of rounding, although Newton computes in single precision. Kamino must not close the gaps of the four copies, which
 have the size e^2.
 
-Trap: a step leaves a small part of J v1, on a crank-slider a thousandth. In a run every step leaves the same part, which makes no
-acceleration. Here it would make one, so a second step without forces projects again. The solver PADMM often ends before it has
-converged, which is an error of runs. Here DVI, which solves for the impulses directly, takes the steps under every setting.
+Trap: after a step, a small part of J v remains, on a crank-slider a thousandth. In a run every step leaves nearly the same part,
+which cancels in the change of velocities from step to step. Here the part would appear as an acceleration, so a second step without
+forces projects the velocities again. Kamino's solver PADMM often stops before it has converged. Runs with PADMM have this error,
+and accelerations must not have it. So Kamino's solver DVI, which solves for the impulses directly, takes the steps here, whatever
+solver the settings name.
 """
 
 import numpy as np
@@ -34,10 +36,15 @@ class Accelerations:
     """A function (q, v, forces) -> accelerations (n,), for a state q, v (n,) on the constraints and forces (n,) besides gravity."""
 
     def __init__(self, libraries: Libraries, mechanism: Mechanism):
+        """Build a world of six copies of the linkage, with the options CONVERGED."""
         self.weight = AppliedForces(mechanism).gravity  # (n,)
         self.world = World(libraries, mechanism, CONVERGED, copies=2 + len(WEIGHTS))
 
     def __call__(self, q: Array, v: Array, forces: Array) -> Array:
+        """Return the accelerations (n,) at q, v (n,) under `forces` (n,) besides gravity.
+
+        The copies start from q with forces, from q without, and from q + k e v without forces for every k of WEIGHTS.
+        """
         e = DIFFERENCE / max(float(np.abs(v).max()), DIFFERENCE)
         places = [q, q, *(q + k * e * v for k in WEIGHTS)]
         weightless = -self.weight  # cancels gravity, which Newton adds to all copies
@@ -47,6 +54,7 @@ class Accelerations:
             self.world.put(np.concatenate(places), speeds)
             self.world.step(np.concatenate(given), STEP)
             speeds = self.world.state()[1]
+        # velocities of the copies: pushed by forces, without forces, and without forces at displaced positions
         pushed, free, *moved = speeds.reshape(len(places), -1)
-        turning = sum(weight * x for weight, x in zip(WEIGHTS.values(), moved, strict=True)) / (12 * e)
-        return np.asarray((pushed - free) / STEP + turning)
+        velocity_term = sum(weight * x for weight, x in zip(WEIGHTS.values(), moved, strict=True)) / (12 * e)  # d/de P(q + e v) v
+        return np.asarray((pushed - free) / STEP + velocity_term)  # P a_free + d/de P(q + e v) v

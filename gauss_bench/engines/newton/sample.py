@@ -1,4 +1,4 @@
-"""A small linkage with pins and a slide, without a file: steps of it compile Newton's kernels."""
+"""A small linkage with pins and a slide, which is not read from a file; Newton compiles its kernels when it takes steps of it."""
 
 import numpy as np
 

@@ -1,7 +1,7 @@
 """A linkage in Newton: rigid bodies in absolute coordinates, and joints that its solver Kamino takes as constraints.
 
-Newton's articulation lists the joints of the spanning tree; joints that close loops differ in nothing else. Frames of links lie at
-their centres of mass, and the linkage lies in the plane z = 0.
+Newton's articulation lists only the joints of the spanning tree. Joints that close loops are not in that list, but are otherwise
+defined in the same way. Frames of links lie at the links' centres of mass, and the linkage lies in the plane z = 0.
 
 A step of h [s] from q, v has forces Q and constraint rows J at q, and follows the semi-implicit Euler method:
 
@@ -59,6 +59,7 @@ class World:
     """
 
     def __init__(self, libraries: Libraries, mechanism: Mechanism, options: Mapping[str, Any], copies: int = 1):
+        """Build a number of equal copies of a linkage, and put them into its start."""
         self.warp, self.newton = libraries.warp, libraries.newton
         common = {"up_axis": self.newton.Axis.Y, "gravity": tuple(spatial(mechanism.gravity))}
         self.builder, together = self.newton.ModelBuilder(**common), self.newton.ModelBuilder(**common)
@@ -126,7 +127,7 @@ class World:
         return q, v
 
     def record(self, h: float) -> Any:
-        """Return the recording of a step of h [s]; to record a step does not take it."""
+        """Return the recording of a step of h [s]; recording does not advance the state."""
         size = float(np.float32(h))  # sizes that differ only by double-precision rounding share a recording
         if size not in self.graphs:
             with self.warp.ScopedCapture(device="cpu") as capture:

@@ -75,15 +75,15 @@ class OpenSimModel(TreeModel):
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.opensim: Any = opensim
         opensim.Logger.setLevelString("Off")
-        opened = Builder(opensim, mechanism, self.tree, whole=False).build()
-        verify(mechanism, self.tree, lambda y, dy: self._describe(opened, y, dy), AGREEMENT)
+        open_tree = Builder(opensim, mechanism, self.tree, constrained=False).build()
+        verify(mechanism, self.tree, lambda y, dy: self._describe(open_tree, y, dy), AGREEMENT)
         self.built = Builder(opensim, mechanism, self.tree).build()
 
-    def _describe(self, opened: Built, y: Array, dy: Array) -> OpenModel:
-        """Return the open tree at a tree state y, dy (n,), by OpenSim's own kinematics and dynamics."""
-        state = self._state(opened, 0.0, y, dy)
-        accelerations = self._accelerations(opened, state)
-        return OpenModel(gaps(opened, state), accelerations=accelerations)
+    def _describe(self, open_tree: Built, y: Array, dy: Array) -> OpenModel:
+        """Return gaps and accelerations of the open tree at a tree state y, dy (n,), by OpenSim's own kinematics and dynamics."""
+        state = self._state(open_tree, 0.0, y, dy)
+        accelerations = self._accelerations(open_tree, state)
+        return OpenModel(gaps(open_tree, state), accelerations=accelerations)
 
     def _state(self, built: Built, t: float, y: Array, dy: Array) -> Any:
         """Return OpenSim's state at time t [s] and a tree state y, dy (n,)."""

@@ -35,10 +35,11 @@ class JointForces:
         pins: closing pins with OpenSim's constraints.
         on_bodies: loads that are forces on bodies in OpenSim; all others are forces on coordinates.
         driven: index of a driven tree coordinate -> its driver.
-        beyond: link -> all links that hang on it in the tree, and itself.
+        beyond: link -> the link itself and all its descendants in the tree, whose loads OpenSim passes through the link's joint.
     """
 
     def __init__(self, mechanism: Mechanism, tree: Tree, built: Built):
+        """Collect the joints and constraints of an OpenSim model whose forces are determined."""
         self.mechanism, self.tree = mechanism, tree
         determined = list_determined(mechanism)
         joints, constraints = built.model.getJointSet(), built.model.getConstraintSet()
@@ -62,11 +63,11 @@ class JointForces:
         return found
 
     def _read_joint(self, b: Branch, joint: Any, state: Any, q: Array, on_coordinates: Array) -> Array:
-        """Return fx, fy and moment (3,) of the joint of a branch.
+        """Return fx, fy [N] on the second link of a branch's joint, and the moment [N m] about the joint's point there (3,).
 
         Args:
             joint: OpenSim's joint.
-            on_coordinates: (n,) forces on links by the loads that are forces on coordinates in OpenSim.
+            on_coordinates: (n,) the forces and torques on the links by those loads that are forces on coordinates in OpenSim.
         """
         assert b.joint
         second = b.joint.ends[1]
@@ -74,13 +75,15 @@ class JointForces:
         reaction = joint.calcReactionOnChildExpressedInGround(state)  # about the origin of the child's frame
         force, moment = np.array([reaction.get(1).get(i) for i in range(2)]), reaction.get(0).get(2)
         moment += moment_of(position(q, Point(b.link, b.anchor, "")) - about, force)
-        for i in self.beyond[b.link]:  # in the linkage these loads do not pass through the joint
+        # OpenSim's reaction carries the loads on coordinates of the link and of its descendants. In the linkage they act on the
+        # links themselves, and not through the joint, so they are subtracted.
+        for i in self.beyond[b.link]:
             push = place_at(on_coordinates, i)
             force = force - push
             moment -= angle_at(on_coordinates, i) + moment_of(place_at(q, i) - about, push)
-        if b.at in self.driven and b.kind == "revolute":
+        if b.at in self.driven and b.kind == "revolute":  # the whole moment is the driver's torque: a pin itself exerts none
             moment = 0.0
-        elif b.at in self.driven:  # the force of a slide's driver acts on the point of the block, so it has no moment about it
+        elif b.at in self.driven:  # the force of a slide's driver acts on the block's point, so it has no moment about this point
             axis = turn_with(b.parent, b.axis, q)
             force = force - axis * (axis @ force)
         sign = 1.0 if second.link == b.link else -1.0  # a joint used backwards has its second link as parent
@@ -90,8 +93,8 @@ class JointForces:
         """Return the force (2,) of a closing pin from point a to point b, on its second link.
 
         OpenSim lists the constraint's forces as they stand on the left side of the equations of motion, so the entry of the first
-        body is the opposite of the force on it, which is the force on the second body. Trap: its components are those in the frame
-        of the outermost body on which both bodies hang, and that frame may be turned.
+        body is the opposite of the force on that body; so it is the force on the second body. Trap: the components are given in the
+        frame of the nearest common ancestor of both bodies in the tree, and that frame may be turned.
         """
         values = constraint.getRecordValues(state)
         force = np.array([values.get(0), values.get(1)])
@@ -118,7 +121,7 @@ def generalised(acting: Iterable[Load], q: Array, v: Array) -> Array:
 
 
 def links_beyond(tree: Tree) -> dict[int, list[int]]:
-    """Return link -> all links that hang on it in the tree, and itself."""
+    """Return link -> the link itself and all its descendants in the tree."""
     beyond = {b.link: [b.link] for b in tree.branches}
     for b in reversed(tree.branches):  # a child's list is complete before its parent takes it
         if b.parent != GROUND:
@@ -127,6 +130,10 @@ def links_beyond(tree: Tree) -> dict[int, list[int]]:
 
 
 def nearest_common(beyond: Mapping[int, list[int]], a: int, b: int) -> int:
-    """Return the outermost link on which both links a and b hang; GROUND if there is none."""
+    """Return the nearest common ancestor of links a and b in the tree (possibly a or b itself); GROUND if there is none.
+
+    Args:
+        beyond: link -> the link itself and all its descendants.
+    """
     both = [link for link, hanging in beyond.items() if a in hanging and b in hanging]
     return min(both, key=lambda link: len(beyond[link]), default=GROUND)

@@ -51,9 +51,10 @@ $FURTHER    manager.initialize(state)
 
 
 def write(mechanism: Mechanism, tree: Tree, choice: Choice, options: Mapping[str, Any], method: str, accuracy: float | None) -> str:
-    """Return the text of a program that runs a mechanism by one `Choice`, whose settings have these options.
+    """Return the text of a program that runs a mechanism with one `Choice`.
 
     Args:
+        options: the option values of the choice's settings.
         method: name of Simbody's integrator, a member of `opensim.Manager`.
         accuracy: accuracy of an integrator that chooses its steps; None for equal steps.
     """

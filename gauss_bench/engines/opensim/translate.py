@@ -56,10 +56,19 @@ class Built:
 
 
 class Builder:
-    """Builds the OpenSim model of a mechanism; without `whole`, the model of its open tree without drivers."""
+    """Builds the OpenSim model of a mechanism.
 
-    def __init__(self, opensim: Any, mechanism: Mechanism, tree: Tree, whole: bool = True):
-        self.opensim, self.mechanism, self.tree, self.whole = opensim, mechanism, tree, whole
+    Attributes:
+        constrained: whether the model closes its loops and follows its drivers; otherwise it is the open tree without drivers.
+        bodies: link -> OpenSim's body.
+        coordinates: index of a tree coordinate -> OpenSim's coordinate.
+        elements: Python's references to joints and forces, which keep them alive.
+        motors: constant forces on coordinates: OpenSim's actuator, and its force [N] or torque [N m].
+    """
+
+    def __init__(self, opensim: Any, mechanism: Mechanism, tree: Tree, constrained: bool = True):
+        """Begin a model without links; `build` adds them."""
+        self.opensim, self.mechanism, self.tree, self.constrained = opensim, mechanism, tree, constrained
         self.model = opensim.Model()
         self.model.setUseVisualizer(False)
         self.model.setGravity(self._vector(mechanism.gravity))
@@ -81,7 +90,7 @@ class Builder:
         turns = turning(self.tree)
         for load in sort_loads(mechanism, self.tree):
             self._add_load(load, turns)
-        if self.whole:
+        if self.constrained:
             for a, b in pins:
                 self.model.addConstraint(opensim.PointConstraint(*a, *b))
             self._prescribe()
@@ -127,11 +136,14 @@ class Builder:
             self.coordinates[k] = coordinate
 
     def _frames(self, b: Branch, direction: float = 0.0) -> tuple[Any, ...]:
-        """Return parent, origin and angles of a joint's frame in it, then the same for the link.
+        """Return the frames of a joint as OpenSim's joints take them: parent, origin, angles, link, origin, angles.
+
+        The first origin and angles are those of the joint's frame in the parent's frame, the second those in the link's frame.
 
         Args:
             direction: angle [rad] of the frames' x axis in the parent's frame.
         """
+        # a slide's line is at the offset `base` from the parent's point, and the link is turned by the constant angle `turn`
         near = self._vector(b.parent_anchor + b.base), self.opensim.Vec3(0, 0, direction)
         far = self._vector(b.anchor), self.opensim.Vec3(0, 0, direction - b.turn)
         return self.bodies[b.parent], *near, self.bodies[b.link], *far
@@ -199,6 +211,7 @@ def gaps(built: Built, state: Any) -> Array:
     """Return point b minus point a of every closing pin (pins, 2) [m], by OpenSim's own kinematics."""
 
     def place(end: tuple[Any, Any]) -> Array:
+        """Return the place (2,) [m] in the world of a point of a body."""
         body, point = end
         found = body.findStationLocationInGround(state, point)
         return np.array([found.get(0), found.get(1)])

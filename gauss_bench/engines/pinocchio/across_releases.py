@@ -2,8 +2,8 @@
 
 The adapter is written for the newest release. Releases before 4 differ as follows:
 
-    constraints     initConstraintDynamics takes no data of the constraints; Baumgarte's gains are in `corrector`
-    algorithms      there is no lcaba
+    constraints     initConstraintDynamics takes no data of the constraints; Baumgarte's gains are in the field `corrector`
+    algorithms      lcaba, the articulated-body algorithm for loops, does not exist
 """
 
 from typing import Any

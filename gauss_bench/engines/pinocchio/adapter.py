@@ -23,7 +23,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import OwnSteps
 from gauss_bench.engines.pinocchio import build as building
-from gauss_bench.engines.pinocchio.compiled import CompiledDynamics, beyond_the_loop
+from gauss_bench.engines.pinocchio.compiled import CompiledDynamics, unsupported_by_compiled_loop
 from gauss_bench.engines.pinocchio.dynamics import SOLVED, ConstrainedDynamics
 from gauss_bench.engines.pinocchio.forces import TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody, verify
@@ -56,12 +56,14 @@ class Pinocchio(LibraryEngine, file=VARIANTS):
         return f"Pinocchio {pinocchio.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why Pinocchio cannot run a mechanism with a choice, or None if it can."""
         if reason := beyond_a_tree(mechanism, "Pinocchio"):
             return reason
         if choice.integrator == "dop853" and choice.stabilization == "projection":
             return "projection between steps needs a fixed-step integrator"
         if is_compiled(choice.settings):
-            return beyond_the_loop(mechanism, choice, VARIANTS.options(choice.settings)) or building.missing()
+            options = VARIANTS.options(choice.settings)
+            return unsupported_by_compiled_loop(mechanism, choice, options) or building.missing()
         return None
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "PinocchioModel":
@@ -95,15 +97,18 @@ class PinocchioModel(OwnSteps, TreeModel):
     library = "Pinocchio"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Build Pinocchio's model, compare it with the linkage, and prepare the dynamics that are integrated."""
         import pinocchio
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.pin: Any = pinocchio
-        self.evaluator, self.start = evaluator_of(mechanism), (self.y0, self.dy0)
+        self.evaluator = evaluator_of(mechanism)
+        self.start = self.y0, self.dy0
         self.tolerances = self.options["dop853_rtol"], self.options["dop853_atol"]
         self.body = Multibody(pinocchio, mechanism, self.tree)
         verify(self.body, mechanism, self.tree)
-        self.forces, gains = TreeForces(mechanism, self.tree, self.body), NO_GAINS
+        self.forces = TreeForces(mechanism, self.tree, self.body)
+        gains = NO_GAINS  # Baumgarte's Kp [1/s^2] and Kd [1/s]
         if choice.stabilization == "baumgarte":
             gains = float(self.options["baumgarte_Kp_per_s2"]), float(self.options["baumgarte_Kd_per_s"])
         self.stabilized = self._dynamics(gains)
@@ -126,35 +131,53 @@ class PinocchioModel(OwnSteps, TreeModel):
         return np.asarray(self.tree.absolute(y[None], dy[None], self.plain(t, y, dy)[None]).a[0])
 
     def bare_calls(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
-        """Return two functions: Pinocchio's solver at the start, and a trivial one of Pinocchio, which shows the cost of a call."""
+        """Return two functions: Pinocchio's solver at the start state, and a trivial function of Pinocchio.
+
+        The second one, the difference of two states, shows the cost of calling Pinocchio from Python.
+        """
         return self.plain.bare(*self.start), lambda: self.pin.difference(self.plain.model, *self.start)
 
     def run(self) -> None:
+        """Integrate, and store the samples; evaluations are counted from zero."""
         self.stabilized.evaluations = 0
         super().run()
 
     def _run_adaptive(self, rtol: float, atol: float) -> int:
+        """Fill the samples by an adaptive integrator, compiled if the settings say so; return the number of its steps."""
         if isinstance(self.stabilized, CompiledDynamics):
             return self.stabilized.advance_adaptive(self.times, self.x, self.dx, rtol, atol)
         return super()._run_adaptive(rtol, atol)
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> tuple[Array, Array]:
+        """Return the state after `count` steps of h [s], which compiled code takes if the settings say so."""
         if isinstance(self.stabilized, CompiledDynamics):
             return self.stabilized.advance(self.choice.integrator, begin, x, dx, h, count)
         return super()._advance(begin, x, dx, h, count, last)
 
     def project(self, t: float, x: Array, dx: Array) -> tuple[Array, Array]:
-        q, v, _ = self.tree.absolute(x, dx, dx)
+        """Return the nearest tree state (n,), (n,) that satisfies the constraints at time t [s].
+
+        Raises:
+            RunFailure: the state is not finite.
+        """
+        q, v, _ = self.tree.absolute(x, dx, dx)  # the accelerations are not used, so any values will do
         try:
             return self.tree.relative(*self.evaluator.project(t, q, v))
         except np.linalg.LinAlgError as error:
             raise RunFailure(Status.NAN, f"t = {t:.6g} s: nothing finite left to project; a smaller step may help") from error
 
     def read(self) -> Trajectory:
+        """Return the samples, after a check of the constraints if all of them are finite.
+
+        The note names the forces that Python evaluates in every step.
+
+        Raises:
+            RunFailure: the accelerations of a sample miss the constraints.
+        """
         slow = "" if is_compiled(self.choice.settings) else ", ".join(f.name for f in self.forces.others)
         note = f"forces evaluated in Python at every step, which takes longer than Pinocchio does: {slow}" if slow else ""
         trajectory = self.trajectory(self.x, self.dx, self.steps, self.stabilized.evaluations, note)
-        if finite(trajectory.q, trajectory.v, trajectory.a) == len(self.times):
+        if finite(trajectory.q, trajectory.v, trajectory.a) == len(self.times):  # `finite` counts the finite samples from the start
             self._check_constraints(trajectory)
         return trajectory
 

@@ -1,9 +1,8 @@
 """Build `loop.cpp` against the headers and the library of Pinocchio's wheel, once for each user.
 
-The build takes about 75 s of a processor and 2.2 GB of memory, so a run never starts it. Only a search for
-settings starts it, or a user who names settings that need the compiled loop. Only one process builds at a time. The library is kept
-in the user's cache under a name that depends on its sources, flags, compiler and libraries. It is moved there only when it is
-complete.
+The build takes about 75 s of a processor and 2.2 GB of memory, so a run never starts it. It is started only by a search for
+settings, or if a user names settings that need the compiled loop. Only one process builds at a time. The library is kept in the
+user's cache under a name that depends on its sources, flags, compiler and libraries. It is moved there only when it is complete.
 """
 
 import fcntl

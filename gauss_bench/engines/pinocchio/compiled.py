@@ -42,7 +42,7 @@ ARGUMENTS = {  # function of loop.cpp -> types of its arguments after the linkag
 }
 
 
-def beyond_the_loop(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str | None:
+def unsupported_by_compiled_loop(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str | None:
     """Return the reason why the compiled loop cannot run a mechanism with a choice that Python can run, or None if it can."""
     if choice.stabilization == "projection":
         return "Pinocchio's compiled loop has no projection: it is the suite's own"

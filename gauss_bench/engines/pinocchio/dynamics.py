@@ -16,9 +16,19 @@ SOLVED = 1e-6  # largest residual relative to accelerations: independent rows re
 
 
 class ConstrainedDynamics:
-    """A function (t, y, dy) -> tree accelerations (n,), for the suite's integrators; `evaluations` counts its calls."""
+    """A function (t, y, dy) -> tree accelerations (n,), for the suite's integrators.
+
+    Attributes:
+        solve: Pinocchio's algorithm for constrained dynamics.
+        rows, row_data: Pinocchio's constraints, which close the loops, and their data.
+        prox: Pinocchio's settings of the proximal iterations, which also hold the result of the last solution.
+        residual_limit: largest last change of the constraint forces at which a solution is accepted without a closer check.
+        drive: the driving torques of prescribed motions.
+        evaluations: number of calls.
+    """
 
     def __init__(self, body: Multibody, forces: TreeForces, options: Mapping[str, Any], gains: tuple[float, float]):
+        """Prepare the solver for a model, with Baumgarte's gains Kp [1/s^2], Kd [1/s]."""
         pin = body.pin
         self.model, self.forces, self.solve = body.model, forces, find_algorithm(pin, options["algorithm"])
         self.data: Any = body.model.createData()
@@ -29,11 +39,12 @@ class ConstrainedDynamics:
         prepare(pin, options["algorithm"], self.model, self.data, self.rows, self.row_data)
         accuracies = options["absolute_accuracy"], options["relative_accuracy"]
         self.prox: Any = pin.ProximalSettings(*accuracies, options["mu"], int(options["max_iter"]))
-        self.limit = SOLVED / options["mu"]
+        self.residual_limit = SOLVED / options["mu"]  # because mu times the last change of forces is the residual [m/s^2]
         self.drive = DrivingTorques(forces, gains)
         self.evaluations = 0
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
+        """Return the accelerations (n,) at time t [s] and a tree state y, dy (n,), with all forces and drivers."""
         self.evaluations += 1
         tau = self.forces(y, dy, t)
         return self.drive(self._solve, t, y, dy, tau) if self.drive.laws else self._solve(t, y, dy, tau)
@@ -50,7 +61,7 @@ class ConstrainedDynamics:
             RunFailure: the accelerations are not finite, or miss the constraints.
         """
         a: Array = self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
-        if not self.prox.relative_residual <= self.limit:  # NaN fails too
+        if not self.prox.relative_residual <= self.residual_limit:  # NaN fails too
             self._check_residual(t, a)
         return a
 

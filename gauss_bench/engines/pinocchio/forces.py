@@ -26,13 +26,18 @@ class TreeForces:
 
         tau = constant + stiffness y + damping dy + T^T Q_others(q, v, t)
 
+    Note the signs: the force of a spring or damper makes an entry of `stiffness` or `damping` negative.
+
     Attributes:
+        weightless: the mechanism without gravity, which Pinocchio computes itself.
         others: the forces that are not affine, or that vary with time or direction.
         constant: (n,); stiffness, damping: (n, n).
-        inertia: (n, n) mass matrix of the tree at the start.
+        motion: function y -> q and T, by which the other forces are evaluated.
+        inertia: (n, n) mass matrix of the tree at the start, which sets the size of driving torques.
     """
 
     def __init__(self, mechanism: Mechanism, tree: Tree, body: Multibody):
+        """Sort the forces of a mechanism into affine ones and others."""
         self.tree, self.weightless = tree, replace(mechanism, gravity=np.zeros(2))
         self.constant, slope = np.zeros(tree.n), np.zeros((tree.n, 2 * tree.n))
         self.others: tuple[Force, ...] = ()
@@ -61,6 +66,7 @@ class TreeForces:
         return (constant, slope) if error <= AFFINE * np.abs(tau).max() else None
 
     def __call__(self, y: Array, dy: Array, t: float) -> Array:
+        """Return the forces tau (n,) at a tree state y, dy (n,) and time t [s]."""
         tau = self.constant
         if self.has_damping:
             tau = tau + self.damping.dot(dy)
@@ -75,8 +81,9 @@ class TreeForces:
 class DrivingTorques:
     """The driving torques and forces that give driven angles, slides and lengths their prescribed accelerations.
 
-    Accelerations are affine in the torques. The rates of the driven coordinates are x' = R y'. Without any driving torque the
-    accelerations are a0, and with a probe torque on driver j alone they are a_j. The factors s_j of the probes follow from
+    Let y be the tree coordinates, and x the driven coordinates of the k drivers, with rates x' = R y'. Accelerations are affine in
+    the torques. Without any driving torque the accelerations are a0, and with a probe torque on driver j alone they are a_j. The
+    factors s_j of the probes follow from
 
         y'' = a0 + sum s_j (a_j - a0),    R y'' + R' y' = law''(t) - Kd (x' - law'(t)) - Kp (x - law(t))
 
@@ -86,6 +93,7 @@ class DrivingTorques:
     """
 
     def __init__(self, forces: TreeForces, gains: tuple[float, float]):
+        """Take the drivers of the mechanism of `forces`, and Baumgarte's gains Kp [1/s^2], Kd [1/s]."""
         self.forces, self.gains = forces, gains
         self.laws = [d.law for d in forces.drivers]
         # (k, n) and (k,) for the k drivers: x = rows . y + origin, except for lengths
@@ -95,7 +103,8 @@ class DrivingTorques:
         self.lengths = [k for k, d in enumerate(forces.drivers) if isinstance(d, LengthDriver)]
         y, dy = forces.tree.relative(forces.weightless.q0, forces.weightless.v0)
         start = self._rows_at(0.0, y, dy)[0]
-        self.inertias = np.einsum("ij,jk,ik->i", start, forces.inertia, start)  # (k,) of the tree at the start, along each driver
+        # (k,) R M R^T of each driver: the inertia of the tree at the start, along the driver's coordinate
+        self.driver_inertias = np.einsum("ij,jk,ik->i", start, forces.inertia, start)
 
     @cached_property
     def constraints(self) -> Constraints:
@@ -103,7 +112,10 @@ class DrivingTorques:
         return Constraints(self.forces.weightless)
 
     def _rows_at(self, t: float, y: Array, dy: Array) -> tuple[Array, Array, Array]:
-        """Return R (k, n), x (k,) and R' y' (k,) of the k drivers at time t [s] and a tree state y, dy (n,)."""
+        """Return R (k, n), x (k,) and R' y' (k,) of the k drivers at time t [s] and a tree state y, dy (n,).
+
+        x are the driven coordinates, x' = R y' their rates, and x'' = R y'' + R' y', so that R' y' is x'' without y''.
+        """
         x, bias = self.origin + self.rows @ y, np.zeros(len(self.laws))
         if not self.lengths:
             return self.rows, x, bias
@@ -111,6 +123,7 @@ class DrivingTorques:
         q, T = self.forces.motion(y)
         at_rest = self.forces.tree.absolute(y, dy, np.zeros_like(dy)).a  # accelerations if y'' = 0
         joints = self.constraints(t, q, T @ dy)
+        # A driver's constraint row has phi = x - law, and J a = gamma means x'' = law''; so x'' = J a - gamma + law''.
         for k in self.lengths:
             row, law = self.constraints.joint_rows + k, self.laws[k](t)
             R[k] = joints.J[row] @ T
@@ -133,7 +146,7 @@ class DrivingTorques:
         wanted = second - bias - kd * (R @ dy - rate) - kp * (x - value)  # (k,) R y'' of the equation above
         free = solve(t, y, dy, tau)  # (n,) a0
         missing = wanted - R @ free
-        probes = self.inertias * np.maximum(1.0, np.abs(missing))  # (k,) torques of the size that is needed
+        probes = self.driver_inertias * np.maximum(1.0, np.abs(missing))  # (k,) torques of the size that is needed
         effects = np.array([solve(t, y, dy, tau + probe) - free for probe in probes[:, None] * R])  # (k, n) a_j - a0
         try:
             accelerations: Array = free + np.linalg.solve(R @ effects.T, missing) @ effects
@@ -151,20 +164,29 @@ class Motion:
     """
 
     def __init__(self, tree: Tree, body: Multibody):
+        """Find which joints move and turn which links.
+
+        Attributes made here: centres: for each link Pinocchio's joint, and the centre of mass (3,) in the joint's frame [m];
+        theta0: (links,) link angles at y = 0; turns: (links, n) derivatives of the angles by y, 0, 1 or -1; carried: (links, n)
+        1 where a joint moves a link, otherwise 0.
+        """
         self.model, self.data, self.jacobians = body.model, body.model.createData(), body.pin.computeJointJacobians
         self.centres = [(joint, np.array(own.translation)) for joint, own in (body.carriers[i] for i in range(tree.links))]
+        # link angles are affine in y, so they follow from those at y = 0 and at unit vectors; rates and accelerations do not matter
         states = np.vstack([np.zeros(tree.n), np.eye(tree.n)])
         theta = tree.absolute(states, states, states).q[:, 2::3]
         self.theta0, self.turns = theta[0], (theta[1:] - theta[0]).T  # theta = theta0 + turns . y
-        self.carried = np.zeros((tree.links + 1, tree.n))  # 1 where a joint moves a link; the last row is the ground
+        # 1 where a joint moves a link; the last row, with the index GROUND = -1, is the ground's, and is removed at the end
+        self.carried = np.zeros((tree.links + 1, tree.n))
         for b in tree.branches:
             self.carried[b.link] = self.carried[b.parent]
             self.carried[b.link, b.at : b.at + (3 if b.kind == "free" else 1)] = 1.0
         self.carried = self.carried[:-1]
 
     def __call__(self, y: Array) -> tuple[Array, Array]:
+        """Return the absolute positions q (3 links,) and T = dq/dy (3 links, n) at tree coordinates y (n,)."""
         J = self.jacobians(self.model, self.data, y)
-        placements = self.data.oMi
+        placements = self.data.oMi  # of the joints' frames in the world
         centres = np.array([placements[joint].act(own) for joint, own in self.centres])
         q, T = np.empty(3 * len(centres)), np.empty((3 * len(centres), len(y)))
         # rows of J: 0 and 1 are the velocity at the origin, 5 the angular speed about z

@@ -14,19 +14,24 @@ KINDS = {"CONTACT_3D": FOUR_BAR, "CONTACT_6D": HALVES}
 FRAMES = ("LOCAL", "LOCAL_WORLD_ALIGNED")
 ALGORITHMS = ("constraintDynamics", "lcaba")
 BY_JACOBIAN = "forwardDynamics of J and gamma"
-MU = 1e-10  # proximal regularisation
+MU = 1e-10  # proximal regularisation of constraintDynamics
+MU_LCABA = 1e-6  # proximal regularisation of lcaba
 ITERATIONS = 50
 ACCURACY = 1e-14
 
 
 def list_probes() -> list[dict[str, str]]:
-    """List the cases: every kind of constraint in every frame by every algorithm, and the solution by a Jacobian."""
-    names = [f"{kind} {frame}, {way}" for kind in KINDS for frame in FRAMES for way in ALGORITHMS]
+    """List the cases: each kind of constraint in each frame with each algorithm, and one case that is given a Jacobian."""
+    names = [f"{kind} {frame}, {algorithm}" for kind in KINDS for frame in FRAMES for algorithm in ALGORITHMS]
     return [{"name": name, "model": FOUR} for name in (*names, BY_JACOBIAN)]
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of the case `name` at absolute states q, v (k, n)."""
+    """Return the absolute accelerations (k, n) of the case `name` at absolute states q, v (k, n).
+
+    Args:
+        name: "CONTACT FRAME, ALGORITHM", by Pinocchio's names, or BY_JACOBIAN.
+    """
     import pinocchio
 
     kind, _, algorithm = name.rpartition(", ")
@@ -40,7 +45,7 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
     return accelerate_states(solve, q, v, bars)
 
 
-Solve = Callable[[Array, Array], Array]
+Solve = Callable[[Array, Array], Array]  # function of joint angles and rates (bars,) -> joint accelerations (bars,)
 
 
 def build(pin: Any, bars: Sequence[Bar]) -> tuple[Any, list[int]]:
@@ -65,7 +70,15 @@ def shift(pin: Any, at: float) -> Any:
 def by_constraint(
     pin: Any, model: Any, joints: Sequence[int], bars: Sequence[Bar], contact: str, frame: str, algorithm: str
 ) -> Solve:
-    """Return a function (y, dy) -> joint accelerations (bars,) by one of Pinocchio's algorithms for constrained dynamics."""
+    """Return a function (y, dy) -> joint accelerations (bars,) by one of Pinocchio's algorithms for constrained dynamics.
+
+    Args:
+        joints: Pinocchio's index of each bar's joint.
+        contact: member of pin.ContactType: points or whole frames coincide.
+        frame: member of pin.ReferenceFrame: the axes along which the constraint is written.
+        algorithm: name of the function.
+    """
+    # the end of the rod, 2 m long, coincides with the end of the rocker, 1.5 m long
     ends = (joints[1], shift(pin, 2.0)), (joints[2], shift(pin, 1.5))
     if contact == "CONTACT_6D":  # the two halves of the rod, which lie in one place
         ends = (joints[1], shift(pin, 1.0)), (joints[3], shift(pin, -1.0))
@@ -77,7 +90,8 @@ def by_constraint(
     row_data.append(row.createData())
     call = find_algorithm(pin, algorithm)
     prepare(pin, algorithm, model, data, rows, row_data)
-    settings = pin.ProximalSettings(ACCURACY, ACCURACY, MU if algorithm == "constraintDynamics" else 1e-6, ITERATIONS)
+    mu = MU if algorithm == "constraintDynamics" else MU_LCABA
+    settings = pin.ProximalSettings(ACCURACY, ACCURACY, mu, ITERATIONS)
     tau = np.zeros(model.nv)
     return lambda y, dy: np.array(call(model, data, y, dy, tau, rows, row_data, settings))
 
@@ -92,19 +106,26 @@ def by_jacobian(pin: Any, model: Any, joints: Sequence[int]) -> Solve:
     ]
     data = model.createData()
 
-    def solve(y: Array, dy: Array) -> Array:
+    def constrained_accelerations(y: Array, dy: Array) -> Array:
+        """Return the joint accelerations (bars,) with which the ends of rod and rocker stay together."""
         pin.computeJointJacobians(model, data, y)
         pin.forwardKinematics(model, data, y, dy, np.zeros(model.nv))
         pin.updateFramePlacements(model, data)
         J = np.subtract(*(np.array(pin.getFrameJacobian(model, data, x, world))[:2] for x in frames))
+        # the difference of the ends' accelerations if the joint accelerations are zero; Pinocchio solves J y'' + bias = 0
         bias = np.subtract(*(np.array(pin.getFrameClassicalAcceleration(model, data, x, world).linear)[:2] for x in frames))
-        return np.array(pin.forwardDynamics(model, data, y, dy, np.zeros(model.nv), J, bias, 0.0))
+        undamped = 0.0  # no regularisation
+        return np.array(pin.forwardDynamics(model, data, y, dy, np.zeros(model.nv), J, bias, undamped))
 
-    return solve
+    return constrained_accelerations
 
 
 def defaults() -> dict[str, str]:
-    """Return name -> default of ProximalSettings and of Baumgarte's gains, and name -> "there" for Pinocchio's algorithms."""
+    """Return name -> default value of ProximalSettings and of Baumgarte's gains.
+
+    Every public name of Pinocchio about constraints, contacts, dynamics or solvers is listed with the value "there", so that the
+    comparison of two releases shows which functions came and went.
+    """
     import pinocchio as pin
 
     found: dict[str, str] = {}

@@ -40,6 +40,7 @@ class Multibody:
     """
 
     def __init__(self, pin: Any, mechanism: Mechanism, tree: Tree):
+        """Build Pinocchio's model of the tree."""
         self.pin, self.model = pin, pin.Model()
         self.model.gravity.linear = np.array(spatial(mechanism.gravity))
         self.carriers: dict[int, tuple[int, Any]] = {GROUND: (0, pin.SE3.Identity())}
@@ -111,6 +112,7 @@ class Multibody:
         self.pin.forwardKinematics(self.model, data, y)
 
         def world_place(point: Point) -> Array:
+            """Return the place (2,) [m] of a point in the world."""
             joint, placement = self.place(point)
             return np.array((data.oMi[joint] * placement).translation)[:2]
 
@@ -128,5 +130,8 @@ def verify(body: Multibody, mechanism: Mechanism, tree: Tree) -> None:
 
 @lru_cache(maxsize=16)
 def without_forces(mechanism: Mechanism) -> Mechanism:
-    """Return a mechanism without applied forces; it is kept, as `evaluator_of` keeps its equations."""
+    """Return a mechanism without applied forces.
+
+    It is cached, because `evaluator_of` caches the equations of a mechanism by the object.
+    """
     return replace(mechanism, forces=())
