@@ -111,8 +111,8 @@ def smallest(check: Callable[[float], str | None], sound: float = 1e-17, seen: f
 
 # kind of fault -> unit of its size, and check of a fault of this size
 SIZES: dict[str, tuple[str, Callable[[float], str | None]]] = {
-    "inertia": ("of the crank's inertia", lambda x: checks.model(alter={"of": "crank", "inertia": 1 + x})),
-    "length": ("m of the coupler's length", lambda x: checks.model(alter={"joint": "B", "by": x})),
-    "damping": ("of the brake's damping", lambda x: checks.model(alter={"of": "brake", "c": 1 + x})),
-    "time": ("s of every sample's time", checks.in_time),
+    "inertia": ("of the crank's inertia", lambda x: checks.check_model(alter={"of": "crank", "inertia": 1 + x})),
+    "length": ("m of the coupler's length", lambda x: checks.check_model(alter={"joint": "B", "by": x})),
+    "damping": ("of the brake's damping", lambda x: checks.check_model(alter={"of": "brake", "c": 1 + x})),
+    "time": ("s of every sample's time", checks.check_sample_times),
 }
