@@ -388,7 +388,7 @@ class Case:
         return Answer(Cause.LENGTH, f"{pin.sentence}: {gap}; this explains {format_share(pin.share)} of the gaps")
 
     def _find_other_times(self) -> Answer | None:
-        """Test whether the samples belong to shifted or scaled times or to a wrong start, while the steps themselves are correct."""
+        """Test whether the samples belong to shifted or scaled times or to a wrong start, while the steps themselves are right."""
         h = self.first.step
         for stretch in (False, True):  # first a shift alone, then a shift and a factor on time
             found = samples.time_map(self.truth, self.first.at, stretch)
@@ -583,8 +583,8 @@ class Case:
     def _find_stale_data(self) -> Explained | None:
         """Detect constraint data older than the integrator's state, in the reported accelerations or in those that the steps imply.
 
-        The data are old if their effect, with an age of OLD to 5 steps, leaves less than 1 - EXPLAINS of the squared error, and less
-        than 1 / BETTER of what remains without this effect. The error of a correct Euler step is fitted in both cases.
+        The data are old if their effect, with an age of OLD to 5 steps, leaves less than 1 - EXPLAINS of the squared error, and
+        less than 1 / BETTER of what remains without this effect. The error of a correct Euler step is fitted in both cases.
         """
         last, finest, root = self.local[-1], self.sound[-1], np.sqrt(self.own.evaluator.mass)
         if last is None or self.adaptive:
@@ -602,7 +602,7 @@ class Case:
                 explains = residual_with * BETTER < residual_without and residual_with < (1 - EXPLAINS) * whole
                 if explains and OLD < age < 5:
                     share = 1 - residual_with / whole
-                    sentence = f"{tell(x.said, age)}, which explains {format_share(share)} of the error of accelerations"
+                    sentence = f"{tell(x.template, age)}, which explains {format_share(share)} of the error of accelerations"
                     return Explained(Cause.STALE, x.what, age, share, sentence)
         return None
 
@@ -651,8 +651,8 @@ class Case:
             rest = Part.SOFTNESS
             if self.by_step > self.limit:
                 by_part |= {Part.SOFTNESS: self.by_step, Part.INTEGRATOR: 0.0, Part.DRIFT: 0.0}
-        # a remaining error counts if it is larger than that of the reference, and than that of Richardson's extrapolation, for which
-        # by_step / 4 is taken
+        # a remaining error counts if it is larger than that of the reference, and than that of Richardson's extrapolation, for
+        # which by_step / 4 is taken
         resolved = max(BARS * self.bar, self.by_step / 4)
         if cause not in (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT) or self.limit > resolved:
             by_part[rest] += self.limit

@@ -93,6 +93,7 @@ class FaultyModel(InterpretedModel):
         return self.fault.solved(super()._solve(t, terms), terms, self)
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Prepare a run that samples the faulty times, but reports the requested ones."""
         self.asked, self.reset, self.recent = times, False, [self.first, self.first]
         super().prepare(self.fault.times(times, self.choice.step), native)
 
@@ -102,9 +103,10 @@ class FaultyModel(InterpretedModel):
         self.running = False
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> State:
+        """Advance `count` steps of length h one by one, so that the fault can change the state after each of them."""
         for i in range(count):
             t = begin + i * h
-            self.recent = [self.recent[1], self.rows(t, x, dx)]
+            self.recent = [self.recent[1], self.rows(t, x, dx)]  # J and gamma at the beginnings of the last two steps
             x, dx = super()._advance(t, x, dx, h, 1, last)
             x, dx = self.fault.stepped((x, dx), self, t + h)
         return x, dx
@@ -239,7 +241,10 @@ def links_in_another_order(trajectory: Trajectory, mechanism: Mechanism) -> Traj
 
 
 def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
-    """Read joint coordinates that are listed by their depth in the tree as if they were listed branch by branch."""
+    """Plant a fault: read joint coordinates that are listed by their depth in the tree as if they were listed branch by branch.
+
+    If both orders are equal, the joint coordinates are reversed. Reported accelerations are those of joints that do not accelerate.
+    """
     tree = spanning_tree(mechanism)
     depth = {-1: 0}
     for branch in tree.branches:
@@ -255,7 +260,12 @@ def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajec
 def read_engine(name: str, sentence: str, cause: str, where: Any = FOUR_BAR, **spoils: Any) -> Fault:
     """Return the fault of one [[engine]] table of `planted.toml`.
 
-    An entry of `spoils` names a function of this file, or has arguments of `alter` or `resample`.
+    Args:
+        name, sentence: name and description of the fault.
+        cause: the cause that the diagnosis must name, a value of `Cause`.
+        where: linkage and scenario in which the fault shows.
+        spoils: attribute of `Fault` -> name of the function of this file that plants the fault; or arguments of `alter`, which
+            changes the linkage, or of `resample`, which changes the times.
     """
     functions: Any = {key: globals()[x] for key, x in spoils.items() if key not in ("alter", "resample")}
     if "alter" in spoils:

@@ -39,13 +39,14 @@ class TimeMap:
 
 
 def _state(x: States, pace: float) -> Array:
-    """Return positions and velocities (k, 2 n) in equal units, the velocities times a pace [s]."""
+    """Return positions and velocities (k, 2 n) in equal units: velocities are multiplied by the time `pace` [s]."""
     return np.hstack([x.q, x.v * pace])
 
 
 def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | None:
-    """Fit a time map to reported samples by Gauss-Newton steps; return None if it leaves more than LEFT of the error.
+    """Fit true time = shift + rate * reported time to reported samples by Gauss-Newton steps.
 
+    The error is the distance of a reported state from the true one. Return None if the map leaves more than the share LEFT of it.
     The rate is fitted if `stretch`, and is 1 otherwise.
     """
     reference = truth.reference
@@ -59,16 +60,16 @@ def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | No
     if len(x) < 3:
         return None
     state, best = _state(x, pace), TimeMap(shift, rate, np.inf)
-    before = np.linalg.norm(state - _state(truth.at(x.t), pace), axis=1)
+    before = np.linalg.norm(state - _state(truth.at(x.t), pace), axis=1)  # errors without a map
     for _ in range(ITERATIONS):
-        there = truth.at(np.clip(shift + rate * x.t, -0.05 * truth.until, 1.05 * truth.until))
-        off = state - _state(there, pace)
-        left = float(np.median(np.linalg.norm(off, axis=1) / np.maximum(before, 1e-9 * before.max(initial=1e-300))))
-        if not left < 0.99 * best.left:
+        mapped = truth.at(np.clip(shift + rate * x.t, -0.05 * truth.until, 1.05 * truth.until))
+        off = state - _state(mapped, pace)
+        remaining_share = float(np.median(np.linalg.norm(off, axis=1) / np.maximum(before, 1e-9 * before.max(initial=1e-300))))
+        if not remaining_share < 0.99 * best.left:
             break
-        best = TimeMap(shift, rate, left)
-        slope = np.hstack([there.v, truth.motion.accelerations(there) * pace])
-        columns = [slope, slope * x.t[:, None]] if stretch else [slope]
+        best = TimeMap(shift, rate, remaining_share)
+        slope = np.hstack([mapped.v, truth.motion.accelerations(mapped) * pace])  # derivative of the state by time
+        columns = [slope, slope * x.t[:, None]] if stretch else [slope]  # derivatives by shift and rate
         change = np.linalg.lstsq(np.array([c.ravel() for c in columns]).T, off.ravel(), rcond=None)[0]
         change = np.clip(change, -pace, pace)
         shift, rate = shift + float(change[0]), rate + (float(change[1]) if stretch else 0.0)
@@ -76,7 +77,11 @@ def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | No
 
 
 def _first_rate(truth: TrueMotion, reported: States, pace: float) -> float:
-    """Return an estimate of the rate of time, from the reference's samples that are nearest to the reported ones."""
+    """Estimate the ratio of true time to reported time (1 if the times are right), within 0.2 to 5.
+
+    The true time of a reported state is that of the nearest state among the reference's samples; the median of the ratios counts.
+    `pace` [s] is the factor that makes velocities comparable with positions.
+    """
     r = truth.reference
     true = _state(States(r.t, r.q, r.v), pace)
     nearest = np.array([r.t[np.linalg.norm(true - x, axis=1).argmin()] for x in _state(reported, pace)])
@@ -100,7 +105,8 @@ def whole_turns(off: Array) -> Array:
 def other_velocities(moved: Array, reported: Array) -> tuple[float, float, float]:
     """Compare reported velocities `reported` with the rates `moved` at which positions change, both (k, n).
 
-    Return the relative error, the factor between both that fits best, and the share of the error that this factor leaves.
+    Return the relative error of the reported velocities, the factor c that fits reported = c moved best, and the share of the error
+    that remains with this factor.
     """
     off, true = float(np.sum((reported - moved) ** 2)), float(np.sum(moved**2))
     factor = float(np.sum(reported * moved)) / max(true, 1e-300)
@@ -180,16 +186,20 @@ class Jump:
 
 
 def jump(own: OwnMotion, dense: States) -> Jump | None:
-    """Return the step in which the state jumped, or None; `dense` has the start, and then samples at every step."""
+    """Return the step in which the state jumped, or None; `dense` has the start, and then samples at every step.
+
+    A jump is a displacement in one step that the mean of the velocities does not explain. It leads back to the start if the state
+    after it is nearer to the start than a tenth of the jump.
+    """
     x = dense[1:]
     h = np.diff(x.t)[:, None]
     off = np.abs(np.diff(x.q, axis=0) - h / 2 * (x.v[1:] + x.v[:-1])).max(axis=1)  # displacement less that of mean velocities
-    allowed = (h * np.maximum(np.abs(x.v[1:]), np.abs(x.v[:-1]))).max(axis=1)
+    allowed = (h * np.maximum(np.abs(x.v[1:]), np.abs(x.v[:-1]))).max(axis=1)  # displacement that the velocities allow
     if not len(off):
         return None
     usual, k = float(np.median(off)), int(off.argmax())
     # a jump is much larger than in other steps, and also much larger than the velocity allows or larger than SUSPICIOUS
     if off[k] <= max(JUMP * usual, min(JUMP * (allowed[k] + usual), SUSPICIOUS)):
         return None
-    back = float(np.abs(x.q[k + 1] - own.mechanism.q0).max())
-    return Jump(float(x.t[k + 1]), float(off[k]), back <= 0.1 * off[k])
+    from_start = float(np.abs(x.q[k + 1] - own.mechanism.q0).max())
+    return Jump(t=float(x.t[k + 1]), size=float(off[k]), to_start=from_start <= 0.1 * off[k])

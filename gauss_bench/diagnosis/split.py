@@ -149,7 +149,7 @@ def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Clos
 
 
 def _compare_gap_with_force(own: OwnMotion, b: Burst, worst: int) -> tuple[float, float]:
-    """Return the correlation of the gap with the constraint force in the row `worst`, and gap over force [m/N]; 0, 0 without both."""
+    """Return the correlation of gap and constraint force in the row `worst`, and gap over force [m/N]; zeros if either is zero."""
     phi = own.gaps(b.at)
     if not phi.shape[1]:
         return 0.0, 0.0
