@@ -80,7 +80,7 @@ def read_fault(kind: str, sentence: str, check: str, where: tuple[str, str] = ch
         kind, sentence: place and description of the fault.
         check: name of the function of `checks` that must detect it.
         where: linkage and scenario that are checked.
-        fault: arguments of `plant` if it has the entry `file`, and else further arguments of the check, which plant the fault in it.
+        fault: arguments of `plant` if it has the entry `file`, and else further arguments of the check, which plant the fault.
     """
     sound: Any = getattr(checks, check)
     if "file" in fault:
