@@ -84,8 +84,8 @@ class CompiledSeries:
 def compile_series(rows: LoopRows, chart: Chart, piece: Piece, number: Number) -> CompiledSeries:
     """Compile the equations of a chart, a choice of free coordinates, for one piece of time between breaks of the motion laws.
 
-    The result has the integrator by Taylor series, and a function `watch` that returns the pivots. A small pivot shows that the free
-    coordinates hardly determine the others.
+    The result has the integrator by Taylor series, and a function `watch` that returns the pivots. A small pivot shows that the
+    free coordinates hardly determine the others.
     """
     import heyoka
 

@@ -2,8 +2,8 @@
 
 A chart is a choice of free coordinates. The other coordinates are eliminated from the constraint rows in an order of pivots that is
 good at the present position. After every step the pivots of the equations are computed. If one has become small, another order is
-chosen: the chart changes, but not the motion. If a pivot changes its sign within a step, that step is repeated with half the length.
-A singular position, at which no order has usable pivots, therefore ends the motion, even if the series would continue it
+chosen: the chart changes, but not the motion. If a pivot changes its sign within a step, that step is repeated with half the
+length. A singular position, at which no order has usable pivots, therefore ends the motion, even if the series would continue it
 analytically: two branches cross there, and the equations do not determine on which of them the motion goes on.
 """
 
