@@ -217,6 +217,10 @@ class Case:
         adaptive: bool,
         projected: Choice | None,
     ):
+        """Measure errors, gaps and single steps of all runs; the arguments are those of `diagnose_runs`.
+
+        `own` has the linkage's equations, `truth` its reference at any time, and `bursts` the samples of the runs.
+        """
         self.run, self.own, self.truth, self.choices, self.adaptive, self.projected = run, own, truth, choices, adaptive, projected
         self.first: Burst = bursts[0]
         self.true = truth.at(self.first.at.t)
@@ -270,7 +274,7 @@ class Case:
         finest = self.sound[-1]
         tried = every_explanation(self.own, finest.at, finest.before, self.start)
         found = explain(y, self.own.evaluator.mass, tried, self.own.accelerations(finest.at), self.noise)
-        # all that fit within the noise, which come first, or else the best NAMED
+        # all that fit within the noise, which come first, but at least NAMED
         return found[: max(NAMED, len(candidates(found, self.noise)))]
 
     def _reproduce(self) -> Answer | None:
@@ -321,7 +325,7 @@ class Case:
         turns = samples.whole_turns(self.off)
         if not turns.any():
             return None
-        k = int(turns.any(axis=1).argmax())
+        k = int(turns.any(axis=1).argmax())  # the first wrong checkpoint
         link = int(np.abs(turns[k]).argmax())
         by, name = turns[k, link], self.own.mechanism.links[link].name
         sentence = f"reported angles are off by whole turns: {name} by {by:+.0f} from t = {self.first.at.t[k]:.3g} s on"
@@ -335,13 +339,14 @@ class Case:
 
     def _find_velocities(self) -> Answer | None:
         """Detect velocities that disagree with the change of positions from step to step."""
-        b = self.bursts[-1]
-        moved = (b.after.q - b.before.q) / (b.after.t - b.before.t)[:, None]
-        off, factor, left = samples.other_velocities(moved, b.at.v)
-        if not (off > OFF_VELOCITIES and _largest(b.at.v - moved) * b.at.t[-1] > SMALL):
+        finest = self.bursts[-1]
+        implied = (finest.after.q - finest.before.q) / (finest.after.t - finest.before.t)[:, None]
+        error, factor, left = samples.other_velocities(implied, finest.at.v)
+        # a wrong velocity counts only if it would displace links by more than SMALL until the last checkpoint
+        if not (error > OFF_VELOCITIES and _largest(finest.at.v - implied) * finest.at.t[-1] > SMALL):
             return None
         what = f"they are {factor:.4g} times as large" if left <= samples.LEFT else "no factor explains the difference"
-        sentence = f"reported velocities differ by {off:.1e} from the rate at which reported positions change: {what}"
+        sentence = f"reported velocities differ by {error:.1e} from the rate at which reported positions change: {what}"
         return Answer(Cause.VELOCITIES, sentence)
 
     def _find_standstill(self) -> Answer | None:
@@ -584,7 +589,8 @@ class Case:
         """Detect constraint data older than the integrator's state, in the reported accelerations or in those that the steps imply.
 
         The data are old if their effect, with an age of OLD to 5 steps, leaves less than 1 - EXPLAINS of the squared error, and
-        less than 1 / BETTER of what remains without this effect. The error of a correct Euler step is fitted in both cases.
+        less than 1 / BETTER of what remains without this effect. From implied accelerations of a first-order method, the error of
+        a correct Euler step is taken away in both cases.
         """
         last, finest, root = self.local[-1], self.sound[-1], np.sqrt(self.own.evaluator.mass)
         if last is None or self.adaptive:

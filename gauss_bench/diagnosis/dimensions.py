@@ -42,6 +42,7 @@ class Misplaced:
 
     @property
     def sentence(self) -> str:
+        """The displaced pin in words."""
         off = ", ".join(f"{x:.2e}" for x in self.off)
         return f"the pin {self.joint} of {self.link} is elsewhere than the file says, by [{off}] m in the frame of {self.link}"
 

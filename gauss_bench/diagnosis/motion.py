@@ -85,6 +85,7 @@ class OwnMotion:
     """
 
     def __init__(self, mechanism: Mechanism):
+        """Prepare the equations of a mechanism."""
         self.mechanism, self.evaluator = mechanism, Evaluator(mechanism)
         self.absolute = AbsoluteCoordinates(mechanism)
         self.tolerance = RANK_TOLERANCE if mechanism.redundant else DEPENDENT
@@ -151,6 +152,7 @@ class TrueMotion:
     """
 
     def __init__(self, motion: OwnMotion, reference: Reference):
+        """Continue the samples of a reference by the equations of motion."""
         self.motion, self.reference, self.until = motion, reference, float(reference.t[-1])
 
     def at(self, t: Array) -> States:

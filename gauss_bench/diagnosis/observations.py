@@ -49,6 +49,7 @@ class Burst:
     a: Array
 
     def __getitem__(self, chosen: NDArray[Any]) -> "Burst":
+        """Return the samples around some of the checkpoints, given by their indices or a mask (k,)."""
         return replace(self, before=self.before[chosen], at=self.at[chosen], after=self.after[chosen], a=self.a[chosen])
 
 

@@ -51,6 +51,7 @@ class Steps:
 
     @property
     def converges(self) -> bool:
+        """Whether the error falls with the step."""
         return bool(self.order > CONVERGES)
 
 
@@ -109,6 +110,7 @@ class Closure:
 
     @property
     def grows(self) -> bool:
+        """Whether the largest gap of the last third of the run is much larger than that of the first third."""
         return self.closure_late > GROWS * self.closure_early
 
     def falls_faster(self, order: float) -> bool:

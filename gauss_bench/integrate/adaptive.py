@@ -43,6 +43,7 @@ def dop853(
         last = np.inf if end == finish else np.nextafter(end, begin)
 
         def rate(t: float, y: Array, last: float = last) -> Array:
+            """Return v and a (2 n,) at y = [q, v]; forces are evaluated no later than `last` [s]."""
             return np.concatenate([y[n:], acceleration(min(t, last), y[:n], y[n:])])
 
         solver = DOP853(rate, begin, y, end, rtol=rtol, atol=atol)

@@ -22,6 +22,7 @@ class AbsoluteCoordinates:
     """Accelerations of one mechanism for a batch of states (k, n)."""
 
     def __init__(self, mechanism: Mechanism):
+        """Prepare the terms of a mechanism, and the roots (n,) of its masses."""
         self.evaluator = Evaluator(mechanism)
         self.root = np.sqrt(mechanism.mass)
 

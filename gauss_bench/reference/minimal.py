@@ -55,6 +55,11 @@ class MinimalCoordinate:
     """
 
     def __init__(self, mechanism: Mechanism):
+        """Prepare the equation of a mechanism in the angle of its driven link or crank.
+
+        Raises:
+            ValueError: it has neither.
+        """
         link = mechanism.driver.link if mechanism.driver else mechanism.crank
         if link is None:
             raise ValueError(f"{mechanism.name} has neither crank nor driven link")

@@ -255,6 +255,7 @@ def _asking_there(engine: str) -> Callable[..., Any]:
     worker = keep(f"races in {interpreter.python}").under(interpreter)
 
     def ask_there(function: Callable[..., Any], *arguments: Any) -> Any:
+        """Return function(*arguments), called in the process of the environment."""
         try:
             return worker.call(function, arguments, LONGEST)
         except WorkerFailure as failure:

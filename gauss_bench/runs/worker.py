@@ -95,6 +95,7 @@ class Worker:
     """One process, started when first needed and again after it has died."""
 
     def __init__(self) -> None:
+        """Prepare a worker without a process yet; the processes of its tasks will be found by its random mark."""
         self.process: subprocess.Popen[bytes] | None = None
         self.interpreter = Interpreter()
         # the mark of a worker within a worker begins with that of the outer one, so that both end together
@@ -297,6 +298,7 @@ class _Clock:
     """
 
     def __init__(self, pid: int, limit: float, longest: float = math.inf):
+        """Start the clock of the process with this number."""
         self.pid, self.limit, self.longest = pid, limit, min(longest, BACKSTOP * limit)
         self.start, self.before = time.monotonic(), read_waits(pid)
 

@@ -24,6 +24,7 @@ class Constants:
     """
 
     def __init__(self) -> None:
+        """Begin without constants."""
         self.known: dict[str, int] = {}
 
     def __call__(self, value: Any) -> Any:

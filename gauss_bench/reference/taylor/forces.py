@@ -43,6 +43,7 @@ class Wrench:
     """
 
     def __init__(self, coordinates: LoopCoordinates, at: Instant):
+        """Begin without forces, at given values `at` of the coordinates."""
         self.coordinates, self.at = coordinates, at
         links = len(coordinates.mechanism.links)
         self.force: list[Vector] = [(0, 0)] * links

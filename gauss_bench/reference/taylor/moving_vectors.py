@@ -28,6 +28,7 @@ class Instant:
     """
 
     def __init__(self, x: Sequence[Value], arithmetic: Arithmetic):
+        """Begin with the constant vector 1 alone."""
         self.x = x
         self.arithmetic = arithmetic
         self.known: dict[Key, Vector] = {(NONE, NONE): (1, 0)}

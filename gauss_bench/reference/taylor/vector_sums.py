@@ -39,6 +39,7 @@ class VectorTerm(NamedTuple):
 
     @property
     def key(self) -> Key:
+        """The indices of angle and displacement."""
         return self.angle, self.length
 
 
