@@ -79,7 +79,7 @@ def alter(
 
 @cache
 def states(which: tuple[str, str]) -> TrueStates:
-    """Return random states of a linkage in a scenario with exact accelerations, which follow from the crank's angle alone."""
+    """Return random states of a linkage in a scenario with true accelerations, computed from the crank's angle alone."""
     return random_states(load(*which), count=16)
 
 
@@ -97,7 +97,10 @@ def shift(x: Trajectory, level: str, column: int, by: float) -> Trajectory:
 
 
 def off(figure: Any, expected: float, tolerance: float) -> bool:
-    """Tell whether a figure, or the largest of several, differs from its known value; NaN differs."""
+    """Tell whether a figure, or the largest of several, differs from its known value by more than the tolerance; NaN differs.
+
+    The tolerance is relative to the value if that is larger than 1, and else absolute.
+    """
     return not abs(float(np.max(figure)) - expected) <= tolerance * max(1.0, abs(expected))
 
 

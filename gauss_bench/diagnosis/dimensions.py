@@ -48,7 +48,10 @@ class Misplaced:
 
 
 def misplace(own: OwnMotion, coarse: States, fine: States) -> Misplaced | None:
-    """Return the displaced pin that explains all gaps of two runs with different steps; None if there is none."""
+    """Return the displaced pin that explains all gaps of two runs with different steps; None if there is none.
+
+    Both runs must give the same pin and about the same displacement, because the cause does not depend on the step.
+    """
     first, second = (_explain(own, x) for x in (coarse, fine))
     if first is None or second is None or (first.joint, first.link) != (second.joint, second.link):
         return None

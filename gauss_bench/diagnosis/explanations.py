@@ -146,21 +146,21 @@ def _fit(x: Explanation, target: Array, root: Array, size_of_all: float) -> Expl
         return np.asarray((x.effect_of(amount) * root).ravel())
 
     unit = SMALL if callable(x.effect) else 1.0
-    column = effect(unit) / unit
-    size, whole = float(column @ column), float(target @ target)
-    if not (np.isfinite(size) and size > 0 and whole > 0):
+    column = effect(unit) / unit  # the effect of an amount of 1 if the effect is proportional; else its derivative at zero
+    square, whole = float(column @ column), float(target @ target)
+    if not (np.isfinite(square) and square > 0 and whole > 0):
         return None
-    amount = float(column @ target) / size
-    left = target - column * amount
-    if x.exact and float(left @ left) > SCREENED * whole:  # saves the refinement of most of the many exact explanations
+    amount = float(column @ target) / square
+    residual = target - column * amount
+    if x.exact and float(residual @ residual) > SCREENED * whole:  # saves the refinement of most of the many exact explanations
         return None
     if callable(x.effect):
-        amount, left = _refine(effect, target, float(np.clip(amount, -0.9, 9.0)))
-    share = 1.0 - float(left @ left) / whole
+        amount, residual = _refine(effect, target, float(np.clip(amount, -0.9, 9.0)))
+    share = 1.0 - float(residual @ residual) / whole
     if not np.isfinite(share) or (x.once and abs(amount - 1.0) > ONCE):
         return None
-    residual = float(np.linalg.norm(target - effect(1.0 if x.once else amount))) / size_of_all
-    return Explained(x.cause, x.what, amount, share, tell(x.template, amount), residual)
+    relative_residual = float(np.linalg.norm(target - effect(1.0 if x.once else amount))) / size_of_all
+    return Explained(x.cause, x.what, amount, share, tell(x.template, amount), relative_residual)
 
 
 def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> tuple[float, Array]:

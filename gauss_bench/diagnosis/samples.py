@@ -97,9 +97,9 @@ def stands_still(truth: States, reported: States) -> bool:
 
 def whole_turns(off: Array) -> Array:
     """Return the whole turns (k, links) by which angles are wrong, from errors (k, n); zeros if they do not explain all errors."""
-    left, turns = off.copy(), np.round(angles(off) / (2 * np.pi))
-    angles(left)[...] -= 2 * np.pi * turns
-    return turns if float(np.abs(left).max(initial=0.0)) <= BESIDE_TURNS else np.zeros_like(turns)
+    rest, turns = off.copy(), np.round(angles(off) / (2 * np.pi))
+    angles(rest)[...] -= 2 * np.pi * turns
+    return turns if float(np.abs(rest).max(initial=0.0)) <= BESIDE_TURNS else np.zeros_like(turns)
 
 
 def other_velocities(moved: Array, reported: Array) -> tuple[float, float, float]:
@@ -108,10 +108,10 @@ def other_velocities(moved: Array, reported: Array) -> tuple[float, float, float
     Return the relative error of the reported velocities, the factor c that fits reported = c moved best, and the share of the error
     that remains with this factor.
     """
-    off, true = float(np.sum((reported - moved) ** 2)), float(np.sum(moved**2))
+    error, true = float(np.sum((reported - moved) ** 2)), float(np.sum(moved**2))  # squares
     factor = float(np.sum(reported * moved)) / max(true, 1e-300)
     left = float(np.sum((reported - factor * moved) ** 2))
-    return float(np.sqrt(off / max(true, 1e-300))), factor, float(np.sqrt(left / max(off, 1e-300)))
+    return float(np.sqrt(error / max(true, 1e-300))), factor, float(np.sqrt(left / max(error, 1e-300)))
 
 
 @dataclass(frozen=True)
@@ -128,13 +128,14 @@ def order(mechanism: Mechanism, truth: States, reported: States) -> Order | None
 
     best: Order | None = None
     for words, reported_columns, true_columns, names in _columns(mechanism, truth, reported):
+        # cost[i, j]: difference of reported column i from true column j, root mean square over the samples
         cost = np.array([[np.sqrt(np.mean((x - y) ** 2)) for y in true_columns] for x in reported_columns])
-        _, assigned = linear_sum_assignment(cost)
-        straight, left = float(np.trace(cost)), float(cost[np.arange(len(cost)), assigned].sum())
+        _, assigned = linear_sum_assignment(cost)  # the true column of each reported one, with the least sum of costs
+        as_reported, reordered = float(np.trace(cost)), float(cost[np.arange(len(cost)), assigned].sum())
         wrong = [k for k, x in enumerate(assigned) if x != k]
-        if wrong and left <= LEFT * straight and (best is None or left / straight < best.left):
+        if wrong and reordered <= LEFT * as_reported and (best is None or reordered / as_reported < best.left):
             listed = ", ".join(f"{names[k]} holds {names[assigned[k]]}" for k in wrong)
-            best = Order(f"{words} are in another order: {listed}", left / straight)
+            best = Order(f"{words} are in another order: {listed}", reordered / as_reported)
     return best
 
 
@@ -149,7 +150,7 @@ def _columns(mechanism: Mechanism, truth: States, reported: States) -> Iterator[
     for words, one, other in (("links", reported.q, truth.q), ("velocities of links", reported.v, truth.v)):
         yield words, links(one), links(other), names
         yield f"angles in {words}", angles(one).T, angles(other).T, names
-    for shallow in (False, True):
+    for shallow in (False, True):  # trees of long chains and trees of least depth have other joint coordinates
         tree = spanning_tree(mechanism, shallow)
         named = [""] * tree.n
         for b in tree.branches:

@@ -29,20 +29,20 @@ STARTS = ("start", "driver", "drivers")  # tables of a scenario with parameters
 def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str]) -> dict[str, Array]:
     """Return level "q", "v" or "a" -> (k,) the floor: the largest change up to each time that rounding of the parameters causes.
 
-    It is found by DRAWS motions with parameters changed by up to DELTA, and scaled to changes of ROUNDING. It is NaN after the last
-    time that a changed motion reaches.
+    It is found by DRAWS motions with parameters changed by up to DELTA, and scaled to changes of ROUNDING. It is NaN at times that
+    no changed motion reaches.
     """
     rng = np.random.default_rng(SEED)
     base = taylor_motion(document, mechanism.scenario, times, double=True)
     levels = {level: np.full(len(times), np.nan) for level in ("q", "v", "a")}
     for _ in range(DRAWS):
         try:
-            moved = taylor_motion(perturb(document, mechanism, rng), mechanism.scenario, base.times, double=True)
+            perturbed = taylor_motion(perturb(document, mechanism, rng), mechanism.scenario, base.times, double=True)
         except (AssemblyError, ArithmeticError):
             continue  # a neighbour of a motion at its limit may be impossible to assemble or to start
-        k = min(len(base.times), len(moved.times))
+        k = min(len(base.times), len(perturbed.times))
         for level, floor in levels.items():
-            change = np.abs(getattr(moved, level)[:k] - getattr(base, level)[:k]).max(axis=-1, initial=0.0)
+            change = np.abs(getattr(perturbed, level)[:k] - getattr(base, level)[:k]).max(axis=-1, initial=0.0)
             floor[:k] = np.fmax(floor[:k], np.maximum.accumulate(change) * (ROUNDING / DELTA))
     return levels
 

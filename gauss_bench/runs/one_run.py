@@ -99,7 +99,7 @@ def _is_multiple(t: float, step: float) -> bool:
 
 def _sample(step: float, grid: Array, more: Sequence[float]) -> Sampling:
     """Return the sampling at the times of `grid`, and at those times of `more` that differ from them by more than rounding."""
-    near = 1e-9 * min(step, 1.0)
+    near = 1e-9 * min(step, 1.0)  # [s] times that are closer than this, or than their rounding, count as equal
     times = [*grid]
     for x in sorted(more):
         k = int(np.searchsorted(grid, x))

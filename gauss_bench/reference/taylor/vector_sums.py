@@ -181,7 +181,7 @@ def spanning_tree(mechanism: Mechanism) -> list[TreeStep]:
         a, b = (point.link for point in joint.ends)
         beside[a].append((b, joint))
         beside[b].append((a, joint))
-    reached: set[int] = set()
+    reached: set[int] = set()  # links
     steps: list[TreeStep] = []
 
     def reach(step: TreeStep) -> list[int]:
@@ -193,11 +193,11 @@ def spanning_tree(mechanism: Mechanism) -> list[TreeStep]:
         tied = [TreeStep(step.link, other, joint) for other, joint in beside[step.link] if isinstance(joint, Prismatic)]
         return [step.link, *(link for tie in tied for link in reach(tie))]
 
-    for root in beside:
+    for root in beside:  # the ground first, and then every link that is not yet connected to it
         queue = deque(reach(TreeStep(GROUND, root, None)))
         while queue:
             link = queue.popleft()
             for other, joint in beside[link]:
                 if not isinstance(joint, Prismatic):
                     queue += reach(TreeStep(link, other, joint))
-    return steps[1:]
+    return steps[1:]  # without the step to the ground itself
