@@ -46,15 +46,17 @@ __all__ = ["__version__", *_HOMES]
 
 
 def __getattr__(name: str) -> Any:
+    """Import a public function or class from its module when it is first used."""
     if name in _HOMES:
         return resolve_name(_HOMES[name])
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 class _Package(ModuleType):
-    """The type of this package: `gauss_bench.kinematics` stays the public function when the folder of that name is imported."""
+    """The class of this package as a module: it keeps public functions such as `kinematics` that have the name of a subpackage."""
 
     def __setattr__(self, name: str, value: object) -> None:
+        """Set an attribute, unless a submodule would replace a public function of the same name."""
         # after importing a submodule Python sets it as an attribute of the package, which would hide the function
         if not (name in _HOMES and isinstance(value, ModuleType)):
             super().__setattr__(name, value)

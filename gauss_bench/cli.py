@@ -42,12 +42,14 @@ class Results(io.TextIOWrapper):
     """
 
     def write(self, text: str) -> int:
+        """Write a text."""
         try:
             return super().write(text)
         except OSError as error:
             raise OutputLost(error.strerror) from error
 
     def flush(self) -> None:
+        """Flush the stream."""
         try:
             super().flush()
         except OSError as error:
@@ -58,11 +60,13 @@ class Remarks(io.TextIOWrapper):
     """The stream stderr; if it is full or closed, remarks are lost without an error and the command keeps its exit code."""
 
     def write(self, text: str) -> int:
+        """Write a text; if that fails, pretend that all of it was written."""
         with contextlib.suppress(OSError):
             return super().write(text)
         return len(text)
 
     def flush(self) -> None:
+        """Flush, and ignore a failure."""
         with contextlib.suppress(OSError):
             super().flush()
 
@@ -131,7 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         return OWN_FAULT
     finally:
-        no_longer()
+        no_longer()  # cancel the progress messages that wait for their time
 
 
 def describe_fault(error: BadInput | OSError) -> str:
@@ -177,17 +181,21 @@ def check_memory() -> None:
 
 
 def perform(name: str, options: argparse.Namespace) -> int:
-    """Call the function of the verb `name`, print its answer and return the exit code."""
+    """Call the function of the verb `name`, print its answer and return the exit code.
+
+    `VERBS[name]` is the table of the verb in `api/verbs.toml`. The first lines of that file explain the keys `files`, `printed`,
+    `write`, `quick` and `instead_of_json`.
+    """
     verb, given = VERBS[name], vars(options)
-    kinds = verb.get("files", {})  # options that name files; one whose value is `printed` goes to stdout instead
-    printed = {x: given[x] for x in kinds if str(given[x]) == verb.get("printed")}
-    asked = {x: given[x] for x in kinds if given[x] and x not in printed}
-    files = printed | (resolve_name(FILES)(asked, kinds, options.replace, options.linkage) if asked else {})
+    endings = verb.get("files", {})  # option that names a file -> allowed endings; with the value `printed` it means stdout
+    to_stdout = {x: given[x] for x in endings if str(given[x]) == verb.get("printed")}
+    to_file = {x: given[x] for x in endings if given[x] and x not in to_stdout}
+    files = to_stdout | (resolve_name(FILES)(to_file, endings, options.replace, options.linkage) if to_file else {})
     function = resolve_name(verb["call"])
     # a file has all samples of a run, even if the report has only some times
-    offered = given | {"options": options, "told": tell_if_long if verb.get("quick") else tell, "whole": bool(files)}
+    available = given | {"options": options, "told": tell_if_long if verb.get("quick") else tell, "whole": bool(files)}
     # pass the options that are parameters of the function
-    answer = function(**{x: offered[x] for x in inspect.signature(function).parameters if x in offered})
+    answer = function(**{x: available[x] for x in inspect.signature(function).parameters if x in available})
     if files:
         resolve_name(verb["write"])(answer, files)
     for sentence in answer.notices:

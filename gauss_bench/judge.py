@@ -25,7 +25,7 @@ from gauss_bench.trajectory import Reference, Trajectory, in_a_sentence
 OFF_TIME = 1e-9  # [s] distance of a sample from its time: a million times rounding, a thousandth of any step
 OFF_START = 1e-5  # of the first sample from the start: single precision and any assembly keep more digits
 OFF_DRIFT = 1e-2  # of open loops, and never more than 1e-2 m or rad: a loop that opens by a hundredth is another linkage
-OFF_ENERGY = 1e-2  # share of the energy that moves: half a per cent of every speed, more than small steps lose
+OFF_ENERGY = 1e-2  # share of `Evidence.energy_scale`: half a per cent of every speed, more than small steps lose
 OFF_ACCELERATION = 1e-2  # share of the largest acceleration: an engine 1 % off at the same state solves another problem
 OFF_MOTION = 5e-2  # of places and angles: the far end of a link that is turned by this angle is off by 5 % of its length
 HUGE = 1e100  # what is larger has no square, and counts as not finite
@@ -33,7 +33,7 @@ OFF_RATES = OFF_MOTION / 2  # gap between a level and the integral of its rate, 
 SHARED = 2.0  # times the change by a repetition: half the step halves a gap that a first-order method leaves
 MOST_SHARED = 2.0  # largest widening of a limit, in limits: without it, samples that swing would widen their own limits without end
 FEWEST = 2.0  # steps in a period of the fastest mode or force: fewer samples show a slower oscillation in its place (aliasing)
-DIGITS = 1e-9  # relative: formulations whose accelerations differ by more have lost digits, which the user is told
+DIGITS = 1e-9  # relative: formulations whose accelerations differ by more have lost digits, and `remark` says so
 LIMITS = {"drift": OFF_DRIFT, "energy": OFF_ENERGY, "acceleration": OFF_ACCELERATION, "motion": OFF_MOTION}
 
 
@@ -96,8 +96,8 @@ class Evidence:
         drift: residuals of the constraints at every sample.
         energy: (k,) energy gained beyond the work done [J].
         energy_bar: error bar of that work [J].
-        energy_scale: energy that moves [J].
-        energy_floor: rounding of the energy [J].
+        energy_scale: largest kinetic energy of the run, or the range of the potential energy if larger [J].
+        energy_floor: change of the energy that rounding can cause [J].
         seen: (k,) `energy` without losses between samples that are too far apart to resolve damping; None if they resolve it.
         errors: errors against the reference; None without a reference.
         acceleration_error: median relative error of the engine's accelerations at the same states.
@@ -109,7 +109,7 @@ class Evidence:
         finer: how the repetition was made: "half the step" or "a tighter tolerance".
         unrepeated: why there is neither a reference nor a repetition; empty if there is one of them.
         steps_a_period: steps in a period of the fastest mode, for a fixed step without a reference.
-        steps_a_forcing: steps in a period of the fastest force that swings with time, for a fixed step.
+        steps_a_forcing: steps in a period of the fastest force that oscillates with time, for a fixed step.
         disagreement: relative difference of the accelerations of two of our formulations at the states of the run.
     """
 
@@ -138,6 +138,7 @@ def completeness(trajectory: object, times: Array, n: int) -> Judgement:
     """Judge whether the object that an engine returned is a finite trajectory of n coordinates at the wanted times (k,) [s]."""
 
     def refused(subject: Subject, value: float, limit: float, sentence: str) -> Judgement:
+        """Return a judgement with one objection."""
         return Judgement((Objection(subject, value, limit, sentence),))
 
     if not isinstance(trajectory, Trajectory):
@@ -165,7 +166,11 @@ def completeness(trajectory: object, times: Array, n: int) -> Judgement:
 def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
     """Return the trajectory before its first sample that is missing, at a wrong time or not finite; None if no sample is left.
 
-    An engine may return any object. If it is no trajectory of numbers in n coordinates, no sample is left.
+    An engine may return any object. If the object is not a trajectory, or its arrays do not have numbers and n columns, no sample
+    is left.
+
+    Args:
+        times: (k,) the requested times of samples [s].
     """
     if not isinstance(trajectory, Trajectory):
         return None
@@ -217,7 +222,7 @@ def _count(x: Any) -> int | None:
 def examine(
     evaluator: Evaluator, trajectory: Trajectory, reference: Reference | None = None, acceleration_error: float | None = None
 ) -> Evidence:
-    """Return the evidence of a complete trajectory, all of it from our own evaluation in absolute coordinates."""
+    """Return the figures by which a complete trajectory is judged, all computed by our own code in absolute coordinates."""
     mechanism = evaluator.mechanism
     with np.errstate(all="ignore"):  # a run may overflow; the judge objects to what is not finite
         energy, bar = metrics.energy_error(evaluator, trajectory)
@@ -242,19 +247,22 @@ def judge(evidence: Evidence) -> Judgement:
     possible = [*_check_model(x), *_check_motion(x), *_check_start(x), *_check_rates(x)]
     if x.unrepeated:
         possible.append(Objection(Subject.REPETITION, 1.0, 0.0, f"nothing says that it may be trusted: {x.unrepeated}"))
-    return Judgement(tuple(x for x in possible if not x.value <= x.limit))
+    # not `value > limit`, which is false for NaN
+    return Judgement(tuple(objection for objection in possible if not objection.value <= objection.limit))
 
 
 def _check_model(x: Evidence) -> Iterator[Objection]:
     """Yield the possible objections to accelerations, loops, energy and steps."""
-    two = "formulations of the same accelerations differ by {:.2g} (median): masses or lengths lie too far apart"
-    own = "accelerations off by {:.2g} at the same state (median)"
-    for off, sentence in ((x.acceleration_error, own), (x.disagreement, two)):
+    between_two = "formulations of the same accelerations differ by {:.2g} (median): masses or lengths lie too far apart"
+    of_engine = "accelerations off by {:.2g} at the same state (median)"
+    for off, sentence in ((x.acceleration_error, of_engine), (x.disagreement, between_two)):
         if off is not None:
             yield Objection(Subject.MODEL, off, OFF_ACCELERATION, sentence.format(off))
+    # `seen` leaves out losses that damping between distant samples may explain
     opened, gained = largest(x.drift.position), largest(x.energy if x.seen is None else x.seen)
     yield Objection(Subject.LOOPS, opened, OFF_DRIFT * min(1.0, x.size), f"the loops open by {opened:.2g} (m or rad)")
     limit = OFF_ENERGY * x.energy_scale
+    # the uncertainty of the work widens the limit, but not by more than MOST_SHARED times the limit (and rounding)
     allowed = limit + min(x.energy_bar, MOST_SHARED * limit + x.energy_floor)
     yield Objection(Subject.ENERGY, gained, allowed, f"energy off by {gained:.2g} J where {x.energy_scale:.2g} J move")
     for steps, oscillation in ((x.steps_a_period, "oscillation"), (x.steps_a_forcing, "force")):
@@ -264,7 +272,7 @@ def _check_model(x: Evidence) -> Iterator[Objection]:
 
 
 def _check_motion(x: Evidence) -> Iterator[Objection]:
-    """Yield the possible objections to places and angles, compared with the reference or with a repetition."""
+    """Yield the possible objections to the positions and angles of links, compared with the reference or with a repetition."""
     if x.errors is not None:
         length, turn = largest(x.errors.length), largest(x.errors.angle)
         yield Objection(Subject.MOTION, length, OFF_MOTION * x.size, f"a link ends up {length:.2g} m from where it should be")
@@ -290,13 +298,15 @@ def _check_start(x: Evidence) -> Iterator[Objection]:
 def _check_rates(x: Evidence) -> Iterator[Objection]:
     """Yield the possible objections to positions against the integral of velocities, and velocities against that of accelerations.
 
-    Two things widen a limit, each by at most MOST_SHARED limits: the error of the integral, estimated by leaving out every second
-    sample, and the part of the gap that a finer run removes. That part comes from the method (some methods store rates half a step
-    beside the positions), whereas a gap that stays belongs to another motion.
+    Two contributions are added to a limit, each at most MOST_SHARED times the limit:
+    - the error of the numerical integral (`RateGaps.bars`), estimated by leaving out every second sample;
+    - the part of the gap that disappears in the repetition with finer steps. This part comes from the method (some methods store
+      rates half a step beside the positions), whereas a gap that stays belongs to another motion.
     """
     if x.rates is None:
         return
-    slow = OFF_RATES * x.size / x.duration if x.duration else 0.0  # a speed at which no link leaves its place within the run
+    # least scale of speeds: at this speed a link moves within the whole run by no more than the limit of positions
+    slow = OFF_RATES * x.size / x.duration if x.duration else 0.0
     limits = {  # gap of `RateGaps` -> limit, unit, level, rate
         "place": (OFF_RATES * x.size, "m", "positions", "velocities"),
         "turn": (OFF_RATES, "rad", "angles", "angular velocities"),
@@ -319,6 +329,7 @@ def _check_rates(x: Evidence) -> Iterator[Objection]:
 def remark(evidence: Evidence) -> str:
     """Return the remarks on a valid run, joined by "; ", or an empty text."""
     remarks = []
+    # losses between samples that are so far apart that damping may explain the losses
     lost = 0.0 if evidence.seen is None else largest(evidence.energy - evidence.seen)
     if lost > 0.0:
         remarks.append(f"its energy is not decidable: {lost:.2g} J are lost between samples too far apart to see damping take them")
@@ -334,7 +345,11 @@ def trusted_until(
 ) -> float:
     """Return the time of the last sample [s] up to which the judge has no objection, found by bisection.
 
-    `finer` is the repetition; it and the reference are compared with the run if they are given.
+    Bisection assumes that an invalid run stays invalid if it is continued.
+
+    Args:
+        reference: the true motion, with which the run is compared if it is known.
+        finer: the same run with half the step or a tighter tolerance, with which the run is compared if it was made.
     """
     good, bad = 0, len(trajectory.t)  # indices of samples: the run is valid up to `good`, and not up to `bad`
     while bad - good > 1:

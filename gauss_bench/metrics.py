@@ -111,7 +111,7 @@ def start_gap(mechanism: Mechanism, trajectory: Trajectory) -> MotionGap:
 
 
 def every_second(t: Array) -> NDArray[np.intp]:
-    """Return the indices of every second of the samples at t (k,), and of the last one."""
+    """Return the indices of every other sample of t (k,), beginning with the first, and of the last one."""
     return np.unique([*range(0, len(t), 2), len(t) - 1])
 
 
@@ -121,9 +121,9 @@ def _largest(x: Array) -> Array:
 
 
 def integral(t: Array, x: Array) -> Array:
-    """Integrate x (k, n) from t[0] to each of the times t (k,) by trapezia with Gregory's end correction.
+    """Integrate x (k, n) from t[0] to each of the times t (k,) by the trapezoidal rule with Gregory's end correction.
 
-    int x dt = h (x0 + x1) / 2 + h^2 (x0' - x1') / 12, the derivatives from differences of neighbours.
+    Between neighbouring samples int x dt = h (x0 + x1) / 2 + h^2 (x0' - x1') / 12, with derivatives from differences of neighbours.
     """
     if len(t) < 2:
         return np.zeros_like(x)
@@ -188,7 +188,8 @@ def compare_joint_forces(evaluator: Evaluator, states: Trajectory, told: Array) 
     forces, or if redundant rows leave them undetermined.
 
     Args:
-        told: (k, joints, 3) the engine's fx, fy and moment, as `joint_forces` has them; NaN for a missing one.
+        told: (k, joints, 3) fx, fy and moment of each joint as the engine reports them, with the signs and reference points of
+            `joint_forces`; NaN for a missing number.
     """
     if evaluator.mechanism.redundant or not np.isfinite(told).any():
         return np.nan, np.nan
@@ -321,7 +322,7 @@ def summarise_loads(mechanism: Mechanism, trajectory: Trajectory, curves: Iterab
 
 
 def _mean_over_time(t: Array, x: Array) -> float:
-    """Return the mean over time of samples x (k,) at times t (k,), by trapezia."""
+    """Return the mean over time of samples x (k,) at times t (k,), by the trapezoidal rule."""
     if len(t) < 2:
         return float(x.mean())
     return float(np.trapezoid(x, t) / (t[-1] - t[0]))
@@ -357,7 +358,7 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
 
 
 def energy_rounding(energy: Array) -> float:
-    """Return the largest change of energies (k,) that rounding can cause [J]: eight units, for the few sums in an energy."""
+    """Return the largest change of energies (k,) that rounding can cause [J]: eight units in the last place, for few additions."""
     return 8 * float(np.finfo(float).eps) * (1.0 + largest(energy))
 
 
@@ -387,6 +388,7 @@ def work(t: Array, power: Array) -> tuple[Array, Array]:
     from scipy.interpolate import make_interp_spline  # imported here: it takes as long as all other imports together
 
     def integrate(t_known: Array, known: Array) -> Array:
+        """Return the integral from t[0] to every time of t, of the spline through samples `known` (l, ...) at times (l,)."""
         # with few samples the largest odd degree below their number
         spline = make_interp_spline(t_known, known, k=min(5, 2 * ((len(t_known) - 2) // 2) + 1))
         primitive: Callable[[Array], Array] = spline.antiderivative()
@@ -430,8 +432,12 @@ class Errors:
 
 
 def common_times(t: Array, true: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Return the indices in t (k,) of the times that are in `true` (j,) too, and a mask (j,) of these in `true`; both increase."""
-    near = np.minimum(np.searchsorted(t, true - SAME_TIME), len(t) - 1)
+    """Find the times that two increasing arrays t (k,) and `true` (j,) have in common, up to SAME_TIME.
+
+    Returns:
+        The indices of these times in t, and a mask (j,) that marks them in `true`.
+    """
+    near = np.minimum(np.searchsorted(t, true - SAME_TIME), len(t) - 1)  # (j,) index of the first time in t that is not earlier
     both = np.abs(t[near] - true) < SAME_TIME
     return near[both], both
 
@@ -456,7 +462,8 @@ def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Refere
 def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: Reference) -> Array:
     """Return the largest error (k,) [N] of any joint's force components, at the times of the reference that were sampled.
 
-    It is NaN if redundant rows leave the forces undetermined. The forces of both follow from accelerations by Newton's laws.
+    It is NaN if redundant rows leave the forces undetermined. The forces of the trajectory and those of the reference are both
+    computed from their accelerations by Newton's laws.
     """
     mine, both = common_times(trajectory.t, reference.t)
     if evaluator.mechanism.redundant:
@@ -477,7 +484,8 @@ def observed_order(steps: Array, errors: Array, floors: Array) -> Array:
 
     Args:
         steps: (k,) step sizes, decreasing.
-        errors, floors: (k,) error of each run, and the error of its reference; within ten times of it the order is lost.
+        errors, floors: (k,) error of each run, and the error of its reference; a run whose error is less than ten times its floor
+            has no order.
     """
     order = np.full(len(steps), np.nan)
     usable = (errors > 10 * floors) & np.isfinite(errors)

@@ -1,4 +1,4 @@
-"""The answer whether an engine holds a requirement on a linkage; if not, how far the search came and why it ended.
+"""The answer to the question whether an engine meets a requirement on a linkage; if not, how far the search came and why it ended.
 
 The search, the recommendation and the report all print this answer. It follows from the trials of the engine's variants, so that it
 can be computed from stored rows of `search_ladder` as well as from a search that has just ended.
@@ -19,8 +19,8 @@ UNITS = {"position": "m", "angle": "rad", "force": "N", "end": "m"}  # kind of a
 ERRORS = {"end": "position at the end"}  # names of kinds that are not words themselves
 BY_AUTHORS = "by its authors"  # mark of settings that the authors of an engine own
 RUNGS = 3  # number of trials that show the order of convergence
-APART = 1.4  # smallest ratio of the steps of two of these trials: with less, rounding hides the order
-STEADY = 0.2  # largest difference of two orders of convergence that are the same
+APART = 1.4  # smallest ratio of the numbers of steps of two of these trials: with less, rounding hides the order
+STEADY = 0.2  # largest difference of two orders of convergence that count as equal
 # reasons of a failure that lie in the machine, not in the engine
 ABSENT = re.compile(r"not installed|no C compiler|not in this build|the truth has no samples")
 
@@ -34,6 +34,7 @@ class Requirement:
 
     @property
     def unit(self) -> str:
+        """The unit of the limit."""
         return UNITS[self.kind]
 
 
@@ -57,6 +58,7 @@ class Trial:
     evaluations: int | None = None
 
     def meets(self, wanted: Requirement) -> bool:
+        """Return whether the run ended with an error within the requirement."""
         return self.status is Status.OK and self.errors.get(wanted.kind, math.nan) <= wanted.limit
 
 
@@ -94,9 +96,10 @@ class Reach:
         reason: why the engine is not timed, not tried or has no model; for NOT_REACHED, how its runs failed.
         steps: largest number of steps of a trial.
         seconds: time of the search [s] if time ended it, else NaN.
-        order: order of convergence of the variant that would hold with the fewest steps; NaN if no order is steady.
-        needed: number of steps at which this variant would hold the requirement if its error kept falling at this order.
-        within: text in place of `seconds`, if the budget was no number of seconds.
+        order: order of convergence of the variant that would meet the requirement with the fewest steps; NaN if no variant's errors
+            fall at a constant order.
+        needed: number of steps at which this variant would meet the requirement if its error kept falling at this order.
+        within: the budget in words, printed in place of `seconds`, if the budget was not a number of seconds.
     """
 
     kind: Kind
@@ -109,6 +112,7 @@ class Reach:
 
     @property
     def holds(self) -> bool:
+        """True if a run of the engine met the requirement."""
         return self.kind in (Kind.TIMED, Kind.UNTIMED)
 
     @property
@@ -129,11 +133,12 @@ class Reach:
 
 
 def reach(ladders: Iterable[Sequence[Trial]], wanted: Sequence[Requirement], untimed: str | None = None) -> Reach:
-    """Return the answer for an engine and requirements that must hold together.
+    """Return whether an engine meets all requirements in one run; if not, why not and how many steps would.
 
     Args:
-        ladders: the trials of each variant.
-        untimed: the reason why no race timed a variant that holds; None if a race did.
+        ladders: for each variant of the engine its trials, which are runs at several steps or tolerances.
+        wanted: the requirements.
+        untimed: the reason why no race timed a variant that meets the requirements; None if a race timed one.
     """
     ladders = [ladder for ladder in ladders if ladder]
     trials = [trial for ladder in ladders for trial in ladder]
@@ -150,7 +155,7 @@ def reach(ladders: Iterable[Sequence[Trial]], wanted: Sequence[Requirement], unt
     steps = max(trial.steps or 0 for trial in failed)
     if not ended:
         return Reach(Kind.NOT_REACHED, f"no run ended: {failed[-1].message}", steps)
-    extrapolated = [convergence(ladder, wanted) for ladder in ladders]
+    extrapolated = [convergence(ladder, wanted) for ladder in ladders]  # (order, needed) of each variant
     order, needed = min(extrapolated, key=lambda pair: math.inf if math.isnan(pair[1]) else pair[1])
     return Reach(Kind.NOT_REACHED, steps=steps, order=order, needed=needed)
 
@@ -161,7 +166,14 @@ def share(trial: Trial, wanted: Sequence[Requirement]) -> float:
 
 
 def convergence(trials: Sequence[Trial], wanted: Sequence[Requirement]) -> tuple[float, float]:
-    """Return the order at which errors fell in the finest trials, and the steps at which they would hold; NaN if none is steady."""
+    """Return the order of convergence in the finest trials, and the number of steps that would meet the requirements at this order.
+
+    Both are NaN if there are fewer than RUNGS trials, or if the orders between neighbouring trials are not positive or differ by
+    STEADY or more.
+
+    Args:
+        trials: the trials of one variant.
+    """
     rungs: list[tuple[int, Trial]] = []  # number of steps and trial, finest first, far enough apart
     counted = [(x.steps, x) for x in trials if x.steps]
     for steps, trial in sorted(counted, key=lambda rung: -rung[0]):
@@ -169,7 +181,7 @@ def convergence(trials: Sequence[Trial], wanted: Sequence[Requirement]) -> tuple
             rungs.append((steps, trial))
     finest = [(steps, x) for steps, x in rungs[:RUNGS] if x.status is Status.OK]
     with np.errstate(all="ignore"):
-        errors = np.log([share(x, wanted) for _, x in finest])
+        errors = np.log([share(x, wanted) for _, x in finest])  # of errors over their limits: 0 where the requirement is just met
         orders = np.diff(errors) / -np.diff(np.log([steps for steps, _ in finest]))
     if len(finest) < RUNGS or not (np.isfinite(orders).all() and orders.min() > 0 and np.ptp(orders) < STEADY):
         return math.nan, math.nan

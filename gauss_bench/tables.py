@@ -97,18 +97,22 @@ class Table:
         return self.columns[: self.keys]
 
     @property
-    def clocked(self) -> tuple[Column, ...]:
+    def timed_columns(self) -> tuple[Column, ...]:
         """The columns that depend on measured time."""
         return tuple(c for c in self.columns if c.timed)
 
     @property
     def parts(self) -> "dict[str, tuple[Column, ...]]":
-        """The columns of each of its files, by the folder of the file, "" or `times`; timed columns stand beside the key."""
+        """The columns of each file of this table, by the folder of the file, "" or `times`.
+
+        Columns that depend on measured time are in a file of their own in `times`, which repeats the key of each row. A table that
+        depends on time as a whole has only a file in `times`.
+        """
         if self.timed:
             return {TIMES: self.columns}
         parts = {"": tuple(c for c in self.columns if not c.timed)}
-        if self.clocked:
-            parts[TIMES] = (*self.key, *self.clocked)
+        if self.timed_columns:
+            parts[TIMES] = (*self.key, *self.timed_columns)
         return parts
 
 
@@ -171,10 +175,10 @@ def type_column(column: Column, values: Sequence[Any]) -> Sequence[Any]:
     Raises:
         ValueError: a value is not of this type; the message names its row, counted from 1, and the column.
     """
-    # most columns need no conversion of each value: Parquet has typed values, and a file lacks the columns of the file beside it
-    if all(type(value) is TYPES[column.kind] for value in values):
+    # most columns need no conversion of each value
+    if all(type(value) is TYPES[column.kind] for value in values):  # Parquet files have typed values
         return values
-    if all(value is None for value in values):
+    if all(value is None for value in values):  # the column is in the other file of the table
         return [type_value(column, None)] * len(values)
     typed = []
     for count, value in enumerate(values, 1):
@@ -201,7 +205,7 @@ def round_times(table: Table, row: Row) -> dict[str, Any]:
     at least four digits, and four if no spread is known. Reports print three, so that no printed digit is rounded twice.
     """
     rounded = dict(row)
-    for column in table.clocked:
+    for column in table.timed_columns:
         x = row[column.name]
         if column.kind != "number" or not math.isfinite(x) or x == 0 or column.name.endswith(ENDS[1:]):
             continue
@@ -240,7 +244,7 @@ def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...
     for part, columns in table.parts.items():
         chosen = typed
         if part and not table.timed:  # the file of times has only rows with times
-            chosen = [row for row in typed if any(print_value(c, row[c.name]) for c in table.clocked)]
+            chosen = [row for row in typed if any(print_value(c, row[c.name]) for c in table.timed_columns)]
             if len({key_of(table, row) for row in chosen}) < len(chosen):
                 raise ValueError(f"table {name}: two rows with times have the same key")
             if not chosen:
@@ -370,6 +374,8 @@ def refuse_later(version: int, path: Path) -> None:
 def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
     """Return the typed rows of a table in the folder of a run, in the order of the file; none if there is no such file.
 
+    Since format APART, the columns that depend on measured time are in a file of their own, and are joined to the rows by key.
+
     Raises:
         TableError: a file is damaged, lacks a column, has a value of the wrong type or a later format, or has the times of a row
             that does not exist.
@@ -386,7 +392,7 @@ def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
     if len(parts) == 1:
         return parts[0]
     rows, timed = parts
-    names = [c.name for c in table.clocked]
+    names = [c.name for c in table.timed_columns]
     times = {key_of(table, row): {n: row[n] for n in names} for row in timed}  # by the key of the row
     strange = times.keys() - {key_of(table, row) for row in rows}
     if strange or len(times) < len(timed):
@@ -497,10 +503,13 @@ def read_lines(path: Path) -> tuple[list[str], list[dict[str, Any]]]:
 
 
 def refuse_foreign(signs: Mapping[Path, str]) -> None:
-    """Check that no file would be overwritten that gauss-bench did not write: `signs` has the text that its own file contains.
+    """Check that only files which gauss-bench wrote itself would be overwritten.
+
+    Args:
+        signs: path of a file -> a text by which a file of gauss-bench at this path is recognised.
 
     Raises:
-        FileExistsError: an existing file does not contain its text; the message names the file.
+        FileExistsError: a file exists and does not contain this text; the message names the file.
     """
     for path, sign in signs.items():
         if path.exists() and sign not in path.read_text(encoding="utf-8", errors="replace"):

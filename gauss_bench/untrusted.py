@@ -85,7 +85,7 @@ def check_depth(text: str) -> None:
                 dots, brackets = 0, brackets - 1
             case "other":
                 dots = 0
-            case "quote" | "open_string":
+            case "quote" | "open_string":  # a string that is not closed: the text is not TOML, and the parser will refuse it
                 return
         if dots > DEEPEST or brackets > DEEPEST:
             line = text.count("\n", 0, token.start()) + 1

@@ -15,7 +15,7 @@ import pytest
 from gauss_bench.atlas import survey as surveying
 from gauss_bench.atlas.chart import BAR, FAILED, chart, number, page, part
 from gauss_bench.atlas.families import FAMILIES, SCENARIO, Axis, ladder, pendulum
-from gauss_bench.atlas.survey import BUDGET, Course, Reach, Way, axes, compare, reach, sentence, survey, ways
+from gauss_bench.atlas.survey import BUDGET, Course, Reach, Way, axes, comparison_times, reach, sentence, survey, ways
 from gauss_bench.atlas.table import row, rows_of
 from gauss_bench.atlas.verdict import PASSES, RunVerdict, Verdict, decide
 from gauss_bench.cli import main
@@ -135,7 +135,7 @@ def test_halving_finds_where_a_way_breaks(monkeypatch: pytest.MonkeyPatch, tmp_p
     for passing, degraded in itertools.product(range(8), (0, 1, 3)):
         verdicts = [Verdict.PASS] * passing + [Verdict.DEGRADED] * degraded + [Verdict.FAILED] * 7
         answer = {value: RunVerdict(verdicts[i], 1e-6, f"at {value:g}") for i, value in enumerate(family.values)}
-        monkeypatch.setattr(surveying, "look_at", lambda way, family, value, *_, answer=answer: answer[value])
+        monkeypatch.setattr(surveying, "run_and_judge", lambda way, family, value, *_, answer=answer: answer[value])
         found = reach(WAY, family, Course(tmp_path), Worker(), lambda: 0.0)
         ends = min(passing + degraded, 7)
         assert found.passes_to == (family.values[passing - 1] if passing else None)
@@ -148,7 +148,7 @@ def test_halving_finds_where_a_way_breaks(monkeypatch: pytest.MonkeyPatch, tmp_p
 def test_a_search_that_is_cut_tells_no_more_than_it_ran(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     family, said = FAMILIES["size"], {1.0: Verdict.PASS, 64.0: Verdict.FAILED}
     monkeypatch.setattr(
-        surveying, "look_at", lambda way, family, value, *_: RunVerdict(said.get(value, Verdict.OPEN), 0.0, "no time")
+        surveying, "run_and_judge", lambda way, family, value, *_: RunVerdict(said.get(value, Verdict.OPEN), 0.0, "no time")
     )
     found = reach(WAY, family, Course(tmp_path), Worker(), lambda: 0.0)
     assert (found.passes_to, found.ends_at, found.last, found.reason) == (1.0, 1.0, Verdict.OPEN, "no time")
@@ -199,7 +199,7 @@ def test_a_survey_that_is_interrupted_begins_no_further_run(monkeypatch: pytest.
             time.sleep(0.2)
         return RunVerdict(Verdict.PASS if value < family.values[-1] and left > 0 else Verdict.OPEN)
 
-    monkeypatch.setattr(surveying, "look_at", looked_at)
+    monkeypatch.setattr(surveying, "run_and_judge", looked_at)
     with pytest.raises(KeyboardInterrupt):
         survey([WAY], [FAMILIES["size"], FAMILIES["mass"]], BUDGET, 1, told.append)
     assert len(begun) == 1
@@ -207,10 +207,10 @@ def test_a_survey_that_is_interrupted_begins_no_further_run(monkeypatch: pytest.
 
 
 def test_times_that_are_compared_lie_on_whole_steps() -> None:
-    assert len(compare(1e-3, 0.5)) == 101
-    np.testing.assert_allclose(compare(5e-4, 0.5), np.arange(101) * 5e-3, atol=1e-15)
-    np.testing.assert_allclose(compare(0.1, 0.5), np.arange(6) * 0.1)
-    assert sampling_at(0.1, compare(0.1, 0.5)).shortened == 0
+    assert len(comparison_times(1e-3, 0.5)) == 101
+    np.testing.assert_allclose(comparison_times(5e-4, 0.5), np.arange(101) * 5e-3, atol=1e-15)
+    np.testing.assert_allclose(comparison_times(0.1, 0.5), np.arange(6) * 0.1)
+    assert sampling_at(0.1, comparison_times(0.1, 0.5)).shortened == 0
 
 
 def some() -> list[Reach]:

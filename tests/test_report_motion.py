@@ -11,7 +11,8 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.reference.minimal import MinimalCoordinate
-from gauss_bench.report.drawings.animation import FRAMES, REST, SLOWEST, animate
+from gauss_bench.report.drawings.animation import FRAMES, REST, SHORTEST, Film, animate
+from gauss_bench.report.drawings.canvas import make_part
 from gauss_bench.report.drawings.curves import curves
 from gauss_bench.report.drawings.drawing import bar_ends, fit
 from gauss_bench.report.drawings.pose import pose_links
@@ -107,7 +108,7 @@ def test_links_move_as_the_states_do_pins_hold_in_between_and_the_loop_closes(na
         turns = (angle[-1, 0] - angle[0, 0]) / 360
         assert turns == pytest.approx(round(turns), abs=1e-4)
         assert np.abs(np.diff(angle[:, 0])).max() < 20, "an angle was wrapped, which jumps by nearly a turn between two states"
-    assert f'dur="{SLOWEST:g}s"' in svg
+    assert f'dur="{SHORTEST:g}s"' in svg
     assert "slowed 4 times" in svg
 
 
@@ -247,3 +248,16 @@ def test_curves_are_the_path_velocity_and_acceleration_of_each_point_and_come_ou
             assert np.abs(slope * wanted + shift - pixels).max() < 0.2  # [px]: what simplified lines may leave out
     circle = np.ptp(drawn(svg, 1)[0], axis=0)  # the path of a point of the crank
     assert circle[0] == pytest.approx(circle[1], rel=1e-3)  # 120 sides: their corners hit the extremes
+
+
+@pytest.mark.parametrize(("slides", "turns"), [(True, False), (False, True), (True, True)])
+def test_a_symbol_that_moves_has_the_angle_and_the_place_of_every_state(slides: bool, turns: bool) -> None:
+    place = np.array([[10.0, 20.0], [30.0, 20.0]]) if slides else np.array([[10.0, 20.0]] * 2)
+    angle = np.array([30.0, 70.0]) if turns else np.array([30.0, 30.0])
+    group = ET.fromstring(Film(np.zeros((2, 3)), 'dur="1s"').draw(make_part(['<path d=""/>'], place, angle)))
+    tracks = {x.attrib["type"]: (x.get("additive", "replace"), x.attrib["values"]) for x in group.findall("animateTransform")}
+    # in SVG the first track replaces the transform of the group, and each track with additive="sum" multiplies the result
+    assert tracks == {
+        "translate": ("replace", ";".join(f"{x:.2f} {y:.2f}" for x, y in place)),
+        "rotate": ("sum", ";".join(f"{x:.2f}" for x in angle)),
+    }

@@ -63,7 +63,7 @@ class Answer:
     snippet: str = ""
 
     def choose(self, until: float) -> Choice:
-        """Return the setting as the choice of a run until a time [s]."""
+        """Return the `Choice` with which an engine runs this setting for `until` seconds."""
         return Choice(self.settings, self.integrator, self.stabilization, self.step or until / BEATS, self.tolerance)
 
 
@@ -86,5 +86,5 @@ def format_limits(wanted: Mapping[str, float]) -> str:
 
 
 def format_errors(errors: Mapping[str, float], kinds: Iterable[str], joint: str = " and ") -> str:
-    """Return those errors (kind -> value) that are of the given kinds in words, joined by `joint`."""
+    """Return a text with the errors of the given kinds and their units; `errors` is kind -> value, `joint` the text between two."""
     return joint.join(f"{errors[kind]:.1e} {UNITS[kind]}" for kind in kinds if kind in errors)

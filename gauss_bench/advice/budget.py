@@ -21,12 +21,16 @@ END = 1.45  # elapsed time of the whole recommendation is at most END times the 
 
 
 class Budget:
-    """A budget of seconds that starts when the object is made; `lanes` processes work side by side."""
+    """A budget of seconds that starts when the object is made.
+
+    The seconds that count are the elapsed ones, less the waiting of all threads for a processor divided by `lanes`, the number of
+    processes that work side by side.
+    """
 
     def __init__(self, seconds: float, lanes: int = LANES):
         self.seconds, self.lanes, self.started = seconds, lanes, time.monotonic()
-        self._seen = wait()  # waits at the last look
-        self._lost, self._looking = 0.0, threading.Lock()  # seconds of waiting so far; several threads look
+        self._seen = waiting_times()  # thread -> its waiting [s] when it was last read
+        self._lost, self._looking = 0.0, threading.Lock()  # [s] sum of all waiting so far; several threads read it
 
     def wall_time(self) -> float:
         """Return the elapsed seconds."""
@@ -35,7 +39,7 @@ class Budget:
     def seconds_used(self) -> float:
         """Return the seconds that count against the budget."""
         with self._looking:
-            now = wait()
+            now = waiting_times()
             self._lost += sum(max(0.0, x - self._seen.get(task, 0.0)) for task, x in now.items())
             self._seen |= now
             passed = self.wall_time()
@@ -46,12 +50,12 @@ class Budget:
         return min(share * self.seconds - self.seconds_used(), self.remaining_wall_time(share))
 
     def remaining_wall_time(self, share: float = 1.0) -> float:
-        """Return the elapsed seconds left until a share of the budget must have ended."""
+        """Return the seconds of elapsed time that remain until the work of a share of the budget must end."""
         return min(WALL * share, END) * self.seconds - self.wall_time()
 
 
-def wait() -> dict[int, float]:
-    """Return thread -> seconds for which it has waited for a processor: threads of this process, first threads of its children."""
+def waiting_times() -> dict[int, float]:
+    """Return thread -> seconds that it has waited for a processor: all threads of this process, the main thread of each child."""
     seconds = read_waits(os.getpid())
     for thread in [*seconds]:
         with contextlib.suppress(OSError):  # a thread may end meanwhile

@@ -1,4 +1,4 @@
-"""The race of settings that meet a requirement, in a worker, until a deadline."""
+"""Time settings that meet a requirement side by side, in a worker, until a deadline."""
 
 import time
 from collections.abc import Sequence
@@ -26,14 +26,15 @@ def race_there(
     engines: Sequence[str],
     path: str,
 ) -> Tables:
-    """Time settings against each other in this process.
+    """Measure the run times of several settings in alternation, in this process (a worker).
 
-    Return the tables "race", with the fields of each setting (`way`) and its seconds, and "failed", with engine and message.
+    An engine whose first run takes longer than SLOW is timed by that run alone. Return
+    the tables "race", with the fields of each setting (`way`) and its seconds, and "failed", with engine and message.
 
     Args:
         until: end of the runs [s].
         samples: number of samples of a run whose integrator chooses its own steps.
-        rows: each has the fields of a `Way` and its number of steps; the most important come first, because time may end.
+        rows: each has the fields of a `Way` and its number of steps; the most important come first, as time may be short.
         deadline: end of the race by time.monotonic, which all processes share and which does not jump with the time of day.
         engines: the engines that take part.
         path: the file into which the name of the running engine is written.
@@ -58,8 +59,10 @@ def race_there(
             race.blocks.pop()
         else:
             round_time += taken
+    # as many rounds as the time allows, but not fewer or more than ROUNDS
     rounds = int(min(max((deadline - time.monotonic()) / max(round_time, 1e-3), ROUNDS[0]), ROUNDS[1]))
     measured = race.run(rounds)
+    # the clock also times an entry of its own, which is no Way, to measure the noise
     raced = [{"way": list(way), "seconds": x.tolist()} for way, x in measured.samples.items() if isinstance(way, Way)]
     failed = [{"engine": way.engine, "message": str(x)} for way, x in measured.failed.items() if isinstance(way, Way)]
     return {"failed": failed, "race": raced + [{"way": list(way), "seconds": [x]} for way, x in slow.values()]}

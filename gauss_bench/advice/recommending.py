@@ -1,4 +1,4 @@
-"""Search, for each engine, the cheapest setting that meets a user's accuracy requirement within a time budget.
+"""For each engine, search for the cheapest setting that meets a user's accuracy requirement within a time budget.
 
 The search over steps and tolerances is that of suites (`bench/search.py`). The variants are tried in an order that gives every
 engine an early answer: first one variant of each engine, then the others in turn. Runs take place in worker processes, two at a
@@ -73,7 +73,7 @@ class _Over(Exception):
 
 @dataclass
 class _Engine:
-    """The state of the search for one engine, or for the settings that its authors own.
+    """The state of the search for one engine, or for the settings that the engine's authors have contributed.
 
     Attributes:
         name: of the engine.
@@ -107,7 +107,7 @@ class _Engine:
 
     @property
     def title(self) -> str:
-        """The name of the engine, with the owner if the variants are its authors': the key of this search among all."""
+        """The key of this search: the engine's name, followed by the owner if its authors have contributed the variants."""
         return f"{self.name} {BY_AUTHORS}, {self.owner}" if self.owner else self.name
 
     @property
@@ -117,7 +117,7 @@ class _Engine:
 
     @property
     def has_run(self) -> bool:
-        """Whether a variant has been run; a variant that refuses the linkage is tried, but does not run."""
+        """Whether a variant has started to run; one that refuses the linkage is tried, but does not start."""
         return any(trial.status is not Status.SKIP for trial in self.all_trials())
 
     def all_trials(self) -> list[Trial]:
@@ -125,7 +125,7 @@ class _Engine:
         return [trial for trials in self.trials.values() for trial in trials]
 
     def passing(self) -> dict[Way, Trial]:
-        """Return way -> trial of the settings that meet the requirement, from the least work to the most.
+        """Return setting -> trial of the settings that meet the requirement, from the least work to the most.
 
         Settings with equal work are in the order in which they were tried.
         """
@@ -168,7 +168,7 @@ class Searched:
 
     Attributes:
         truth: the reference of all errors.
-        engines: name -> trials of every variant of the suite (a way of size 0), in the order in which they were tried.
+        engines: name -> trials of every variant of the suite (its key is a `Way` of size 0), in the order in which they were tried.
     """
 
     truth: Truth
@@ -182,7 +182,7 @@ class Recommender:
         run: linkage, scenario and duration.
         wanted: kind of error -> largest allowed error [m], [rad], [N].
         engines: title -> state of the search for an engine.
-        lost: engine -> why the race continued without it.
+        lost: engine -> why the timing of the settings continued without it.
     """
 
     def __init__(
@@ -198,13 +198,16 @@ class Recommender:
         """Prepare the search.
 
         Args:
+            run: linkage, scenario and duration.
+            wanted: kind of error -> largest allowed error [m], [rad], [N].
             spaces: engine -> its variants in the order in which they are tried, or the reason why it has none.
+            budget: the time for all.
             told: called with sentences of progress.
-            better: called with each answer that is better than the engine's answer before.
-            owned: engine -> variants that its authors own; they are searched and raced apart from the suite's.
+            better: called with each answer that improves on the engine's previous one.
+            owned: engine -> variants that its authors have contributed; they are searched and timed apart from the suite's.
         """
         self.run, self.wanted, self.budget = run, dict(wanted), budget
-        self._told, self._better, self._say = told, better, threading.Lock()
+        self._told, self._better, self._speaking = told, better, threading.Lock()
         self._stack, self._state = ExitStack(), threading.Condition()
         self._failures: queue.Queue[BaseException] = queue.Queue()  # errors in the threads of the search
         self.judge = Evaluator(run.mechanism)
@@ -218,7 +221,12 @@ class Recommender:
                 self._enter(name, owner, [x for x in variants if x.owner == owner])
 
     def _enter(self, name: str, owner: str, space: Sequence[Variant] | str) -> None:
-        """Add the search for an engine's variants, or the reason why there are none."""
+        """Add a search for an engine's variants.
+
+        Args:
+            owner: the engine's authors if they have contributed the variants, else empty.
+            space: the variants, or the reason why the engine is not searched.
+        """
         offered = offer(name)
         engine = _Engine(name, [], self._stack.enter_context(Worker()), offered.adaptive, owner=owner)
         if not offered.usable:
@@ -237,8 +245,8 @@ class Recommender:
         self._stack.close()
 
     def report(self, sentence: str) -> None:
-        """Report a sentence of progress with the elapsed time; several threads do."""
-        with self._say:
+        """Report a sentence of progress with the elapsed time; several threads may call this at once."""
+        with self._speaking:
             self._told(f"{self.budget.wall_time():5.1f} s  {sentence}")
 
     # The search for accurate settings
@@ -257,28 +265,32 @@ class Recommender:
         self.truth = truth
         # [s] the longest step, in which the fastest link turns by TURNED
         self.longest = TURNED / max(float(np.abs(angles(truth.reference.v)).max()), 1e-9)
-        halved = max(truth.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in truth.halving)
-        # [s] the first step: errors of the reference's method fall with steps^-ORDER, so that it would give half of the requirement
-        self.first = self.run.until / (truth.steps * (halved / HALF.limit) ** (1 / ORDER))
-        lanes = [threading.Thread(target=self._lane, daemon=True) for _ in range(LANES)]
-        for lane in lanes:
-            lane.start()
-        for lane in lanes:
-            while lane.is_alive():  # an interrupt of the user is noticed between two of these waits
-                lane.join(0.2)
+        # The reference's method has errors of the size of `halving` at `truth.steps` steps, and they fall with steps^-ORDER. With
+        # the first step that is tried, that method would have an error of half the requirement.
+        error_share = max(truth.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in truth.halving)
+        self.first = self.run.until / (truth.steps * (error_share / HALF.limit) ** (1 / ORDER))  # [s]
+        threads = [threading.Thread(target=self._search_in_turn, daemon=True) for _ in range(LANES)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            while thread.is_alive():  # an interrupt of the user is noticed between two of these waits
+                thread.join(0.2)
         if not self._failures.empty():
             raise self._failures.get()
         return Searched(truth, {x.name: x.trials for x in self.engines.values() if not x.owner})
 
     def _truth(self) -> Truth:
-        """Return the reference, computed in the worker of the engine TRUE, so that its model is compiled once for both uses."""
+        """Return the reference, computed in the worker of the engine TRUE.
+
+        If that engine also takes part in the search, it does so in the same worker, so that its model is compiled only once.
+        """
         wanted = {k: KNOWN * x for k, x in self.wanted.items()}
         own = self.engines.get(TRUE)
         worker = own.worker if own is not None and own.refused is None else self._stack.enter_context(Worker())
         return truth(self.run, wanted, lambda: self.budget.remaining(TRUTH), worker, self.report)
 
-    def _lane(self) -> None:
-        """Search variants in one thread until none is left; several threads do."""
+    def _search_in_turn(self) -> None:
+        """Search one variant after the other until none is left; LANES threads run this. Errors are kept in `_failures`."""
         try:
             while (engine := self._next()) is not None:
                 self._variant(engine, engine.left.pop(0))
@@ -322,7 +334,11 @@ class Recommender:
         until = self.budget.seconds_used() + self._slice(is_first)
 
         def evaluate(size: float) -> Trial:
-            """Return the trial at a size, which is run if it is not known and time is left."""
+            """Return the trial at a step [s] or tolerance; if there is none yet, run it.
+
+            Raises:
+                _Over: the time of the variant has ended.
+            """
             if size not in known:
                 # the first run of an engine is made in any case
                 if (known or not is_first) and self.budget.seconds_used() >= until:
@@ -332,9 +348,11 @@ class Recommender:
             return known[size]
 
         try:
-            is_late = is_first and self.budget.remaining(SEARCHED) <= 0  # a single run, whose step is rather too short
+            is_late = (
+                is_first and self.budget.remaining(SEARCHED) <= 0
+            )  # only one run is left, so its step is chosen rather too short
             start = scale if adaptive else no_coarser(scale, self.first / 2 if is_late else self.first)
-            # begin with coarser sizes as long as they hold: the cheapest setting may need fewer steps than the reference
+            # begin with coarser sizes as long as these are accurate enough: the cheapest may need fewer steps than the reference
             while len(start.sizes) < len(scale.sizes) and evaluate(start.sizes[0]).meets(HALF):
                 start = no_coarser(scale, 2 * start.sizes[0])
             _, engine.ended[way] = explore(evaluate, start, [HALF], EVALUATED, most)
@@ -354,9 +372,10 @@ class Recommender:
         return min(left, 2 * LANES * left / (1 + self._waiting())) if is_first else left
 
     def _refuse(self, engine: _Engine, trial: Trial) -> None:
-        """Keep only some variants of an engine that refused the linkage in its last trial.
+        """Choose the variants that are still tried of an engine that refused the linkage in its last trial.
 
-        They are those with other time loops, else one with another integrator. If there is none, the engine has refused.
+        They are the variants whose steps are taken by another time loop (Python's or a compiled one). If there are none, it is one
+        variant with another integrator. If there is none either, the engine has refused.
         """
         loops = {engine.loop_of(way) for way in engine.trials}
         others = [x for x in engine.left if str(x.options.get("loop", "")) not in loops]
@@ -366,7 +385,7 @@ class Recommender:
         engine.refused = None if others else (trial.status, trial.message)
 
     def _most(self, way: Way, before: tuple[Way, Trial] | None) -> int:
-        """Return the most steps that a variant may take: MOST, or SPARE times the work of the engine's best setting before."""
+        """Return the largest number of steps of a variant: MOST, or fewer steps if those take SPARE times the least work so far."""
         if before is None:
             return MOST
         spared = SPARE * work(before[0].integrator, before[1]) / EVALUATIONS.get(way.integrator, 1)
@@ -394,7 +413,10 @@ class Recommender:
         return replace(trial, errors=errors | {SHARE: worst})
 
     def _limit(self, engine: _Engine) -> float:
-        """Return the time limit of a run [s]; the first run of an engine, which loads or compiles its library, has longer."""
+        """Return the time limit of a run [s]; it is longer for the first run of an engine, which loads or compiles its library.
+
+        Engines that wait for their first run share the time until TRIED among LANES threads.
+        """
         left = self.budget.remaining(SEARCHED + AFTER)
         if engine.has_run:
             return max(min(LONGEST * self.budget.seconds, left), 1.0)
@@ -402,7 +424,7 @@ class Recommender:
         return max(min(2 * LONGEST * self.budget.seconds, own), ONE_TRY * self.budget.seconds, 1.0)
 
     def _tell(self, engine: _Engine, before: tuple[Way, Trial] | None) -> None:
-        """Report what the search of a variant has changed: a refusal, a first setting that holds, or one that is better."""
+        """Report what the search of a variant has changed: a refusal, a first setting that is accurate enough, or a better one."""
         after = engine.best()
         if after is None:
             near = nearest(engine.all_trials(), SHARE)
@@ -413,11 +435,11 @@ class Recommender:
         elif before is None or work(after[0].integrator, after[1]) < work(before[0].integrator, before[1]):
             how = "holds" if before is None else "better"
             self.report(f"{engine.title}: {how}: {describe_setting(after[0], engine)}: {self._errors(after[1])}")
-            with self._say:
+            with self._speaking:
                 self._better(replace(self._hold(engine, *after, None, None), message="not raced yet"))
 
     def _errors(self, trial: Trial) -> str:
-        """Return the required kinds of a trial's errors in words."""
+        """Return a text with those errors of a trial that the requirement limits."""
         return format_errors(trial.errors, self.wanted, ", ")
 
     # The race for the cheapest setting
@@ -473,7 +495,7 @@ class Recommender:
     def call_worker(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...], least: float = 1.0) -> Any:
         """Return function(*arguments) from the worker of an engine.
 
-        The call may take until LAST times the budget, or `least` seconds if that is later.
+        It must end within LAST times the budget since the start of the search, but has at least `least` seconds.
 
         Raises:
             WorkerFailure: the call failed or took too long.
@@ -531,8 +553,12 @@ def known_errors(trial: Trial) -> dict[str, float]:
 
 
 def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
-    """Return the settings of an engine to time: those with the least work, and the one with the least work of each time loop."""
-    ways = list(engine.passing().items())
+    """Return at most CHOICES settings of an engine to be timed.
+
+    They are those with the least work, and for each other time loop (Python's or a compiled one) its setting with the least work.
+    Settings with adaptive integrators are kept whatever their work, because the numbers of evaluations do not tell their time.
+    """
+    ways = list(engine.passing().items())  # by increasing work
     least = min((work(w.integrator, t) for w, t in ways), default=0.0)
     near = [(w, t) for w, t in ways if work(w.integrator, t) <= NEAR * least or w.integrator in engine.adaptive][:CHOICES]
     shown = {engine.loop_of(w) for w, _ in near}
@@ -542,9 +568,10 @@ def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
 
 
 def by_loop(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) -> dict[str, float]:
-    """Return time loop -> time of its fastest setting divided by that of the fastest engine.
+    """Return, for each time loop of an engine (Python's or a compiled one), how much longer its fastest setting takes.
 
-    The result is empty without a race, and for an engine with a single loop.
+    The values are times divided by the time `fastest` of the fastest engine. The result is empty if nothing was timed, and for an
+    engine with a single loop.
     """
     seconds: dict[str, list[float]] = {}
     for way, x in times.items():
@@ -556,7 +583,7 @@ def by_loop(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) 
 
 
 def answer_of(engine: _Engine) -> Reach:
-    """Return the answer in words for an engine without a setting that meets the requirement."""
+    """Return the kind of answer and the sentence for an engine without a setting that meets the requirement."""
 
     def not_tried(reason: str) -> Reach:
         return Reach(Kind.NOT_TRIED, f"{reason}; {MORE}", within="within the budget")
@@ -565,6 +592,7 @@ def answer_of(engine: _Engine) -> Reach:
     if engine.refused is not None:
         if engine.refused[0] is not Status.SKIP:
             return Reach(Kind.NOT_TRIED, engine.refused[1])
+        # a refusal is judged like a single trial that was skipped
         return reach([[Trial(math.nan, {}, 0, *engine.refused)]], [HALF])
     if not trials:
         return not_tried("it had no turn")

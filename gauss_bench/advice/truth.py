@@ -4,8 +4,9 @@ The integrator has order eight. It runs with the suite's own formulation, in num
 The run with half the step is the reference. Its difference from the run with the whole step is its error bar, which is about 200
 times too large at order eight. The accelerations at every sample are compared with those of the suite's equations in numpy, which
 shows an error of the compiled equations. If there is a certificate, the motion is compared with it too, and the error bar includes
-the difference. Between samples, which are as dense as the whole steps, positions are polynomials of degree five that match
-position, velocity and acceleration at both ends (quintic Hermite interpolation). The error bar includes the interpolation error.
+the difference. The reference has a sample at each whole
+step. Between samples, positions are polynomials of degree five that match position, velocity and acceleration at both ends (quintic
+Hermite interpolation). The error bar includes the interpolation error.
 """
 
 import math
@@ -107,8 +108,8 @@ def between(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
 def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], worker: Worker, told: Callable[[str], object]) -> Truth:
     """Return a reference whose error bars are within `wanted`, or as small as time and rounding allow.
 
-    Two runs in numpy come first: if they are accurate enough, nothing is compiled. Else the compiled formulation takes smaller and
-    smaller steps, for COMPILED of the budget at most. If it fails, numpy continues.
+    Two runs in numpy come first: if they are accurate enough, nothing is compiled. Otherwise the compiled formulation runs with
+    smaller and smaller steps, for at most the share COMPILED of the budget. If it fails, numpy continues.
 
     Args:
         wanted: kind of error -> largest error bar [m], [rad], [N].
@@ -124,9 +125,10 @@ def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], work
     known: list[Truth] = []
 
     def try_steps(engine: str, where: Worker, share: float, first: int, most: float = math.inf) -> bool:
-        """Try `first` to `most` steps in a worker, and tell whether a run is accurate enough.
+        """Run an engine in a worker with `first` to `most` steps, and tell whether a reference is accurate enough.
 
-        A share of the budget is left for other engines.
+        References are added to `known`, and the reason of a failure to `reasons`. `share` is the part of the budget that is kept
+        for other engines.
         """
         try:
             for found in follow(run, engine, where, lambda: left() - share * budget, first, most):
@@ -207,7 +209,7 @@ def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Tra
 def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, steps: int, engine: str) -> Truth:
     """Return the finer run as a reference, whose error bar is its difference from the coarser run of `steps` steps.
 
-    The bars of positions and angles also include the interpolation error and the largest gap of a joint.
+    The error bars of positions and angles also include the interpolation error and the largest gap of a joint.
 
     Raises:
         NoTruth: the accelerations are not those of the linkage.
@@ -234,6 +236,7 @@ def _between_bars(known: Reference) -> dict[str, float]:
     half = known.samples[::2]
     if len(half.t) < 2:
         return {"position": math.inf, "angle": math.inf}
+    # the other samples as interpolated from these, compared with themselves
     missed = np.abs(between(half, known.t[1:-1:2])[0] - known.q[1:-1:2]) / SIXTH
     return {"position": float(places(missed).max(initial=0.0)), "angle": float(angles(missed).max(initial=0.0))}
 
@@ -249,11 +252,14 @@ def _certify(run: Run, truth: Truth) -> Truth:
         return truth
     q, v = between(truth.reference, certificate.t)
     off = state_errors(run.mechanism, replace(certificate.samples, q=q, v=v), certificate).largest
-    own = float(np.fmax(certificate.error_q, certificate.floor_q).max())
-    if max(off.values()) > 1e3 * max(truth.bar, own):
+    certified_error = float(np.fmax(certificate.error_q, certificate.floor_q).max())
+    if max(off.values()) > 1e3 * max(truth.bar, certified_error):
         raise NoTruth(f"the motion found and the certified one differ by {max(off.values()):.1e}")
-    # halving the steps changes errors of order eight by 2^8 = 256: the bar is this much too large
-    bars = {**truth.bars, **{kind: max(x, truth.bars[kind] / 256) + own for kind, x in off.items()}}
+    # The error bar is the difference between runs with steps h and h/2. At order eight, the error of the finer run is 1/256 of it.
+    bars = {**truth.bars, **{kind: max(x, truth.bars[kind] / 256) + certified_error for kind, x in off.items()}}
     return replace(
-        truth, bars=bars, certified=True, told=f"certified to {own:.0e}, which the motion found here confirms: {truth.told}"
+        truth,
+        bars=bars,
+        certified=True,
+        told=f"certified to {certified_error:.0e}, which the motion found here confirms: {truth.told}",
     )

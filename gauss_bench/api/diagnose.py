@@ -190,9 +190,13 @@ def run_ladder(
     told: Told,
     question: ForceQuestion,
 ) -> tuple[Verdict, Run | None]:
-    """Diagnose runs with finer and finer steps or tolerances; return the verdict and the first run.
+    """Diagnose runs with finer and finer steps or tolerances; return the verdict, and the first run or None if none was needed.
 
-    The first run also answers the question on the engine's own joint forces. It is None if the diagnosis needed no run.
+    Args:
+        end: duration of the runs [s].
+        deadline: time of the monotonic clock [s] by which the last run ends.
+        told: called with sentences of progress.
+        question: the question on the engine's own joint forces, which is put to the first run.
     """
     choice, offered, runs = subject.choice, subject.offered, list[Run]()
 
@@ -276,8 +280,10 @@ def subject_as_it_stands(file: OwnFile, integrator: str | None, stabilization: s
 
 
 def compare_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference, required: Mapping[str, float]) -> list[str]:
-    """Return for each requirement (kind -> largest error [m], [rad]) a sentence that says whether a run holds it."""
-    if not reference.certified:  # other references have equally spaced samples, which need not be those of the run
+    """Return for each requirement (kind -> largest error [m], [rad]) a sentence that says whether a run meets it."""
+    if (
+        not reference.certified
+    ):  # other references have equally spaced samples, which need not be those of the run; only q and v are compared
         q, v = truths.between(reference, trajectory.t)
         reference = Reference.with_one_bar(replace(trajectory, q=q, v=v), reference.method)
     largest = state_errors(mechanism, trajectory, reference).largest

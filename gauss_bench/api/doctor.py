@@ -127,7 +127,12 @@ def _check_compiler() -> Finding:
     """Report the C compiler, which some engines need."""
     path = compiler()
     if path is None:
-        return Finding("C compiler", "none", "missing", f"{NO_COMPILER}; by_hand does not run, and casadi in its virtual machine")
+        return Finding(
+            "C compiler",
+            "none",
+            "missing",
+            f"{NO_COMPILER}; by_hand cannot run, and casadi runs in its own virtual machine, which is slower",
+        )
     return Finding("C compiler", str(Path(path)))
 
 

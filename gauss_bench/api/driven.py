@@ -28,6 +28,8 @@ RISE = {"travel_deg": 360.0, "time": 1.0}  # defaults of all other laws
 def driver_table(text: str) -> dict[str, Any]:
     """Return the driver table (key -> number or text, as in a scenario) of a text "LAW" or "LAW:key=value,...".
 
+    A law without keys gets defaults: one turn in a second. The law "table" may name a file, whose rows are read.
+
     Raises:
         ChoiceError: the part after the colon has another form.
     """
@@ -177,7 +179,12 @@ def _read_holds(source: Source, hold: Sequence[str] | None) -> dict[str, float |
 
 
 def _load_held(source: Source, driver: str | None, held: dict[str, float | None], with_forces: bool) -> Mechanism:
-    """Return the driven mechanism in which the coordinates of `held` do not move; `held` is that of `_read_holds`."""
+    """Return the driven mechanism in which some coordinates do not move.
+
+    Args:
+        held: name of a link, slide or pin -> the value at which it is held [deg], [m], or None for its present value.
+        with_forces: whether the forces of the scenario act.
+    """
     own = _load_own(source)
     chosen = source.document["scenarios"][own.scenario]
     moved = write_out(merge(source.document, chosen.get("override", {})))
@@ -220,7 +227,7 @@ def _list_still(mechanism: Mechanism, bodies: Mechanism, start: dict[str, Any]) 
 
     Args:
         mechanism: gives the values of the coordinates.
-        bodies: the mechanism itself, or its `apart`.
+        bodies: the mechanism itself, or the same mechanism with welded links as separate bodies.
         start: {"angles": name -> value, "slides": name -> value}.
     """
     still: list[AngleDriver | SlideDriver] = []

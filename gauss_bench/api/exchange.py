@@ -76,7 +76,7 @@ class Tuning(Result):
     def sentences(self) -> tuple[str, ...]:
         """Sentences for the head of the exported file."""
         how = f"settings {self.settings}, {self.integrator}, step {self.step:g} s"
-        held = "held by half" if self.met else "NOT HELD by any step that was tried"
+        held = "both errors are at most half of that" if self.met else "NOT HELD by any step that was tried"
         return (
             f"Measured over {self.until:g} s with {how}:",
             f"joints open by {self.loops_open:.1e} (m, rad) at most, links off by {self.motion_error:.1e} (m, rad) at most.",
@@ -160,8 +160,8 @@ def export(
 ) -> Export:
     """Write a linkage as a model or program that runs without this package.
 
-    A program is run before it is written, and its head states its error. If the judge refuses the program's motion, the program is
-    not written, and the result's `refused` gives the reason.
+    A program is run before its file is written, and the comment at its top states its error. If the judge refuses the program's
+    motion, the file is not written, and the result's `refused` gives the reason.
 
     Args:
         linkage: name of a built-in linkage, or a path.
@@ -224,7 +224,7 @@ def export(
 
 
 def _check_step(engine: str, kind: Kind, step: float | None, tuned: bool) -> None:
-    """Check the arguments on the step [s] of a file.
+    """Check the arguments that determine the time step [s] of an exported file.
 
     Raises:
         ChoiceError: the step is not positive, `step` and `tuned` are both given, or the kind's integrator chooses its steps.
@@ -299,7 +299,7 @@ def choose_setting(order: Order, usual: Choice, tuned: bool, wanted: Mapping[str
 
 
 def find_kind(name: str) -> Kind:
-    """Return the kind of file with this name: one of KINDS, or the programs that an engine of this name writes itself.
+    """Return the kind of file with this name: one of KINDS, or the program of an engine that writes programs itself.
 
     Raises:
         ChoiceError: there is none; the message lists all kinds.
@@ -317,7 +317,7 @@ def find_kind(name: str) -> Kind:
 
 
 def required(engine: str, kind: Kind, has_step: bool, **limits: float | None) -> dict[str, float]:
-    """Return the given requirements: kind -> largest error [m], [rad], [N].
+    """Return the requirements that are given: quantity (position, angle or force) -> its largest error [m], [rad], [N].
 
     Raises:
         ChoiceError: a file of this kind cannot hold the settings of a search, or another argument gives the step already.
@@ -335,16 +335,17 @@ def required(engine: str, kind: Kind, has_step: bool, **limits: float | None) ->
 
 
 class NotReached(ArithmeticError):
-    """No setting of an engine is known to hold the requirement."""
+    """No setting of an engine is known to meet the requirement."""
 
 
 def find_setting(order: Order, wanted: Mapping[str, float], budget: float, told: Told) -> Setting:
-    """Return the engine's cheapest setting that holds the requirement over the scenario's duration.
+    """Return the engine's cheapest setting that meets the requirement over the scenario's duration.
 
     Raises:
-        NotReached: no setting holds it within the budget, or no reference is known well enough.
+        NotReached: no setting that meets it is found within the budget, or no reference is accurate enough.
     """
     engine, end = order.kind.engine, order.mechanism.duration
+    # a program in C has only the integrators that are written in C
     tried = [x for x in variants(offer(engine)) if order.name != "c" or x.integrator in INTEGRATORS]
     limit = format_limits(wanted)
     try:
@@ -355,8 +356,8 @@ def find_setting(order: Order, wanted: Mapping[str, float], budget: float, told:
         raise NotReached(f"no setting can be judged: {reason}") from reason
     if answer.status != "ok":
         raise NotReached(f"no setting of {engine} is known to hold {limit} over {end:g} s: {answer.message}")
-    came = format_errors(answer.errors, wanted)
-    return Setting(answer.choose(end), (f"Found for at most {limit}: {setting_of(answer)} came to {came} in the search.",))
+    reached = format_errors(answer.errors, wanted)
+    return Setting(answer.choose(end), (f"Found for at most {limit}: {setting_of(answer)} came to {reached} in the search.",))
 
 
 def name_missed(error: ProgramError, wanted: Mapping[str, float]) -> str:
@@ -418,7 +419,7 @@ def read_there(model: str, name: str, close: list[str]) -> dict[str, Any]:
 
 
 def tune(order: Order, budget: float, told: Told) -> Tuning:
-    """Find the largest step whose errors are at most half of OPEN and MOTION; if there is none, take the step with least errors.
+    """Find the largest step whose errors are at most half of OPEN (gaps of loops) and MOTION, or else the step of least errors.
 
     The motion may be chaotic, so that no reference is exact enough over the whole time. Then a quarter of the time is tried, and
     then a sixteenth.
@@ -430,16 +431,17 @@ def tune(order: Order, budget: float, told: Told) -> Tuning:
     named = f"{mechanism.source}: {mechanism.name}"
     space = {kind.engine: [Variant(kind.settings, kind.integrator, kind.stabilization, {})]}
     wanted = {"position": MOTION, "angle": MOTION, LOOPS: OPEN}
-    own = Budget(budget / SEARCHED)  # no race follows, so the search may use all of the budget
+    # a Recommender searches for the share SEARCHED of its budget; here nothing is timed afterwards, so the search may use it all
+    search_budget = Budget(budget / SEARCHED)
     for until in shorten(min(max(mechanism.duration, SHORTEST), LONGEST)):
         try:
-            with Recommender(Run(order.linkage, mechanism, until), wanted, space, own, told) as recommender:
+            with Recommender(Run(order.linkage, mechanism, until), wanted, space, search_budget, told) as recommender:
                 truth = recommender.search().truth
                 (answer,) = recommender.answers({})
         except NoTruth as reason:
             told(f"not known over {until:g} s: {reason}")
-            unknown, own = reason, Budget(own.remaining())
-            if own.seconds <= 0:
+            unknown, search_budget = reason, Budget(search_budget.remaining())
+            if search_budget.seconds <= 0:
                 break
         else:
             if not (answer.steps and answer.errors):

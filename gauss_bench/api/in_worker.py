@@ -1,4 +1,4 @@
-"""Call functions in a worker that answer with plain data or refuse with a sentence."""
+"""Call functions that return plain data or refuse with a sentence, in a worker."""
 
 from collections.abc import Callable
 from typing import Any

@@ -246,7 +246,7 @@ def describe_motion(
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """A motion by drivers, as far as it goes.
+    """A driven motion, up to the last sample that could be reached.
 
     Attributes:
         states: states at the k times that were reached.
@@ -263,7 +263,7 @@ def move(mechanism: Mechanism, times: Array, method: str) -> Moved:
     """Move a linkage by its drivers over the times (k,) [s], as far as it goes, by one of METHODS.
 
     Raises:
-        ChoiceError: the method does not cover the linkage, or the number of drivers is not the number of freedoms.
+        ChoiceError: the method does not cover the linkage, or the number of drivers differs from the number of degrees of freedom.
     """
     stopped = ""
     try:
@@ -290,7 +290,7 @@ def _find_loads(mechanism: Mechanism, states: Trajectory) -> tuple[Curve, ...]:
 
 
 def name_value(driver: Driver) -> str:
-    """Return the word of the grammar for the value of a driver: "angle", "position" or "length"."""
+    """Return the key that linkage files use for the value of a driver: "angle", "position" or "length"."""
     match driver:
         case AngleDriver():
             return "angle"
@@ -301,7 +301,7 @@ def name_value(driver: Driver) -> str:
 
 
 def driver_state(driver: Driver, times: Array) -> DriverState:
-    """Return the motion of a driver at times (k,) [s], with its value under "angle" and under the word of the grammar."""
+    """Return the motion of a driver at times (k,) [s]; its value has two keys, "angle" and that of linkage files."""
     value, speed, acceleration = driver.law(times)
     state = DriverState(angle=value, speed=speed, acceleration=acceleration)
     return cast(DriverState, state | {name_value(driver): value})

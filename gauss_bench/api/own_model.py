@@ -60,7 +60,10 @@ def read_own_file(name: str | Path, close: tuple[str, ...], worker: Worker) -> O
 
 
 def read_plainly(file: str, close: list[str]) -> dict[str, Any]:
-    """Return as plain data a linkage document made from a model file, and the other fields of `OwnFile`; this runs in a worker."""
+    """Read a model file, and return the fields of `OwnFile` as plain data, with a linkage document; this runs in a worker.
+
+    `close` lists pairs of points that are joined to close loops, for URDF alone, which cannot say so.
+    """
     path = Path(file)
     name, kind = re.sub("[^A-Za-z0-9_]+", "_", path.stem), FORMS.get(str(read_xml(path).tag), "")
     if kind != "MJCF":
@@ -78,7 +81,7 @@ def refuse_what_acts(file: OwnFile, until: float, worker: Worker) -> None:
     """Refuse a model in which a contact, the end of a joint's range, or dry friction acts before the time `until` [s].
 
     Raises:
-        ExchangeError: something acts; the message names the element and the time at which it first acts.
+        ExchangeError: one of them acts; the message names the element and the time at which it first does.
     """
     found = answer_in_worker(worker, acts_beside_loops, (str(file.path), file.key, until), ACTING, str(file.path))
     if found["what"]:

@@ -1,6 +1,6 @@
 """Measure the error of an exported program: run its engine and setting, judge the run, and compare it with a reference.
 
-A program in C is compiled and run itself if there is a compiler, because its arithmetic differs from that of any engine. A program
+A program in C is itself compiled and run if there is a compiler, because its arithmetic differs from that of any engine. A program
 that an engine writes itself is run in the engine's environment, without this package.
 """
 
@@ -102,12 +102,12 @@ class ProgramError(Result):
 
 
 def describe_error(position: float, angle: float) -> str:
-    """Return the sentence for the head of a program on its errors [m] and [rad]."""
+    """Return the sentence about the errors [m] and [rad] that stands at the top of a program."""
     return f"Error: centres of mass are off by {position:.1e} m at most, angles by {angle:.1e} rad at most."
 
 
 def describe_reference(reference: str, known: float | None) -> str:
-    """Return the sentence for the head of a program on how the reference was made, and on its error bar [m, rad]."""
+    """Return the sentence about the reference and its error bar [m, rad] that stands at the top of a program."""
     return f"Reference: {reference}; known to {known:.1e} (m, rad)."
 
 
@@ -202,7 +202,15 @@ def measure_program(
 
 
 def run_program(run: Simulation, source: str, interpreter: Interpreter | None, seconds: float) -> Measured:
-    """Run a program itself within some seconds if that is possible; otherwise return the suite's run of the same setting."""
+    """Run a program for at most `seconds`; if it cannot be run here, return the suite's run of the same setting.
+
+    `Measured.what` says which of the two it is, and why. A program that runs and fails has no trajectory.
+
+    Args:
+        run: the suite's run.
+        source: text of the program; empty for a kind that is not run by itself.
+        interpreter: the Python that runs it, or None for a program in C.
+    """
     what = f"the suite's run of {run.engine} with the same setting"
     if not source:
         return Measured(run.status, run.message, run.trajectory, what)
@@ -219,7 +227,7 @@ def run_program(run: Simulation, source: str, interpreter: Interpreter | None, s
 
 
 def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Compared:
-    """Return the largest errors of a trajectory, also at its last sample, within some seconds.
+    """Return the largest errors of a trajectory, the last sample included, against references that take at most `seconds`.
 
     A quick reference is computed first. If its error bar is more than a tenth of the error, a more precise one follows.
     """
@@ -311,7 +319,7 @@ def run_python(source: str, mechanism: Mechanism, interpreter: Interpreter, seco
 
 
 def read_rows(lines: list[str], n: int) -> Trajectory:
-    """Return lines of t, n positions and n velocities as a trajectory whose accelerations are zero.
+    """Return a trajectory from lines of CSV, each with t, n positions and n velocities; its accelerations are zero.
 
     Raises:
         ProgramFailed: a line has another form, or a number is not finite.

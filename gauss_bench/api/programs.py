@@ -80,13 +80,17 @@ class Wanted(NamedTuple):
     @property
     def choice(self) -> Choice:
         """The setting as an engine takes it."""
+        # an integrator that chooses its steps is asked for samples at the distance of the step
         step = self.step if math.isfinite(self.step) else self.until / BEATS
         tolerance = self.tolerance if math.isfinite(self.tolerance) else None
         return Choice(self.settings, self.integrator, self.stabilization, step, tolerance)
 
 
 def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]:
-    """Return the fields of a Wanted -> its program, without the settings whose program cannot be written on this machine."""
+    """Return a program for each setting, keyed by the fields of its `Wanted`.
+
+    Settings whose program cannot be written on this machine, or is too long for a report, are left out.
+    """
     written: dict[tuple[Any, ...], str] = {}
     load_until.cache_clear()  # a file may have changed since the last report
     with Worker() as worker:

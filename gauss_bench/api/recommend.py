@@ -208,7 +208,7 @@ def order_kinds() -> list[str]:
 
 
 def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
-    """Return the variants of an engine, or of these settings of it, in the order in which the search tries them."""
+    """Return the variants of an engine in the order in which the search tries them: all, or those with the given settings."""
     if not engine.usable:
         return []
     if settings is not None:
@@ -219,7 +219,10 @@ def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
     tried = [x for x in tried if holds(engine.name, x.integrator, x.stabilization, str(x.options.get("code", "")))]
 
     def rank(x: Variant) -> tuple[int, bool]:
-        """Return the place in the engine's own order, or else that of the integrator, without stabilization first."""
+        """Return the key by which variants are sorted: the place in the engine's own order, or else that of the integrator.
+
+        Of equal integrators, variants without stabilization come first.
+        """
         if engine.first:
             return place_in(engine.first, x.name), False
         return place_in(FIRST, x.integrator), x.stabilization != "none"

@@ -220,7 +220,7 @@ class Simulation(OneRun):
         return tuple(f"warning: {x}" for x in self.warnings)
 
     def told(self) -> Caption:
-        """Return the sentences on the run that plots and animations show, and the times [s] of its end and of its trusted part."""
+        """Return the caption of plots and animations: sentences on the run, and the times [s] when it and its trusted part end."""
         how = f"{self.engine} ({self.settings}), {self.integrator}, stabilization {self.stabilization}, step {self.step:g} s"
         verdict = "" if self.valid else _join(f"{self.status}: {self.message}", self.advice)
         end = max(self.asked_until, float(self.t[-1]) if len(self.t) else 0.0)
@@ -359,7 +359,7 @@ def run_twice(request: Request, mechanism: Mechanism, offered: Offer, limit: flo
 def _judge(mechanism: Mechanism, choice: Choice, runs: Runs, samples: Trajectory, at: list[float], forces: bool) -> dict[str, Any]:
     """Return the fields of Simulation that the samples of a run decide.
 
-    States are those at the times `at` [s]; a failed run has the times that it reached, and its last time.
+    States are those at the times `at` [s]. Of a failed run they are those at the times that it reached, and at its last sample.
     """
     run, ended = runs.run, runs.run.trajectory is not None
     evidence, undecided = evidence_of(mechanism, choice, samples, runs.truth, runs.finer, adaptive=runs.adaptive)

@@ -1,4 +1,4 @@
-"""Output of verbs: an object as JSON or as text on stdout, and progress on stderr.
+"""Output of commands: an object as JSON or as text on stdout, and progress on stderr.
 
 The text comes from a template `text/VERB.txt`, in which x is the object that `--json` prints.
 """
@@ -50,7 +50,10 @@ class Result:
         return self.as_dict()
 
     def as_dict(self) -> dict[str, Any]:
-        """Return name -> field, in order, as plain data and arrays."""
+        """Return name -> field, in order, as plain data and arrays, then the properties in `computed`.
+
+        A field whose metadata have "told" is left out ("never"), or left out if it is empty ("unless empty").
+        """
         by_name = {}
         for x in fields(self):  # type: ignore[arg-type]
             value, shown = getattr(self, x.name), x.metadata.get("told")
@@ -68,7 +71,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Answer(Generic[Data]):
-    """The answer of a verb that is not a public function.
+    """The result of a command that is no public function of the package.
 
     Attributes:
         data: object that --json prints; None prints nothing. Its type is the verb's published schema.

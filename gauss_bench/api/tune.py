@@ -1,7 +1,10 @@
-"""Write a user's MJCF file with settings that hold an accuracy: the object that `gauss-bench tune --json` prints.
+"""Write a copy of a user's MJCF file with settings that meet a required accuracy.
+
+The result is the object that `gauss-bench tune --json` prints.
 
 Only attributes of MJCF are changed, in the text of the file. Every setting is first tried at the file's own timestep; with
-`allow_step` the timestep is then halved until a setting holds. The written file is compiled and run again, and this run is judged.
+`allow_step` the timestep is then halved until a setting is accurate enough. The written file is compiled and run again, and this
+run is judged.
 """
 
 import math
@@ -109,9 +112,13 @@ class Judge:
     """Runs a model file with changed settings, and compares each run with the reference.
 
     Attributes:
-        file: the model file; run: its linkage and the end of the runs.
-        required: kind -> largest allowed error [m], [rad], [N]; known: the reference.
-        evaluator, worker, budget: of the linkage, and for all runs.
+        file: the model file.
+        run: its linkage, and the end of the runs [s].
+        required: kind -> largest allowed error [m], [rad], [N].
+        known: the reference.
+        evaluator: evaluates the linkage's equations.
+        worker: the process of all runs.
+        budget: the time for all runs.
     """
 
     def __init__(self, file: OwnFile, until: float, required: Mapping[str, float], known: Truth, worker: Worker, budget: Budget):
@@ -120,7 +127,7 @@ class Judge:
         self.evaluator, self.worker, self.budget = Evaluator(file.mechanism), worker, budget
 
     def try_setting(self, changes: Mapping[str, Any], path: Path | None = None) -> Tried:
-        """Run the model file, or the file at `path`, with changed attributes, and return its errors."""
+        """Run the model file, or the file at `path`, with changed attributes; return the changes, the run's trial and its share."""
         step = float(changes.get("timestep", self.file.settings["timestep"]))
         steps = max(1, int(self.run.until / step * (1 + 1e-12)))
         times = step * np.unique(np.linspace(0, steps, min(steps, SAMPLES) + 1).round())  # (k,) [s], multiples of the step
@@ -148,7 +155,7 @@ def tune(
     replace: bool = False,
     told: Told = nobody,
 ) -> Tuned:
-    """Write a copy of an MJCF file whose settings hold an accuracy; every byte but the values of a few attributes stays.
+    """Write a copy of an MJCF file whose settings meet a required accuracy; every byte but the values of a few attributes stays.
 
     Args:
         model: path of the file, which is judged at its keyframe and with the keyframe's controls.
@@ -254,7 +261,7 @@ def is_set(value: Any, wanted: Any) -> bool:
 
 
 def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> Tried:
-    """Return the first setting that holds at the longest possible step; if there is none, the one with the least errors."""
+    """Return the first accurate enough setting at the longest possible step; if there is none, the one with the least errors."""
     best, step = before, float(judge.file.settings["timestep"])
     for _ in range(HALVINGS if allow_step else 1):
         for changes in list_settings(judge.file, step):
@@ -274,8 +281,8 @@ def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[
     """Write the edited file, run it from its place, and return its errors and its cost relative to the original file.
 
     Raises:
-        ExchangeError: an attribute does not take effect, something else changed, included files are not found from there, or the
-            written file does not hold the requirement.
+        ExchangeError: an attribute does not take effect, something else changed, included files are not found from the
+            result's folder, or the written file does not meet the requirement.
         OSError: the file cannot be written.
     """
     source = judge.file.path
@@ -296,6 +303,7 @@ def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[
                 break
         if reason:
             raise ExchangeError(f"{path}: not written: {reason}")
+        # all other changes stand in the written file
         written = judge.try_setting({key: x for key, x in best.changes.items() if key == "timestep"}, part)
         if written.share > HOLDS:
             raise ExchangeError(f"{path}: not written: the file itself is off by {describe_errors(written)}")

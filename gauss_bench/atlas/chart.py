@@ -39,7 +39,10 @@ def number(value: float) -> str:
 
 
 def bar(axis: Axis, x: Reach) -> dict[str, Any]:
-    """Return the bar of one way for the template: its name, spans (from, to, colour) as shares of the axis, and text."""
+    """Return the horizontal bar of one engine and setting for the template: name, coloured spans (from, to, colour), and text.
+
+    The spans are fractions of the axis.
+    """
     passes, ends = part(axis, x.passes_to), part(axis, x.ends_at)
     beyond = GRID if x.last in (Verdict.CANNOT, Verdict.OPEN) else FAILED
     spans = ((0.0, 1.0, beyond), (0.0, max(passes, ends), DEGRADED), (0.0, passes, PASS))
@@ -53,7 +56,7 @@ def bar(axis: Axis, x: Reach) -> dict[str, Any]:
 
 
 def panels(reaches: Sequence[Reach]) -> list[tuple[Axis, list[Reach]]]:
-    """Return every axis with the reaches along it, in the order of the survey."""
+    """Return each axis with what the survey found for every engine and setting along it, in the order of the survey."""
     return [(FAMILIES[axis], [x for x in reaches if x.axis == axis]) for axis in dict.fromkeys(x.axis for x in reaches)]
 
 

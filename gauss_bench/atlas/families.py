@@ -82,7 +82,11 @@ def four_bar(speed: float = TURN, duration: float = 0.5) -> Document:
 
 
 def singular(angle: float) -> Document:
-    """Return a crank-rocker with the lengths 1/2 - d, 1, 1/2, 1, whose smallest transmission angle is `angle` [deg]."""
+    """Return a crank-rocker whose smallest transmission angle is `angle` [deg]; at 0 it passes through a singular position.
+
+    Ground and coupler have the length 1, and the rocker 1/2. The transmission angle is smallest if the crank lies on the line of
+    the ground pins, so that 1 - crank is the side of the triangle opposite to it: (1 - crank)^2 = 1 + 1/4 - cos(angle).
+    """
     crank = 1.0 - float(np.sqrt(1.25 - np.cos(np.radians(angle))))
     document, turn = four_bar(), np.radians(60.0)
     document["ground"]["points"] = {"A": [0.0, 0.0], "D": [1.0, 0.0]}
@@ -142,10 +146,10 @@ def size(count: float) -> Document:
 
 
 def pendulum(count: float, t: Array, tolerance: float) -> Array:
-    """Return the motion q, v, a (3, k, n) of `size` at times t (k,) [s]; it is that of a single pendulum.
+    """Return the motion q, v, a (3, k, n) of the N-four-bar of `size(count)` at times t (k,) [s].
 
-    N + 1 bars turn, and N bars move without turning. The pendulum's inertia is ((N + 1) / 3 + N) m l^2, and gravity's moment on it
-    is -((N + 1) / 2 + N) m g l cos(angle).
+    For every N = `count` the cranks move as one pendulum does: N + 1 bars turn, and N bars move without turning. The pendulum's
+    inertia is ((N + 1) / 3 + N) m l^2, and gravity's moment on it is -((N + 1) / 2 + N) m g l cos(angle).
     """
     from scipy.integrate import solve_ivp
 
@@ -167,7 +171,15 @@ def pendulum(count: float, t: Array, tolerance: float) -> Array:
 
 
 def read_axis(name: str, values: Sequence[float] = (), step: float = STEP, unit: str = "", **table: Any) -> Axis:
-    """Return the axis of one table of `axes.toml`; the function with the axis's name makes its documents."""
+    """Return the axis of one table of `axes.toml`.
+
+    The function of this module that has the axis's name makes its linkages. On the axes "speed" and "step" it is `four_bar`.
+
+    Args:
+        values: the values of the axis, from easy to hard; if there are none, they are the numbers between two ends, `ladder`.
+        step: integration step [s].
+        table: the other keys of the table: title, meaning, ladder (first, last), and the leading digits of its numbers.
+    """
     if values:
         rungs = tuple(values)
     else:

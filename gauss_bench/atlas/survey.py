@@ -1,8 +1,8 @@
-"""Run every way (engine, settings, stabilization) along every axis, and find by bisection where it stops passing.
+"""Run every engine with its settings along every axis of difficulty, and find by bisection where it stops passing.
 
 Bisection assumes that no harder value has a better verdict. Otherwise it finds one of the values at which the verdict changes. The
-first and the last value are always run. Every run takes place in a worker process with a time limit, so that an engine that crashes
-or hangs has failed. Verdicts depend on time only if a run reaches its limit or the survey reaches its budget.
+first and the last value are always run. Every run takes place in a worker process with a time limit, so that a crash
+or a hang counts as a failure. Verdicts depend on time only if a run reaches its limit or the survey reaches its budget.
 """
 
 import tempfile
@@ -58,7 +58,7 @@ class Way:
 
 @dataclass(frozen=True)
 class Reach:
-    """The reach of one way along one axis.
+    """The result of one engine with one setting along one axis: how far it passes.
 
     Attributes:
         way, axis: the way of running, and the name of the axis.
@@ -81,7 +81,7 @@ class Reach:
 
 
 def ways(wanted: Sequence[str] | None) -> list[Way]:
-    """Return the ways of the engines with these names, by default of all engines of suites.
+    """Return the ways of running the engines with these names, by default all engines of suites.
 
     Raises:
         KeyError: an engine is unknown.
@@ -111,7 +111,7 @@ def axes(wanted: Sequence[str] | None) -> list[Axis]:
 
 
 class Course:
-    """The linkages of the axes as files, with their references; each is made at its first use."""
+    """The linkages of all axes as files in a folder, with their references; each is made at its first use."""
 
     def __init__(self, folder: Path):
         self.folder, self.engine = folder, "gauss-native" if find_spec("llvmlite") else "gauss"
@@ -119,7 +119,7 @@ class Course:
         self.locks: defaultdict[tuple[str, float], threading.Lock] = defaultdict(threading.Lock)
 
     def at(self, axis: Axis, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
-        """Return the linkage of a value, and its reference or the reason why there is none."""
+        """Return the linkage that an axis has at a value, and its reference or the reason why there is none."""
         key = (axis.name, value)
         with self.locks[key]:
             if key not in self.known:
@@ -127,13 +127,17 @@ class Course:
             return self.known[key]
 
     def _make(self, axis: Axis, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
-        """Write the linkage of a value as a file, and compute its reference twice for the error bar."""
+        """Write the linkage that an axis has at a value as a file, and compute its reference.
+
+        The reference is computed with two tolerances, and the difference is its error bar. Return the linkage, and the reference
+        or the reason why there is none.
+        """
         document = axis.document(value)
         document["name"] = f"{axis.name}_{axis.values.index(value)}"
         path = self.folder / f"{document['name']}.toml"
         path.write_text(toml(document, ()), encoding="utf-8")
         mechanism, step = load(path, SCENARIO), axis.step(value)
-        times = compare(step, mechanism.duration)
+        times = comparison_times(step, mechanism.duration)
         motions = []  # each q, v, a (3, k, n)
         for tolerance in (EXACT, NEARLY):
             if axis.truth is not None:
@@ -147,11 +151,11 @@ class Course:
             motions.append(np.array([run.trajectory.q, run.trajectory.v, run.trajectory.a]))
         q, v, a = motions[0]
         error_q, error_v, error_a = np.abs(motions[0] - motions[1]).max(axis=2)
-        floor = np.zeros(len(times))
+        floor = np.zeros(len(times))  # of positions, rates and accelerations: their rounding is left out
         return mechanism, Reference(times, q, v, a, error_q, error_v, error_a, floor, floor, floor, "DOP853 at two tolerances")
 
 
-def compare(step: float, until: float) -> Array:
+def comparison_times(step: float, until: float) -> Array:
     """Return the times (k,) [s] at which a run up to `until` [s] is compared with the reference.
 
     They are multiples of the step [s], at least about a millisecond apart, and about SAMPLES at most.
@@ -162,13 +166,13 @@ def compare(step: float, until: float) -> Array:
 
 
 def reach(way: Way, axis: Axis, course: Course, worker: Worker, remaining: Callable[[], float]) -> Reach:
-    """Find the reach of one way along one axis; `remaining` returns the seconds that are left for it."""
+    """Find how far an engine with a setting (`way`) passes along an axis; `remaining` returns the seconds that are left for all."""
     runs: dict[int, RunVerdict] = {}  # index of a value -> its verdict
 
     def at(i: int) -> RunVerdict:
-        """Return the verdict on the value with this index, which is run only once."""
+        """Return the verdict on value number i of the axis; the first call makes the run."""
         if i not in runs:
-            runs[i] = look_at(way, axis, axis.values[i], course, worker, remaining())
+            runs[i] = run_and_judge(way, axis, axis.values[i], course, worker, remaining())
         return runs[i]
 
     def count(*no_worse: Verdict) -> int:
@@ -203,8 +207,11 @@ def reach(way: Way, axis: Axis, course: Course, worker: Worker, remaining: Calla
     )
 
 
-def look_at(way: Way, axis: Axis, value: float, course: Course, worker: Worker, left: float) -> RunVerdict:
-    """Run one way at one value of an axis, and return the verdict; without seconds `left` it is open."""
+def run_and_judge(way: Way, axis: Axis, value: float, course: Course, worker: Worker, left: float) -> RunVerdict:
+    """Run an engine with a setting (`way`) at one value of an axis, and judge the run.
+
+    The verdict is OPEN if no seconds are `left`, or if there is no reference.
+    """
     if left <= 0:
         return RunVerdict(Verdict.OPEN, reason="not reached within the budget")
     mechanism, reference = course.at(axis, value, worker)
@@ -216,10 +223,11 @@ def look_at(way: Way, axis: Axis, value: float, course: Course, worker: Worker, 
 
 
 def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: int, told: Told) -> list[Reach]:
-    """Return the reach of every way along every axis, axis by axis.
+    """Find how far every engine passes along every axis; return the results axis by axis.
 
     Args:
-        chosen, along: ways and axes.
+        chosen: engines with their settings.
+        along: the axes.
         budget: time for all runs [s].
         jobs: number of threads, each with a worker process of its own.
         told: called with each sentence of progress.
@@ -232,7 +240,7 @@ def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: in
         course = Course(Path(folder))
 
         def remaining() -> float:
-            """Return the seconds that are left, and none after an interrupt."""
+            """Return the seconds that are left, or 0 after an interrupt."""
             return 0.0 if broken_off.is_set() else until - time.monotonic()
 
         def stop() -> None:
@@ -267,7 +275,7 @@ def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: in
 
 
 def sentence(reached: Reach) -> str:
-    """Return the reach of one way in words."""
+    """Return a sentence on how far an engine passes along an axis, and what happens beyond."""
     axis = FAMILIES[reached.axis]
     unit = f" {axis.unit}" if axis.unit else ""
     if reached.passes_to is None:

@@ -12,7 +12,11 @@ HEAD = "axis,engine,"  # begin of the table's file, by which it is recognised
 
 
 def row(x: Reach) -> dict[str, Any]:
-    """Return the row of one way along one axis; `breaks_at` is the first value that does not pass."""
+    """Return the row of one engine and setting along one axis.
+
+    `breaks_at` is the first value that does not pass; it is None if all pass, if the engine cannot have the linkage, or if the time
+    ended before.
+    """
     axis = FAMILIES[x.axis]
     rest = axis.values[0 if x.passes_to is None else axis.values.index(x.passes_to) + 1 :]
     breaks = rest[0] if rest and x.last not in (Verdict.CANNOT, Verdict.OPEN) else None
@@ -27,9 +31,9 @@ def rows_of(reaches: Sequence[Reach], commit: str) -> list[dict[str, Any]]:
 
 
 def text(reaches: Sequence[Reach]) -> str:
-    """Return the atlas in words."""
+    """Return the results as text: for each axis its title and meaning, then a line for each engine and setting."""
     lines = [RULE]
-    for axis, some in panels(reaches):
+    for axis, entries in panels(reaches):
         lines += ["", f"{axis.title}: {axis.meaning}"]
-        lines += [f"  {x.way.name:28} {sentence(x)}" for x in some]
+        lines += [f"  {x.way.name:28} {sentence(x)}" for x in entries]
     return "\n".join(lines)

@@ -43,7 +43,7 @@ class Entry:
 
     @property
     def address(self) -> str:
-        """The address of the table on the page: its first place without names, and its first kind, such as `forces.torque`."""
+        """The table's anchor on the page, such as `forces.torque`: its first place without `.*` and `[*]`, and its first kind."""
         return ".".join(filter(None, (re.sub(r"\.\*|\[\*\]", "", self.places[0]), *self.kinds[:1])))
 
 
@@ -93,10 +93,12 @@ def inner_tables(annotation: Any, place: str) -> Iterator[tuple[str, type[schema
 def print_type(value: dict[str, Any], place: str) -> str:
     """Return a type of JSON Schema in words, such as "[number, number]".
 
-    Names have the kind of the thing that they name, such as "link", from `grammar.toml`.
+    The type of a name is the kind of thing that it names, such as "link"; the table `named` in `grammar.toml` has it by place.
 
     Args:
-        value: a schema; place: the place of the value in a file.
+        value: a schema.
+        place: place of the value in a file, such as `links.*`. There `.*` is the value of any key of a table, `.~` the key itself,
+            and `[*]` any entry of a list.
     """
     named = schema.GRAMMAR["named"]
     alternatives = value.get("anyOf", value.get("oneOf", ()))
@@ -112,7 +114,7 @@ def print_type(value: dict[str, Any], place: str) -> str:
         return f"[{inner}, {inner}]" if is_pair else f"[{inner}, ...]"
     if value["type"] == "object":
         by_name = [*value.get("patternProperties", {}).values(), value.get("additionalProperties")]
-        if by_name[0] is True:
+        if by_name[0] is True:  # in JSON Schema: the keys may have any values
             return "table"
         return f"{named.get(f'{place}.~', 'name')} → {print_type(by_name[0], f'{place}.*')}"
     if value["type"] == "string":
@@ -129,7 +131,7 @@ def print_default(default: Any) -> str:
 
 
 def explaining_headings() -> dict[str, str]:
-    """Return place of a table -> heading of the guide that explains it; the place "" has the heading of all other tables."""
+    """Return a dictionary: place of a table -> heading of the guide that explains it; the key "" is for all other tables."""
     headings = {"": TOP}
     for heading in re.findall(r"^### (.+)$", GUIDE.read_text(encoding="utf-8"), re.MULTILINE):
         for name in re.findall(r"`([^`]+)`", heading):
@@ -139,10 +141,10 @@ def explaining_headings() -> dict[str, str]:
 
 
 def heading_of(place: str) -> str:
-    """Return the heading of the guide that explains the table at a place: that of the longest place around it."""
+    """Return the heading of the guide that explains the table at a place: its own, or that of the nearest table around it."""
     headings = explaining_headings()
-    around = [outer for outer in headings if not outer or f"{place}.".startswith(f"{outer}.")]
-    return headings[max(around, key=len)]
+    enclosing = [outer for outer in headings if not outer or f"{place}.".startswith(f"{outer}.")]  # the place itself, too
+    return headings[max(enclosing, key=len)]
 
 
 def heading_anchor(heading: str) -> str:
@@ -151,12 +153,12 @@ def heading_anchor(heading: str) -> str:
 
 
 def print_place(place: str) -> str:
-    """Return a place for readers, with NAME for any name and [] for any entry of a list."""
+    """Return a place as it is printed: NAME instead of * for any name, and [] instead of [*] for any entry of a list."""
     return place.replace("[*]", "[]").replace("*", "NAME")
 
 
 def describe_place(entry: Entry) -> str:
-    """Return the places of a table as a heading, with the values of its `type` or `law` if that distinguishes it."""
+    """Return a heading for a table: all places where it may stand, and the values of `type` or `law` if these distinguish it."""
     words = " and ".join(f"`{print_place(x)}`" for x in entry.places if x) or "The file"
     return f"{words}, {entry.decides} {', '.join(f'`{x}`' for x in entry.kinds)}" if entry.decides else words
 

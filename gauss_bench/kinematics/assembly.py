@@ -106,7 +106,10 @@ def _joints(mechanism: Mechanism, loop: Loop) -> list[Joint]:
 
 
 def _chord(mechanism: Mechanism, loop: Loop, before: tuple[Loop, ...]) -> Joint:
-    """Return the pair at which a loop is cut open: the last pin in the file that no loop of `before` has, else the last pair."""
+    """Return the pair at which a loop is cut open: the last pin in the file, or the last slide if there is no pin.
+
+    Pairs that belong to the loops `before` are left out, unless the loop has no others.
+    """
     earlier = {x.name for other in before for x in _joints(mechanism, other)}
     own = [x for x in _joints(mechanism, loop) if x.name not in earlier] or _joints(mechanism, loop)
     return next((x for x in reversed(own) if not x.slides), own[-1])
@@ -149,7 +152,13 @@ def _approach(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Pl
 
 
 def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, apart: float) -> tuple[Length, ...]:
-    """Return the changes of length that would close a loop whose gap at q (n,) is `apart` [m], in the order of `OpenLoop`."""
+    """Return the changes of length that would close a loop, in the order of `OpenLoop.lengths`.
+
+    Args:
+        chord: the pin whose ends stay apart.
+        q: (n,) position in which these ends are nearest to each other.
+        apart: their distance there [m].
+    """
     if chord.slides:
         return ()
     lengths: list[Length] = []
@@ -164,36 +173,39 @@ def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, a
         points = [end for end in ends if end.link == passage.link]
         if len(points) < 2:  # the loop enters or leaves the link by a slide
             continue
-        way = position(q, points[1]) - position(q, points[0])
-        now = float(np.hypot(*way))
-        cosine = sense * float(way @ gap) / (now * apart) if now else 0.0
-        needed = now - apart / cosine if abs(cosine) > ALONG else 0.0  # d|g| / d|w| above
+        vector = position(q, points[1]) - position(q, points[0])
+        length = float(np.hypot(*vector))
+        # the gap grows by `cosine` per metre of this length, so that to first order a change by -apart / cosine closes it
+        cosine = sense * float(vector @ gap) / (length * apart) if length else 0.0
+        needed = length - apart / cosine if abs(cosine) > ALONG else 0.0
         if needed > 0.0:
             first, second = (point.name.partition(".")[2] for point in points)
-            lengths.append(Length(mechanism.link_name(passage.link), (first, second), now, needed))
+            lengths.append(Length(mechanism.link_name(passage.link), (first, second), length, needed))
     return tuple(sorted(lengths, key=lambda x: (x.link == "ground", abs(x.needed / x.now - 1.0))))
 
 
 def rank_about(mechanism: Mechanism, q: Array) -> int:
     """Return the rank of the joint rows at a generic position near q (n,), or at q itself if the joints are open there.
 
-    The generic rank is the largest of the ranks at q and at positions beside it. Bars in one line lose rank but cannot move, so
-    that there is no position beside them. The rank is then computed with slightly turned links, as of slightly different lengths.
+    The generic rank is the largest of the ranks at q and at neighbouring positions. Some linkages cannot move although J loses
+    rank, for example two bars stretched along one line, and then have no neighbouring position. The rank is then computed with
+    all links turned slightly and the joints open. That is the rank that links of slightly different lengths would have.
     """
     freedom, rng = Freedom(replace(mechanism, drivers=(), knife_edges=())), np.random.default_rng(0)
     place = freedom.close(q)
     if place is None:
         return _rank(freedom.at(q)[1])
     rank = _rank(place)
-    has_moved = not place.free.size
+    has_moved = not place.free.size  # without a free motion J has full column rank, and needs no neighbour
     for _ in range(3):
-        way = place.free @ rng.normal(size=place.free.shape[1])
-        size = largest(way) or 1.0
-        step = way * (GENERIC * freedom.size / size) / freedom.scale
-        beside = freedom.close(place.q + step)
-        if beside is None or np.abs((beside.q - place.q) * freedom.scale).max() < MOVED * np.abs(step * freedom.scale).max():
+        motion = place.free @ rng.normal(size=place.free.shape[1])  # a random free motion in scaled coordinates
+        size = largest(motion) or 1.0
+        step = motion * (GENERIC * freedom.size / size) / freedom.scale
+        neighbour = freedom.close(place.q + step)
+        # a projection that comes back to the start shows that the linkage cannot move like this
+        if neighbour is None or np.abs((neighbour.q - place.q) * freedom.scale).max() < MOVED * np.abs(step * freedom.scale).max():
             continue
-        has_moved, rank = True, max(rank, _rank(beside))
+        has_moved, rank = True, max(rank, _rank(neighbour))
     if has_moved or rank == len(place.J):
         return rank
     turned = np.array(place.q)

@@ -7,9 +7,9 @@ With the unknown points p, the equations phi(p, t) = 0 of `point_equations` and 
     accelerations  J p'' = gamma = -(known points' part of phi'') - (products of speeds)
 
 The state of a link follows from two of its points A and B, at the places a and b in the link: with E = (B - A) / (b - a),
-theta = arg E (in the turn nearest to the prediction), omega = Im(E' conj E), alpha = Im(E'' conj E). A step is halved if the search
-fails, or ends far from the prediction or on the other side of a singular position. The motion therefore follows an input up to its
-limit, and never changes to another assembly.
+theta = arg E plus the whole turns that bring it nearest to the prediction, omega = Im(E' conj E), alpha = Im(E'' conj E). A step is
+halved if the search fails, or ends far from the prediction or on the other side of a singular position. The motion therefore
+follows an input up to its limit, and never changes to another assembly.
 Source: Men, Feng, He (see `point_equations`), section 2, for the search from the previous state; differentiated constraints after
 Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 3.2.
 """
@@ -92,19 +92,24 @@ class _Follower:
         x: (i,) present inputs [rad, m].
         p: (2 u,) present unknown points [m].
         theta: present angles of the links [rad].
-        largest: (i,) largest change of an input in one step.
-        signs: signs of the groups at the start.
+        max_change: (i,) largest change of an input in one step [rad, m].
+        signs: (g,) sign of the determinant of each group of points at the start, as in `PointModel.signs`: they show the assembly.
+        tolerance: largest residual of a solution [m].
         corrections: iterations of all searches since the last call of `move_to`.
     """
 
     def __init__(self, model: PointModel):
+        """Begin at the mechanism's assembled start q0."""
         self.model = model
         q0 = model.points.mechanism.q0
         self.x, self.p, self.theta = model.points.inputs_at(q0), model.points.unknown_at(q0), angles(q0).copy()
         slide = LARGEST_SLIDE * model.size
-        self.largest = np.array([LARGEST_TURN if isinstance(x, AngleDriver) else slide for x in model.points.drivers])
-        self.signs = model.signs(model.residual(self.x)(self.p)[1])
-        self.tolerance = TOLERANCE * max(model.size, largest(model.at(self.x, self.p)[model.points.first :]))
+        self.max_change = np.array([LARGEST_TURN if isinstance(x, AngleDriver) else slide for x in model.points.drivers])
+        _, J = model.residual(self.x)(self.p)
+        self.signs = model.signs(J)
+        # in the vector z of `points`, the inputs come before the points
+        places = model.at(self.x, self.p)[model.points.first :]
+        self.tolerance = TOLERANCE * max(model.size, largest(places))
         self.corrections = 0
 
     def move_to(self, goal: Array) -> None:
@@ -116,18 +121,20 @@ class _Follower:
         """
         if not np.isfinite(goal).all():
             raise ValueError(f"inputs are not finite: {goal}")
-        start, gap = self.x, goal - self.x
-        longest = 1 / max(1, int(np.ceil(largest(gap / self.largest) - 1e-9)))
+        start, change = self.x, goal - self.x
+        # at least this number of equal steps, in which no input changes by more than its `max_change`
+        count = max(1, int(np.ceil(largest(change / self.max_change) - 1e-9)))
+        max_share = 1 / count  # of the change, in one step
         self.corrections = 0
 
         def advance(share: float) -> None:
             """Move the inputs to this share of the change."""
-            self._step(goal if share == 1.0 else start + share * gap)
+            self._step(goal if share == 1.0 else start + share * change)
 
         try:
-            walk(advance, SHORTEST * longest, longest)
+            walk(advance, SHORTEST * max_share, max_share)
         except _StepTooLong as error:
-            raise self._failure(longest * gap) from error
+            raise self._failure(max_share * change) from error
 
     def _step(self, x: Array) -> None:
         """Move to the inputs x (i,) by one prediction and one search.
@@ -136,17 +143,20 @@ class _Follower:
             _StepTooLong: the result is doubtful; the old position is kept.
         """
         model = self.model
+        # prediction to first order: dp from J dp = -(dphi / dx) dx, with dphi = Re(r dz)
         Z = model.points.known(self.x, x - self.x, np.zeros_like(x))  # rows z, dz: the change of the inputs as their rate
         Z[0] = model.fill(Z[0], self.p)
         r = model.rows(Z[0])
         dp = -self._inverse(model.jacobian(r)) @ (r @ Z[1]).real
         Z[1] = model.fill(Z[1], dp)
+        # correction: a root search from the prediction, which must end near it
         root = gauss_newton(model.residual(x), self.p + dp, self.tolerance)
         self.corrections += root.iterations
-        stray = STRAY * largest(Z[1, model.points.first :]) + np.sqrt(self.tolerance)
-        if root.flag != ExitFlag.CONVERGED or largest(root.x - self.p - dp) > stray:
+        max_correction = STRAY * largest(Z[1, model.points.first :]) + np.sqrt(self.tolerance)
+        if root.flag != ExitFlag.CONVERGED or largest(root.x - self.p - dp) > max_correction:
             raise _StepTooLong
-        E, dE = model.directions @ Z[0], model.directions @ Z[1]
+        # angles: they must be near their prediction too, and no group of points may have changed its side
+        E, dE = model.directions @ Z[0], model.directions @ Z[1]  # exp(i theta) of every link, and its change
         near = self.theta + (dE * E.conj()).imag  # predicted angles
         turn = np.angle(model.directions @ model.at(x, root.x) * np.exp(-1j * near))  # from these to the solution
         if largest(turn) > STRAY or np.any(model.signs(model.residual(x)(root.x)[1]) != self.signs):
@@ -167,9 +177,13 @@ class _Follower:
         return np.asarray(Vt.T / s @ U.T)
 
     def state(self, rate: Array, second: Array) -> Array:
-        """Return q, v, a as rows (3, n) at the present position, for first and second derivatives (i,) of the inputs."""
+        """Return q, v, a as rows (3, n) at the present position, for first and second derivatives (i,) of the inputs.
+
+        Raises:
+            SingularPosition: J has lost rank, so that the rates are undetermined.
+        """
         model = self.model
-        Z = model.points.known(self.x, rate, second)
+        Z = model.points.known(self.x, rate, second)  # rows z, z', z'' (complex), to which `fill` adds the unknown points
         Z[0] = model.fill(Z[0], self.p)
         r = model.rows(Z[0])
         J = model.jacobian(r)
@@ -179,6 +193,7 @@ class _Follower:
             raise self._singular(J) from error
         Z[1] = model.fill(Z[1], -inverse @ (r @ Z[1]).real)
         Z[2] = model.fill(Z[2], -inverse @ ((r @ Z[2]).real + model.bias(Z[1])))
+        # (3, links) each: exp(i theta) of the links and their centres of mass, with first and second derivatives
         E, centre = Z @ model.directions.T, Z @ model.centres.T
         turns = (self.theta, *(E[1:] * E[0].conj()).imag)
         return np.stack([centre.real, centre.imag, turns], axis=-1).reshape(3, -1)

@@ -41,20 +41,20 @@ class Basin:
 
 
 def point_form(mechanism: Mechanism) -> tuple[Residual, Array]:
-    """Return the point equations in p (2 u,) at the start, and their solution there."""
+    """Return the point equations for the inputs of the start, as a function of the unknown points p (2 u,), and their solution."""
     model = PointModel(mechanism)
     return model.residual(model.points.inputs_at(mechanism.q0)), model.points.unknown_at(mechanism.q0)
 
 
 def loop_form(mechanism: Mechanism) -> tuple[Residual, Array]:
-    """Return the loop equations in the unknown angles and slides at the start, and their solution there."""
+    """Return the loop equations for the inputs of the start, as a function of the unknown angles and slides, and their solution."""
     equations = LoopEquations(mechanism)
-    start = equations.start()
-    unknown, still = len(equations.unknown), np.zeros(len(start))
+    start = equations.start()  # unknown variables, then inputs
+    unknown, zero_rates = len(equations.unknown), np.zeros(len(start))
 
     def residual(x: Array) -> tuple[Array, Array]:
-        """Return residual and Jacobian at the unknown variables x."""
-        system = equations.at(np.concatenate([x, start[unknown:]]), still)
+        """Return the sums A of the vectors around the loops and their Jacobian J, at the unknown variables x."""
+        system = equations.at(np.concatenate([x, start[unknown:]]), zero_rates)
         return system.A, system.J
 
     return residual, start[:unknown]
@@ -73,12 +73,13 @@ def basins(
     form: Form = point_form,
     difference: Callable[[Array, Array], Array] = np.subtract,
 ) -> tuple[Basin, ...]:
-    """Count how often each root finder finds the assembled start, from the same random starts: a row per spread and method.
+    """Count how often each root finder finds the assembled start q0 from the same random guesses: a row per spread and method.
 
     Args:
-        spreads: largest distances of a start from the solution.
-        starts: number of random starts.
-        form: function of the mechanism that returns residual and solution in the coordinates of the search.
+        spreads: largest distances of a guess from the solution in any coordinate [m, or rad for angles].
+        starts: number of random guesses.
+        seed: of the random guesses.
+        form: function of the mechanism that returns the equations and their solution: `point_form` or `loop_form`.
         difference: function of two points in these coordinates that returns their difference.
     """
     residual, solution = form(mechanism)

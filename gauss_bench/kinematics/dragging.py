@@ -7,8 +7,9 @@ solves
 
 and Gauss-Newton projects the result back onto the constraints. A step is halved until the linkage certainly moves continuously: the
 free motions turn little, and the projected position is near the prediction to second order. The linkage therefore reaches another
-assembly only by moving there, and passes a fork of the motion straight on. If two degrees of freedom are determined by the point,
-the linkage stays on its side of the singular positions det P = 0: an arm that is pulled straight folds back as it was.
+assembly only by moving there. At a fork, a position from which it can move in several ways, it keeps its direction. If the point
+determines two degrees of freedom, the linkage stays on its side of the singular positions det P = 0: an arm that is pulled straight
+folds back to the side from which it came.
 """
 
 from collections.abc import Iterator
@@ -31,7 +32,7 @@ SMALLEST_COSINE = 0.9  # smallest cosine of the angle between the free motions b
 HALVINGS = 12  # largest number of halvings of a step
 MOST_STEPS = 60  # nine sizes of the linkage; then the studio reads the place of the pointer anew
 NEAR = 1e-13  # distance from the target that only rounding leaves
-RESTING = 1e-8  # size of a step after which the next step, of the order of its square, would be rounding
+RESTING = 1e-8  # size of a tiny step: the next step, of the order of its square, would be rounding
 REACHED = 1e-10  # distance at which the point counts as being at its target
 FLAT = 1e-9  # share of the largest curvature below which a curvature counts as zero
 MARGIN = 1e-3  # smallest |det P|: about one degree before an arm is stretched, 1e-4 of its length
@@ -78,7 +79,7 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
     Raises:
         ValueError: there is no link, point, slide or joint of that name.
     """
-    pins, still = [], []
+    pins, drivers = [], []  # joints that fix points, and drivers that hold angles and slides at constant values
     for reference in locks.points:
         point = find_point(mechanism, reference)
         at = Point(GROUND, np.array(position(q, point)), f"ground at {reference}")
@@ -91,13 +92,13 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
     for name in locks.links:
         _check_found([x for x in mechanism.whole.links if x.name == name], "link", name)
         body, _ = mechanism.find_body(name)
-        still.append(AngleDriver(f"lock of {name}", constant(float(angle_at(q, body)), 0.0), body))
+        drivers.append(AngleDriver(f"lock of {name}", constant(float(angle_at(q, body)), 0.0), body))
     for name in locks.slides:
         slides = [x for x in mechanism.slides if x.name == name]
         _check_found(slides, "slide", name)
         for slide in slides:
-            still.append(SlideDriver(f"lock of {name}", constant(float(value(slide.motion, q)), 0.0), slide))  # type: ignore[arg-type]
-    return replace(mechanism, joints=(*mechanism.joints, *pins), drivers=tuple(still))
+            drivers.append(SlideDriver(f"lock of {name}", constant(float(value(slide.motion, q)), 0.0), slide))  # type: ignore[arg-type]
+    return replace(mechanism, joints=(*mechanism.joints, *pins), drivers=tuple(drivers))
 
 
 def _check_found(found: list[Any], kind: str, name: str) -> None:
@@ -131,9 +132,12 @@ def find_point(mechanism: Mechanism, reference: str) -> Point:
 class Drag:
     """A drag of one point; each call of `to` continues from the last position.
 
+    Below, N (n, f) is the basis of the free motions at the present position in scaled coordinates, as in `Freedom`, and y (f,) a
+    step in this basis.
+
     Attributes:
         place: present position.
-        side: sign of det P, on which the linkage stays; 0 until |det P| has exceeded MARGIN.
+        side: sign of det P, which the linkage keeps; 0 until |det P| has exceeded MARGIN, and unless P is square.
         directions: number of directions in which the point could move at the beginning, at least 1.
     """
 
@@ -165,16 +169,18 @@ class Drag:
     def to(self, target: Array, most: int = MOST_STEPS) -> Dragged:
         """Drag the point towards a target (2,) [m] in at most `most` steps."""
         target, size = np.asarray(target, dtype=float), self.freedom.size
-        apart, last = self._apart(self.place, target), not self.place.free.shape[1]
+        apart, is_stuck = self._apart(self.place, target), not self.place.free.shape[1]  # stuck if there is no free motion
         for _ in range(most):
-            if apart <= NEAR * size or last:
+            if apart <= NEAR * size or is_stuck:
                 break
-            last = not self._step(target, apart)
+            is_stuck = not self._step(target, apart)
             apart = self._apart(self.place, target)
         if apart <= REACHED * size:
             return Dragged(self.q, True, apart, "")
+        if not is_stuck:
+            return Dragged(self.q, False, apart, "the target is too far away for one drag")
         why = f"{self.point.name} cannot come nearer to the target" if self.place.free.shape[1] else "nothing is left to move"
-        return Dragged(self.q, False, apart, why if last else "the target is too far away for one drag")
+        return Dragged(self.q, False, apart, why)
 
     def is_at_limit(self) -> bool:
         """Tell whether the point is at the end of its path or the edge of its area: it can move in fewer directions than before."""
@@ -182,24 +188,27 @@ class Drag:
 
     def _count_directions(self) -> int:
         """Return the number of independent directions in which the point can move."""
-        moves = self._moves(self.place)
-        return int(np.sum(np.linalg.svd(moves, compute_uv=False) > STANDING)) if moves.size else 0
+        P = self._point_jacobian(self.place)
+        return int(np.sum(np.linalg.svd(P, compute_uv=False) > STANDING)) if P.size else 0
 
     def _apart(self, place: Place, target: Array) -> float:
         """Return the distance of the point from the target [m]."""
         return float(np.hypot(*(self.at(place) - target)))
 
     def _step(self, target: Array, apart: float) -> bool:
-        """Take the best step that brings the point nearer to its target than `apart` [m]; tell whether another step may help."""
+        """Take the first proposed step that brings the point nearer to its target than now, and tell whether another may help.
+
+        `apart` is the present distance of the point from its target [m].
+        """
         bends = self._bends()
-        for y in self._steps(self.at(self.place) - target, bends):
-            place = self._go(y, bends)
-            resting = bool(np.abs(y).max() < RESTING * self.freedom.size)
+        for y in self._propose_steps(self.at(self.place) - target, bends):
+            place = self._try_step(y, bends)
+            is_tiny = bool(np.abs(y).max() < RESTING * self.freedom.size)
             if place is not None and self._apart(place, target) < apart:
                 self.place = place
                 self.side = self.side or self._side()
-                return not resting
-            if resting:
+                return not is_tiny
+            if is_tiny:
                 break
         return False
 
@@ -215,16 +224,23 @@ class Drag:
         bends[i, j] = bends[j, i] = quarters[: len(i)] - quarters[len(i) :]
         return bends
 
-    def _steps(self, lacking: Array, bends: Array) -> Iterator[Array]:
-        """Yield steps y (f,) that to first order bring the point nearer: the best for r = `lacking` (2,), then shorter ones."""
-        P, limit = self._moves(self.place), LARGEST_STEP * self.freedom.size
+    def _propose_steps(self, r: Array, bends: Array) -> Iterator[Array]:
+        """Yield HALVINGS steps y (f,) that bring the point nearer to its target, each half as long as the one before.
+
+        The first solves the equation at the top of this file. It is shortened to LARGEST_STEP, and changed if it leaves its side.
+
+        Args:
+            r: (2,) vector from the target to the point [m].
+            bends: (f, f, n) as from `_bends`.
+        """
+        P, limit = self._point_jacobian(self.place), LARGEST_STEP * self.freedom.size
         N = self.place.free / self.freedom.scale[:, None]  # (n, f) free motions in absolute coordinates
         states, rates = np.broadcast_to(self.q, bends.shape), bends / self.freedom.scale
         # second derivatives (f, f, 2) of the point: from those of the coordinates, and from turns of its arm
         bent = velocity(states, rates, self.point) - self._centripetal(N, self.point)
         if self.onto:
             bent = bent - velocity(states, rates, self.onto) + self._centripetal(N, self.onto)
-        gradient, H = P.T @ lacking, P.T @ P + bent @ lacking
+        gradient, H = P.T @ r, P.T @ P + bent @ r  # of |r|^2 / 2 by y
         curvature, V = np.linalg.eigh(H)
         largest = float(np.abs(curvature).max())
         # mu makes the smallest curvature positive, and as large as its size if it is negative
@@ -240,12 +256,18 @@ class Drag:
             y = y / 2
 
     def _stay_on_side(self, y: Array, P: Array, bent: Array, gradient: Array, H: Array) -> Array:
-        """Return the step y (2,) if to first order it stays on this side of det P = 0, else the best step that just does.
+        """Return the step y (2,) if, to first order, it stays on this side of det P = 0, else another step that does.
 
-        With s the side and d the gradient of s det P by y, the step must have d . y >= MARGIN - s det P. The best step on this line
-        minimises gradient . y + y . H y / 2.
+        With s the side and d the gradient of s det P by y, a step stays if d . y >= MARGIN - s det P. The other step lies on the
+        limiting line, d . y = MARGIN - s det P, at the smallest value of gradient . y + y . H y / 2 there.
+
+        Args:
+            P: (2, 2) Jacobian of the point by y.
+            bent: (2, 2, 2) second derivatives of the point: bent[j, k] by y_j and y_k.
+            gradient, H: (2,) and (2, 2) derivatives of half the squared distance from the target by y.
         """
         least = MARGIN - self.side * float(np.linalg.det(P))
+        # d det P / dy_k: one column of P at a time is replaced by its derivative
         d = self.side * np.array([np.linalg.det([bent[k, 0], P[:, 1]]) + np.linalg.det([P[:, 0], bent[k, 1]]) for k in (0, 1)])
         if d @ y >= least or not d.any():
             return y
@@ -253,26 +275,31 @@ class Drag:
         curved = abs(float(along @ H @ along))
         return np.asarray(base - along * float(along @ (gradient + H @ base)) / max(curved, FLAT * float(along @ along)))
 
-    def _go(self, y: Array, bends: Array) -> Place | None:
-        """Return the position after a step y (f,), or None if the linkage might have jumped to another assembly."""
+    def _try_step(self, y: Array, bends: Array) -> Place | None:
+        """Return the position after a step y (f,), or None if the linkage might have jumped to another assembly.
+
+        `bends` (f, f, n) is the result of `_bends`.
+        """
         N, scale = self.place.free, self.freedom.scale
-        way = N @ y
-        guess = self.q + (way + np.einsum("i,ijk,j->k", y, bends, y) / 2) / scale  # to second order
+        move = N @ y  # (n,) first-order displacement in scaled coordinates
+        guess = self.q + (move + np.einsum("i,ijk,j->k", y, bends, y) / 2) / scale  # to second order
         place = self.freedom.close(guess)
         if place is None or place.free.shape[1] > N.shape[1]:
             return None
         if place.free.shape[1] < N.shape[1]:  # the step has left a fork of the motion, where there are more free motions
             return place
+        # the singular values of `turned` are the cosines of the angles between the old and the new free motions
         missed, turned = float(np.abs((place.q - guess) * scale).max()), N.T @ place.free
-        if missed > LARGEST_MISS * np.abs(way).max() or np.linalg.svd(turned)[1][-1] < SMALLEST_COSINE:
+        if missed > LARGEST_MISS * np.abs(move).max() or np.linalg.svd(turned)[1][-1] < SMALLEST_COSINE:
             return None
         # give the new basis the orientation of the old one, so that the signs of det P can be compared
         place = replace(place, free=place.free * np.append(np.ones(N.shape[1] - 1), np.sign(np.linalg.det(turned))))
+        # a step stays on its side to first order with MARGIN to spare, of which half is left for higher orders
         return None if self.side and self.side * self._det(place) < MARGIN / 2 else place
 
     def _det(self, place: Place) -> float:
-        """Return det P; 0 if P is not square."""
-        return float(np.linalg.det(self._moves(place))) if place.free.shape[1] == 2 and self.onto is None else 0.0
+        """Return det P; 0 if P is not square, or if targets are vectors from a point `onto`."""
+        return float(np.linalg.det(self._point_jacobian(place))) if place.free.shape[1] == 2 and self.onto is None else 0.0
 
     def _side(self) -> float:
         """Return the sign of det P, which distinguishes the two sides of a singular position; 0 near it."""
@@ -280,18 +307,21 @@ class Drag:
         return float(np.sign(det)) if abs(det) > MARGIN else 0.0
 
     def at(self, place: Place) -> Array:
-        """Return the place (2,) of the point [m], or the vector to it from `onto`, at a position of the linkage."""
+        """Return the place (2,) of the point [m], or the vector to it from a point `onto`, at a position of the linkage."""
         here = position(place.q, self.point)
         return here if self.onto is None else here - position(place.q, self.onto)
 
-    def _moves(self, place: Place) -> Array:
-        """Return P (2, f), the derivative of the point's place with respect to the free motions."""
-        N = place.free.T / self.freedom.scale
-        states = np.broadcast_to(place.q, N.shape)
-        moves = velocity(states, N, self.point)
-        return (moves if self.onto is None else moves - velocity(states, N, self.onto)).T
+    def _point_jacobian(self, place: Place) -> Array:
+        """Return P (2, f): the derivatives of the point, or of the vector to it from `onto`, by the amounts of the free motions."""
+        motions = place.free.T / self.freedom.scale  # (f, n) in absolute coordinates
+        states = np.broadcast_to(place.q, motions.shape)
+        rates = velocity(states, motions, self.point)
+        return (rates if self.onto is None else rates - velocity(states, motions, self.onto)).T
 
     def _centripetal(self, N: Array, point: Point) -> Array:
-        """Return the centripetal part (f, f, 2) of a point's second derivatives: omega_i omega_j times its arm, for N (n, f)."""
-        turns = N[angle_slot(point.link)]  # of the ground this is a meaningless row, but its arms are zero
+        """Return the centripetal part (f, f, 2) of a point's second derivatives: omega_i omega_j times its arm.
+
+        N (n, f) has the free motions in absolute coordinates; omega_i is the turn of the point's link in the free motion i.
+        """
+        turns = N[angle_slot(point.link)]  # for the ground this is a meaningless row, but its arm is zero
         return np.outer(turns, turns)[..., None] * arm(self.q, point)

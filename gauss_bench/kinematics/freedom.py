@@ -43,6 +43,7 @@ class Freedom:
     """The joint rows of one linkage in scaled coordinates."""
 
     def __init__(self, mechanism: Mechanism):
+        """Set up the constraints of joints and drivers, without knife edges."""
         self.mechanism = mechanism
         self.constraints = Constraints(replace(mechanism, knife_edges=()))
         self.size = mechanism.size
@@ -54,16 +55,16 @@ class Freedom:
         return phi, J / self.scale
 
     def at(self, q: Array) -> tuple[Array, Place]:
-        """Return the residual phi (m,) and the free motions at any q (n,)."""
+        """Return the residual phi (m,) and the free motions at any q (n,), at which the joints may be open."""
         phi, J = self.rows(q)
         if not len(J):
             return phi, Place(q, J, np.zeros((len(q), 0)), np.eye(len(q)))
-        U, s, Vt = np.linalg.svd(J)
+        U, s, Vt = np.linalg.svd(J)  # the rows of Vt beyond the rank span the null space
         rank = int((s > RANK_TOLERANCE * s[0]).sum())
         return phi, Place(q, J, (Vt[:rank].T / s[:rank]) @ U[:, :rank].T, Vt[rank:].T)
 
     def close(self, q: Array) -> Place | None:
-        """Return the nearest position on the constraints by Gauss-Newton, or None if it does not converge."""
+        """Return a position near q (n,) that satisfies the constraints, found by Gauss-Newton, or None if it does not converge."""
         before = np.inf  # residual of the last iteration; rounding may keep it from falling below CLOSED
         for _ in range(CORRECTIONS):
             if not np.isfinite(q).all():
@@ -76,7 +77,10 @@ class Freedom:
         return None
 
     def bend(self, place: Place, directions: Array) -> Array:
-        """Return the second derivatives (k, n) J^+ gamma of scaled coordinates along scaled directions (k, n)."""
-        still = np.tile(place.q, (len(directions), 1))
-        gamma = self.constraints(0.0, still, directions / self.scale).gamma
+        """Return the second derivatives (k, n) of the scaled coordinates along k free motions, scaled directions (k, n).
+
+        Along a free motion with the velocity v they are J^+ gamma, with gamma = -(dJ/dt) v and the pseudo-inverse J^+ of J.
+        """
+        positions = np.tile(place.q, (len(directions), 1))
+        gamma = self.constraints(0.0, positions, directions / self.scale).gamma  # at t = 0, like all values of drivers here
         return np.asarray(gamma @ place.inverse.T)

@@ -9,10 +9,11 @@ plane are complex numbers, E = exp(i phi) is the direction of the link, and w is
     Jacobian unit       J = [dA/dphi, dA/ds, ...] = [i E w, +-E u, ...]
     Jacobian-rate unit  J' = [i E (w' + i phi' w), +-i phi' E u, ...]
 
-The sign is + for the element at which the loop leaves. This covers every link of the paper: RR, RRR, 4R, RP1 (the slide's element
-is a block, without s), RP2 (it is a guide, with s), PP, active bars S, links of the frame. A link that cannot turn has no column
-of phi. Table 1 of the paper has a misprint: the first column of J' of RP2 ends there in -phi' sin phi, phi' cos phi, in place of
--s' sin phi, s' cos phi.
+The sign is + for the element at which the loop leaves. These formulas cover every type of link of the paper: links with two, three
+or four pins (RR, RRR, 4R), with a pin and the block of a slide (RP1, no s) or a pin and the guide of a slide (RP2, with s), with
+two slides (PP), active bars, whose length is an input (S), and the frame. A link that cannot turn has no column of phi. Table 1 of
+the paper has a misprint: the first column of J' of RP2 ends there in -phi' sin phi, phi' cos phi, in place of -s' sin phi,
+s' cos phi.
 Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Trans. CSAM 41(2), 2010,
 eqs. (6)-(10) and table 1.
 """
@@ -32,7 +33,7 @@ MOVING = (GUIDE, ROD_END)  # elements with a coordinate s of their own
 
 @dataclass(frozen=True)
 class Element:
-    """The half of a pair that belongs to one link.
+    """The half of a pair (a joint of two links) that belongs to one link.
 
     Attributes:
         pair: name of the pair.
@@ -53,7 +54,13 @@ class Element:
 
 @dataclass(frozen=True, eq=False)
 class LinkUnit:
-    """The three units of a way through a link: its vector (2,) [m], J (2, C) [m/rad, -], and J_rate (2, C), the rate of J."""
+    """The contribution of one link to a loop: the vector A through it and its derivatives, see the top of this file.
+
+    Attributes:
+        vector: (2,) vector A from the element at which the loop enters the link to the one at which it leaves [m].
+        J: (2, C) derivatives of A by the link's C variables: its angle [m/rad] if it can turn, then its slides [-].
+        J_rate: (2, C) time derivative of J.
+    """
 
     vector: Array
     J: Array
@@ -62,7 +69,7 @@ class LinkUnit:
 
 @dataclass(frozen=True)
 class Way:
-    """The way of a loop through a link, from one element to another; the opposite way has the negative units.
+    """The path of a loop through one link, from one element to another; the reverse path has the same `LinkUnit` times -1.
 
     Attributes:
         link: index of the link.
@@ -77,8 +84,8 @@ class Way:
 
     @cached_property
     def moving(self) -> list[tuple[float, Element]]:
-        """The elements that have a coordinate of their own, with their signs, in the order of the names of the coordinates."""
-        # the order does not depend on the sense of the way, so that the opposite way has the same columns
+        """The elements that have a coordinate s: (+1 where the loop leaves, -1 where it enters; element), by the name of s."""
+        # this order does not depend on the sense of the path, so that the reverse path has the same columns
         ends = [(-1.0, self.enter), (1.0, self.leave)]
         return sorted(((sign, x) for sign, x in ends if x.kind in MOVING), key=lambda end: end[1].slide)
 
@@ -88,12 +95,17 @@ class Way:
         return tuple(element.slide for _, element in self.moving)
 
     def units(self, angle: float, speed: float, places: Sequence[float] | Array, speeds: Sequence[float] | Array) -> LinkUnit:
-        """Return the link units at the link's angle [rad] and speed [rad/s], and coordinates [m] and speeds [m/s] of its slides."""
+        """Return vector, Jacobian and rate of the Jacobian of this path, by the equations at the top of this file.
+
+        Args:
+            angle, speed: of the link [rad, rad/s].
+            places, speeds: coordinates s of its slides [m] and their rates [m/s], in the order of `slides`.
+        """
         E = cmath.exp(1j * angle)
-        w = self.leave.at - self.enter.at
+        w = self.leave.at - self.enter.at  # from element to element in the frame of the link
         w_rate = 0j
-        columns: list[complex] = []
-        rates: list[complex] = []
+        columns: list[complex] = []  # of J
+        rates: list[complex] = []  # of J'
         for (sign, element), s, s_rate in zip(self.moving, places, speeds, strict=True):
             w += sign * s * element.along
             w_rate += sign * s_rate * element.along
@@ -106,17 +118,17 @@ class Way:
 
 
 def planar(vectors: Sequence[complex]) -> Array:
-    """Return complex numbers as columns (2, C)."""
+    """Return C complex numbers as columns x, y: (2, C)."""
     z = np.array(vectors, dtype=complex)
     return np.array([z.real, z.imag])
 
 
 def link_type(elements: Iterable[Element], frame: bool = False) -> str:
-    """Return the paper's type of a link with these elements.
+    """Return the paper's code for the type of a link with these elements.
 
-    The type has an R for each pin and a P for each slide, but from four on their number and one letter, as in 4R. A single P is
-    followed by 1 for a block or 2 for a guide. The type of the frame ends in 0. An active bar has the type S. A multiple joint
-    counts as one pin.
+    The code has an R for each pin and a P for each slide; four or more of a kind are written as a number and the letter, as in 4R.
+    A single P is followed by 1 for a block or 2 for a guide. The code of the frame has a 0 at the end. An active bar has the code
+    S. A multiple joint counts as one pin.
     """
     kinds = list({element.node: element.kind for element in elements}.values())
     if ROD_END in kinds:

@@ -1,9 +1,10 @@
 """Motion of a linkage that follows its inputs, by closing its loops.
 
-From one sample to the next the inputs change along a straight line. A step is halved until it certainly stays on its assembly:
-every angle turns little, Newton's method ends near the prediction to second order, and det(J^T J_next) > 0 (for a square J: its
-determinant keeps its sign). The motion ends where even the shortest step fails: at a limit, beyond which the loops cannot be
-closed, or at a singular position, where they can be closed in more than one way.
+A state x (TU + TK,) has TU unknown variables, then TK inputs, as in `LoopEquations`. From one sample to the next the inputs change
+along a straight line. A step is halved until it certainly stays on its assembly: every angle turns little, Newton's method ends
+near the prediction to second order, and det(J^T J_next) > 0 (for a square J: its determinant keeps its sign). The motion ends where
+even the shortest step fails: at a limit, beyond which the loops cannot be closed, or at a singular position, where they can be
+closed in more than one way.
 Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Trans. CSAM 41(2), 2010,
 fig. 4 (the flow: position, velocity, acceleration at each time; exit where there is no solution or a singular position).
 """
@@ -26,7 +27,7 @@ BEYOND = 1e-3  # [rad, m] distance beyond the end of a motion: if the loops can 
 
 
 class _State(NamedTuple):
-    """A closed state x (TU + TK,) with its J (2L, TU), and the number of Newton steps that led to it."""
+    """A closed state x (TU + TK,) with the Jacobian J (2L, TU) of its L loops, and the number of Newton steps that led to it."""
 
     x: Array
     J: Array
@@ -37,6 +38,7 @@ class _End(Stopped):
     """The motion cannot be followed beyond the state x (TU + TK,), even with the shortest step."""
 
     def __init__(self, text: str, singular: bool, x: Array):
+        """`singular` tells whether x is near a singular position, not at a limit of motion."""
         super().__init__(text, singular)
         self.x = x
 
@@ -82,14 +84,16 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
     Raises:
         _End: the inputs cannot be followed to the goal.
     """
-    TU, first, steps = len(equations.unknown), state.x, 0
-    change = goal - first[TU:]
+    first, steps = state.x, 0
+    inputs = first[len(equations.unknown) :]  # at the start
+    change = goal - inputs
     size = largest(change)
 
     def advance(share: float) -> None:
         """Move the inputs to this share of the change."""
         nonlocal state, steps
-        state = _advance(equations, state, goal if share == 1.0 else first[TU:] + share * change)
+        # at the end of the change the goal itself: a sum would be rounded
+        state = _advance(equations, state, goal if share == 1.0 else inputs + share * change)
         steps += state.steps
 
     if size:
@@ -106,30 +110,36 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
     Raises:
         Stopped: the step is too long, or leads to no regular position.
     """
-    TU, x = len(equations.unknown), state.x
-    slope, bend = equations.rates(x, target - x[TU:], np.zeros_like(target))  # by the share of the step
-    guess = x + slope + bend / 2
-    guess[TU:] = target
+    unknowns, x = len(equations.unknown), state.x
+    # prediction to second order: derivatives of x by the share, from 0 to 1, of a step along which the inputs change evenly
+    first, second = equations.rates(x, target - x[unknowns:], np.zeros_like(target))
+    guess = x + first + second / 2
+    guess[unknowns:] = target
     angles = equations.is_angle
     if not largest((guess - x)[angles]) < LARGEST_TURN:
-        raise Stopped("the angles turn too fast", False)
+        raise Stopped("the angles turn too fast", singular=False)
     closed, J, steps = equations.close(guess)
     if not largest((closed - guess)[angles]) < LARGEST_MISS:
-        raise Stopped("the position is far from the prediction", False)
-    if TU and np.linalg.slogdet(state.J.T @ J)[0] <= 0:
-        raise Stopped("the Jacobian changes its orientation", True)
+        raise Stopped("the position is far from the prediction", singular=False)
+    if unknowns and np.linalg.slogdet(state.J.T @ J)[0] <= 0:
+        raise Stopped("the Jacobian changes its orientation", singular=True)
     return _State(closed, J, steps)
 
 
 def _end(equations: LoopEquations, first: Array, last: _State, direction: Array, why: Stopped) -> _End:
-    """Return the exception for the end of a motion at the state `last`: a limit if the loops cannot be closed just beyond it.
+    """Return the exception for the end of a motion: a limit if the loops cannot be closed just beyond it, else a singular position.
 
-    `first` is the state at which the step to the next sample began, and `direction` (TK,) that of the inputs.
+    Args:
+        first: (TU + TK,) the state at the last sample, from which the inputs moved towards the next one.
+        last: the last state that could be reached from there.
+        direction: (TK,) change of the inputs from one sample to the next, divided by its largest entry.
+        why: the reason why the last step failed.
     """
-    TU, x = len(equations.unknown), last.x
-    moved = float(np.abs(x - first)[TU:].max())
+    unknowns, x = len(equations.unknown), last.x
+    # a state beyond the end: all variables continue their change since the sample, the inputs by BEYOND
+    moved = float(np.abs(x - first)[unknowns:].max())
     guess = x + (x - first) * (BEYOND / moved if moved else 0.0)
-    guess[TU:] = x[TU:] + BEYOND * direction
+    guess[unknowns:] = x[unknowns:] + BEYOND * direction
     try:
         closed, _, _ = equations.close(guess)
         singular = largest((closed - x)[equations.is_angle]) < LARGEST_TURN
@@ -141,8 +151,11 @@ def _end(equations: LoopEquations, first: Array, last: _State, direction: Array,
 
 
 def _motion(equations: LoopEquations, states: list[_State], given: list[Array]) -> Motion:
-    """Return the states in absolute coordinates; `given` has the first and second derivatives (k, TK) of the inputs."""
-    # a motion that ends early has fewer states than the inputs have times
-    levels = [(s.x, *equations.rates(s.x, *level)) for s, *level in zip(states, *given, strict=False)]
+    """Return the motion through states in absolute coordinates.
+
+    `given` has the first and the second derivatives (k, TK) of the inputs at k times.
+    """
+    # x, x', x'' of each state; a motion that ends early has fewer states than the inputs have times
+    levels = [(s.x, *equations.rates(s.x, *derivatives)) for s, *derivatives in zip(states, *given, strict=False)]
     x = np.array(levels).reshape(len(states), 3, len(equations.variables)).swapaxes(0, 1)
     return Motion(*equations.absolute(*x), np.array([s.steps for s in states], dtype=int))

@@ -11,8 +11,9 @@ are stacked:
     J phi' = -B q'
     J phi'' = -B q'' - Bd q' - Jd phi'
 
-All are solved in the least-squares sense. That is the exact solution if J is square, and the common solution of consistent
-equations if redundant joints make loops depend on each other.
+There are L loops, TU unknown and TK known variables, as the paper writes. All equations are solved in the least-squares sense. That
+is the exact solution if J is square, and the common solution of consistent equations if redundant joints make loops depend on each
+other.
 Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Trans. CSAM 41(2), 2010,
 eqs. (1)-(5), (9)-(15); (13)-(15) print the stack as a transposed row, which would put the loops side by side.
 """
@@ -39,13 +40,19 @@ class Stopped(ArithmeticError):
     """The loops cannot be closed near a state, or J loses rank there; `singular` is True in the second case."""
 
     def __init__(self, text: str, singular: bool):
+        """`text` is the message."""
         self.singular = singular
         super().__init__(text)
 
 
 @dataclass(frozen=True)
 class Variable:
-    """The angle of a link and of all links that slides join to it or, if `link` is None, the coordinate along a slide or bar."""
+    """A variable of the loop equations: the angle of a link, or the coordinate along a slide or an active bar.
+
+    Attributes:
+        name: name of the link, slide or bar.
+        link: index of the link, whose angle is also that of the links connected to it by slides; None for a slide or bar.
+    """
 
     name: str
     link: int | None = None
@@ -53,7 +60,13 @@ class Variable:
 
 @dataclass(frozen=True, eq=False)
 class Matrices:
-    """The stacked loop equations at a state: A (2L,), J and J_rate (2L, TU), B and B_rate (2L, TK)."""
+    """The stacked loop equations at a state.
+
+    Attributes:
+        A: (2L,) sums of the vectors around the loops [m], zero if the loops are closed.
+        J, J_rate: (2L, TU) derivatives of A by the unknown variables, and the time derivatives of these.
+        B, B_rate: (2L, TK) the same for the known variables.
+    """
 
     A: Array
     J: Array
@@ -64,9 +77,10 @@ class Matrices:
 
 @dataclass(frozen=True, eq=False)
 class PlacedWay:
-    """A way through a link, and the places of its variables in a state x (TU + TK,).
+    """The path of a loop through a link, and the indices of its variables in a state x (TU + TK,).
 
     Attributes:
+        way: the path.
         slides: indices in x of the coordinates of its slides.
         factors: (C, TU + TK) U and K of eqs. (9)-(10) side by side: row c has a 1 in the column of the variable of column c of the
             link unit, and zeros elsewhere.
@@ -86,16 +100,19 @@ class LoopEquations:
     """The equations of L loops; states x (TU + TK,) have TU unknown variables, then TK known ones.
 
     Unknown variables are in the order of the links, then of the slides; known variables are in the order of the drivers. A driver
-    of a length is an active bar: one more link, of type S, without mass.
+    of a length is treated as an active bar: one more link without mass, whose length is a variable (type S of the paper).
 
     Attributes:
+        bars: the drivers of lengths.
+        graph: links and pairs, with the bars as links after those of the mechanism.
+        unknown, known: the variables of each kind.
         variables: all variables in the order of x.
         column: index of a link, or name of a slide or bar -> index of its variable in x.
         is_angle: (TU + TK,) True for angles.
         turning: (links + 1, TU + TK) matrix that, times x, plus `phase` gives the angles of all links, the frame last.
         roots: for each of these links, the link with which it shares its angle.
         phase: angle of each of these links minus that of its root [rad].
-        ways: the ways through the links of each loop.
+        ways: for each loop its paths through the links.
         lengths: (TU,) factors that make columns of J per metre and per radian comparable.
 
     Raises:
@@ -104,6 +121,7 @@ class LoopEquations:
     """
 
     def __init__(self, mechanism: Mechanism):
+        """Find the variables and the loops."""
         self.mechanism, self.drivers = mechanism, mechanism.drivers
         if mechanism.couplings:
             self._refuse(f"has the coupling {mechanism.couplings[0].name}, which loop equations do not describe")
@@ -113,10 +131,12 @@ class LoopEquations:
             self._refuse(f"has {mechanism.dof} degrees of freedom, but the inputs are {len(self.drivers)}")
         self.bars = [d for d in self.drivers if isinstance(d, LengthDriver)]
         self.graph = find_graph(mechanism, self.bars)
+        # link -> (root, phase), see `shared_angles`; a bar shares its angle with no other link
         frames = shared_angles(mechanism) | {i: (i, 0.0) for i in range(len(mechanism.links), self.graph.links)}
         order = [*range(self.graph.links), GROUND]
         self.roots, self.phase = [frames[i][0] for i in order], np.array([frames[i][1] for i in order])
         names = [link.name for link in mechanism.links] + [bar.name for bar in self.bars]
+        # one angle for each root; links that slide on the frame share its angle, which is no variable
         angles = [Variable(names[i], i) for i in range(self.graph.links) if self.roots[i] == i]
         slides = [Variable(e.slide) for pair in self.graph.pairs for e in pair.elements if e.kind in MOVING]
         self.known = [self._find_variable(x, [*angles, *slides]) for x in self.drivers]
@@ -150,22 +170,25 @@ class LoopEquations:
         return max((abs(way.leave.at - way.enter.at) for way in ways), default=0.0) or 1.0
 
     def _place(self, way: Way) -> PlacedWay:
-        """Return a way with the places of its variables in a state."""
+        """Return the path of a loop through a link with the indices of its variables in a state."""
         own: list[Variable] = [x for x in self.variables if way.turns and x.link == self.roots[way.link]]
-        own += [Variable(name) for name in way.slides]
+        own += [Variable(name) for name in way.slides]  # in the order of the columns of the link unit
+        # the shape is given because `own` may be empty
         factors = np.array([[float(c == x) for x in self.variables] for c in own]).reshape(len(own), len(self.variables))
         return PlacedWay(way, [self.column[name] for name in way.slides], factors)
 
     def input_levels(self, times: Array) -> Levels:
-        """Return the known variables and their first and second derivatives (k, TK) at times (k,).
+        """Return the known variables and their first and second derivatives, (k, TK) each, at times (k,).
 
         Raises:
             ValueError: a law has a value that is not finite.
         """
+        # (TK, 3, k) value, rate and second rate of every driver, then (3, k, TK); the shape is given because there may be no driver
         levels = [np.array([np.broadcast_to(x, np.shape(times)) for x in driver.law(times)]) for driver in self.drivers]
         prescribed = np.moveaxis(np.array(levels).reshape(len(levels), 3, len(times)), 0, -1)
         if not np.isfinite(prescribed).all():
             self._refuse("has an input that is not finite")
+        # a law gives the angle of its own link, but the variable is the angle of this link's root
         return prescribed[0] - self._phases(), prescribed[1], prescribed[2]
 
     def input_values(self, x: Array) -> dict[str, float]:
@@ -174,11 +197,11 @@ class LoopEquations:
         return {driver.name: float(value) for driver, value in zip(self.drivers, values, strict=True)}
 
     def _phases(self) -> Array:
-        """Return the angle (TK,) of each driven link minus its known variable [rad]; 0 for slides and bars."""
+        """Return the constant angle (TK,) of each driven link minus its known variable, its root's angle [rad]; 0 for others."""
         return np.array([self.phase[x.link] if isinstance(x, AngleDriver) else 0.0 for x in self.drivers])
 
     def start(self) -> Array:
-        """Return the state x of the mechanism's start q0."""
+        """Return the state x (TU + TK,) of the mechanism's start q0."""
         q = self.mechanism.q0
         values: dict[str | int, float] = {i: float(theta) for i, theta in enumerate(q[2::3])}
         for slide in self.mechanism.slides:
@@ -186,12 +209,12 @@ class LoopEquations:
         for i, bar in enumerate(self.bars, start=len(self.mechanism.links)):  # bars are further links
             x, y = position(q, bar.b) - position(q, bar.a)
             values[i], values[bar.name] = float(np.arctan2(y, x)), float(np.hypot(x, y))
-        return np.array([values[key] for key in self.column])
+        return np.array([values[key] for key in self.column])  # `column` has the order of x
 
     def at(self, x: Array, x_rate: Array) -> Matrices:
-        """Evaluate A and all matrices at a state x and its rate (TU + TK,)."""
-        theta, omega = self.turning @ x + self.phase, self.turning @ x_rate
-        L, TU = len(self.ways), len(self.unknown)
+        """Evaluate A, J, B and the rates of J and B at a state x and its rate x_rate, (TU + TK,) each."""
+        theta, omega = self.turning @ x + self.phase, self.turning @ x_rate  # of all links
+        L, unknowns = len(self.ways), len(self.unknown)
         A, both, both_rate = np.zeros(2 * L), np.zeros((2 * L, len(x))), np.zeros((2 * L, len(x)))  # both: J and B side by side
         for l, ways in enumerate(self.ways):
             rows = slice(2 * l, 2 * l + 2)
@@ -200,7 +223,7 @@ class LoopEquations:
                 A[rows] += unit.vector
                 both[rows] += unit.J @ p.factors
                 both_rate[rows] += unit.J_rate @ p.factors
-        return Matrices(A, both[:, :TU], both[:, TU:], both_rate[:, :TU], both_rate[:, TU:])
+        return Matrices(A, both[:, :unknowns], both[:, unknowns:], both_rate[:, :unknowns], both_rate[:, unknowns:])
 
     def close(self, x: Array) -> tuple[Array, Array, int]:
         """Return the closed state near x with the same inputs, its J, and the number of Newton steps.
@@ -208,16 +231,16 @@ class LoopEquations:
         Raises:
             Stopped: Newton's method does not converge, or J has lost rank at the solution.
         """
-        x, still, TU = x.copy(), np.zeros_like(x), len(self.unknown)
-        count, last = 0, np.inf
+        x, zero_rates, unknowns = x.copy(), np.zeros_like(x), len(self.unknown)
+        count, last = 0, np.inf  # number of Newton steps, size of the last one
         while count < NEWTON_STEPS and last >= SETTLED:
-            here = self.at(x, still)
+            here = self.at(x, zero_rates)
             step = solve_rows(here.J, -here.A)
-            x[:TU] += step
+            x[:unknowns] += step
             count, last = count + 1, largest(step)
-        here = self.at(x, still)
+        here = self.at(x, zero_rates)
         if last >= SETTLED or not largest(here.A) < CLOSED:
-            raise Stopped("the loops do not close", False)
+            raise Stopped("the loops do not close", singular=False)
         self.check_rank(here.J, FORKED)
         return x, here.J, count
 
@@ -230,18 +253,24 @@ class LoopEquations:
         sizes = np.linalg.svd(J * self.lengths, compute_uv=False) if J.size else np.zeros(0)
         rank = int((sizes > tolerance * sizes.max(initial=0.0)).sum())
         if rank < len(self.unknown):
-            raise Stopped(f"the Jacobian has rank {rank} of {len(self.unknown)}", True)
+            raise Stopped(f"the Jacobian has rank {rank} of {len(self.unknown)}", singular=True)
 
     def rates(self, x: Array, speed: Array, second: Array) -> tuple[Array, Array]:
-        """Return the first and second derivative of x (TU + TK,) for those of the inputs, `speed` and `second` (TK,)."""
+        """Return the first and second derivatives of a closed state x (TU + TK,).
+
+        Args:
+            speed, second: (TK,) first and second derivatives of the inputs, the known variables.
+        """
         here = self.at(x, np.zeros_like(x))
-        x_rate = np.concatenate([solve_rows(here.J, -here.B @ speed), speed])
+        x_rate = np.concatenate([solve_rows(here.J, -here.B @ speed), speed])  # J phi' = -B q'
         here = self.at(x, x_rate)
+        # J phi'' = -(B q'' + Bd q' + Jd phi')
         bias = here.B @ second + here.B_rate @ speed + here.J_rate @ x_rate[: len(self.unknown)]
         return x_rate, np.concatenate([solve_rows(here.J, -bias), second])
 
     def absolute(self, x: Array, x_rate: Array, x_second: Array) -> Levels:
-        """Return q, v, a (k, n) for states x (k, TU + TK) and their first and second derivatives."""
+        """Return absolute coordinates, velocities, accelerations, (k, n) each, for states x (k, TU + TK) and their derivatives."""
         angles = (x @ self.turning.T + self.phase, x_rate @ self.turning.T, x_second @ self.turning.T)
+        # variables without a link are coordinates along slides and bars
         slides = {v.name: (x[:, k], x_rate[:, k], x_second[:, k]) for k, v in enumerate(self.variables) if v.link is None}
         return absolute_states(self.graph, len(self.mechanism.links), angles, slides)

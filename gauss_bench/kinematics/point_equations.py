@@ -14,9 +14,9 @@ so that Jacobian and acceleration bias are exact. The kinds of equations are, wi
     u . (P - G) - s                    a driven slide
     (|B - A|^2 - L(t)^2) / 2 size      an active bar
 
-All residuals are in metres. Lengths to a third point would admit the mirror image of the link, and cross products of the directions
-of two bars a turn by 180 degrees; the linear rows exclude both. The paper prints the equation of a line as a quotient of
-differences, which is 0/0 if the line is parallel to the x axis; here it is a cross product.
+All residuals are in metres. With its distances from A and B alone, a third point of a link could also lie at its mirror image, and
+a cross product of two directions is zero after a turn by 180 degrees too; the linear rows exclude both. The paper prints the
+equation of a line as a quotient of differences, which is 0/0 if the line is parallel to the x axis; here it is a cross product.
 Source: Men, Feng, He, General simulation software of planar linkages based on geometric constraints, J. Mechanical Transmission
 33(4), 2009, section 1: eq. (2).
 """
@@ -33,7 +33,7 @@ from gauss_bench.kinematics.root_finding import Residual
 from gauss_bench.mechanism.model import Mechanism, Prismatic
 from gauss_bench.terms import Array, Vectors, largest
 
-Equation = tuple[Vectors, Vectors, Vectors]  # rows a, b, c (N,)
+Equation = tuple[Vectors, Vectors, Vectors]  # rows a, b, c (N,) of Re(conj(a z) (b z) + c z) = 0; entry 0 of z is 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,37 +55,38 @@ class PointGroup:
 
 def link_equations(p: Points, link: int) -> Iterator[Equation]:
     """Yield the equations that keep the points of one link at their places in it."""
-    anchor, none = p.anchor[link], np.zeros(p.N, dtype=complex)
-    owner, A, B = p.base.get(p.frames[link][0], (None, -1, -1))  # no owner if the direction is known
+    anchor, zeros = p.anchor[link], np.zeros(p.N, dtype=complex)
+    # the points A and B of the link `owner` show the direction of this link too; no owner if the direction is an input
+    owner, A, B = p.base.get(p.frames[link][0], (None, -1, -1))
     if link == owner:
         L = abs(p.local(link, B) - p.local(link, A))
         bar = (p.unit(B) - p.unit(A)) / np.sqrt(2 * L)
-        yield bar, bar, -L / 2 * p.unit(0)
-    for k in p.of[link]:
+        yield bar, bar, -L / 2 * p.unit(0)  # (|B - A|^2 - L^2) / 2 L = 0
+    for k in p.entries_of[link]:
         if k != anchor and p.placed_by.get(k) != link and (link != owner or k != B):
             row = p.unit(k) - p.point(link, p.local(link, k))
-            yield none, none, row
-            yield none, none, -1j * row
+            yield zeros, zeros, row  # real part of C - A - ... = 0
+            yield zeros, zeros, -1j * row  # imaginary part
 
 
 def slide_equations(p: Points, slide: Prismatic) -> Iterator[Equation]:
-    """Yield the equations of the line of a slide and, if it is driven, of its coordinate."""
-    u = exp(1j * slide.angle) * p.direction(slide.guide.link)
-    gap = p.unit(p.block(slide)) - p.point(slide.guide.link, place(slide.guide))
-    yield u, -1j * gap, -slide.offset * p.unit(0)
+    """Yield the equation that keeps the block on the line of a slide and, if the slide is driven, that of its coordinate s."""
+    u = exp(1j * slide.angle) * p.direction(slide.guide.link)  # unit vector along the line
+    gap = p.unit(p.block(slide)) - p.point(slide.guide.link, place(slide.guide))  # P - G, from guide to block
+    yield u, -1j * gap, -slide.offset * p.unit(0)  # Re(conj(u) (-i) gap) is the cross product u x gap
     if slide.name in p.pushed:
-        yield u, gap, -p.unit(p.pushed[slide.name])
+        yield u, gap, -p.unit(p.pushed[slide.name])  # Re(conj(u) gap) is the dot product u . gap
 
 
 def bar_equation(p: Points, name: str) -> Equation:
-    """Return the equation |b - a|^2 = L^2 of an active bar, over twice the size of the linkage; L^2 is an entry of z."""
+    """Return the equation (|B - A|^2 - L^2) / 2 size = 0 of an active bar from A to B; L^2 is an entry of z."""
     bar, root = p.bars[name], np.sqrt(2 * p.size)
-    gap = (p.point(bar.b.link, place(bar.b)) - p.point(bar.a.link, place(bar.a))) / root
+    gap = (p.point(bar.b.link, place(bar.b)) - p.point(bar.a.link, place(bar.a))) / root  # (B - A) / sqrt(2 size)
     return gap, gap, -p.unit(p.stretched[name]) / root**2
 
 
 class PointModel:
-    """Points and equations of a mechanism, whose drivers are the inputs.
+    """Points and equations of a mechanism, whose drivers are the inputs; z (N,) is the vector of `Points`.
 
     Unknowns are p (2 u,), x before y of each unknown point [m]. There are m >= 2 u equations, more if the linkage is redundant.
 
@@ -136,15 +137,15 @@ class PointModel:
         return self.fill(self.points.known(x, still, still)[0], p)
 
     def phi(self, z: Vectors) -> Array:
-        """Return the residual (m,) [m]."""
+        """Return the residual phi (m,) of the equations at z (N,) [m]."""
         return np.asarray(((self.a @ z).conj() * (self.b @ z) + self.c @ z).real)
 
     def rows(self, z: Vectors) -> Vectors:
-        """Return r (m, N) of dphi = Re(r dz)."""
+        """Return the complex matrix r (m, N) with which a change dz (N,) of z changes the residual by dphi = Re(r dz)."""
         return np.asarray((self.b @ z).conj()[:, None] * self.a + (self.a @ z).conj()[:, None] * self.b + self.c)
 
     def jacobian(self, r: Vectors) -> Array:
-        """Return dphi/dp (m, 2 u) from the rows r (m, N)."""
+        """Return the real Jacobian dphi/dp (m, 2 u) from the result r (m, N) of `rows`."""
         part = r[:, self.unknown]
         return np.stack([part.real, -part.imag], axis=-1).reshape(len(r), 2 * len(self.unknown))
 
@@ -164,7 +165,7 @@ class PointModel:
         return np.asarray(2 * ((self.a @ dz).conj() * (self.b @ dz)).real)
 
     def signs(self, J: Array) -> Array:
-        """Return the sign (g,) of the determinant of each group in J (m, 2 u)."""
+        """Return for each group the sign (g,) of the determinant of its block of J (m, 2 u): its equations and its unknowns."""
         signs = [np.sign(np.linalg.det(J[np.ix_(group.rows, group.columns)])) for group in self.groups]
         return np.array(signs, dtype=int)
 

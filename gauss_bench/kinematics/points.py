@@ -5,7 +5,8 @@ Points and directions of the plane are complex numbers. A position of the linkag
     z = [1, inputs, points]        an input: exp(i theta) of a link, s along a slide, or L^2 of an active bar
 
 A vector s in the frame of a link is s (B - A) / (b - a) in the world, with A and B two points of the link and a and b their places
-in its frame. This is linear in z. If the direction of a link is known, its points are linear in z and in one of these points.
+in its frame. This is linear in z. If an input gives the direction exp(i theta) of a link, a point C of the link with the place c in
+its frame follows from one other point: C = A + (c - a) exp(i theta), which is linear in z too.
 """
 
 from cmath import exp
@@ -25,14 +26,19 @@ SAME = 1e-12  # [m] distance below which two places in a file are the same up to
 
 @dataclass(frozen=True, eq=False)
 class BasicPoint:
-    """A point of one or more links; `at` has, by index of the link, its complex place [m] from the link's centre of mass."""
+    """A point of one or more links.
+
+    Attributes:
+        name: name of the point.
+        at: index of a link -> place x + i y of the point in the frame of that link, whose origin is the centre of mass [m].
+    """
 
     name: str
     at: Mapping[int, complex]
 
 
 def place(point: Point) -> complex:
-    """Return the place of a point in its link [m]."""
+    """Return the place x + i y of a point in the frame of its link [m]."""
     return complex(*point.local)
 
 
@@ -40,8 +46,8 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
     """Return the basic points: pins (merged if they coincide in a link), blocks of slides, and points that show directions.
 
     Args:
-        frames: result of `shared_angles`.
-        turned: roots of known direction, whose links need no second point.
+        frames: link -> (root, phase) as from `shared_angles`: links joined by slides share the angle of one of them, the root.
+        turned: roots whose angle is an input, or the frame. The links of a root need no second point to show their direction.
     """
     basic: list[BasicPoint] = []
 
@@ -50,13 +56,14 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
         at = {end.link: place(end) for end in ends}
 
         def coincides(x: BasicPoint) -> bool:
+            """Tell whether an earlier point lies at the same place of one of the links."""
             return any(link in x.at and abs(x.at[link] - s) < SAME for link, s in at.items())
 
-        met = [x for x in basic if coincides(x)]
+        same = [x for x in basic if coincides(x)]
         merged: dict[int, complex] = {}
-        for x in met:
+        for x in same:
             merged |= x.at
-        basic[:] = [x for x in basic if x not in met] + [BasicPoint(met[0].name if met else name, merged | at)]
+        basic[:] = [x for x in basic if x not in same] + [BasicPoint(same[0].name if same else name, merged | at)]
 
     slides = mechanism.slides
     for pin in mechanism.pins:
@@ -64,10 +71,10 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
     for slide in slides:
         add(slide.block.name, slide.block)
     for bar in active_bars(mechanism).values():
-        for end in (bar.a, bar.b):
+        for end in (bar.a, bar.b):  # not needed on a link that has two points, from which any other place follows
             if end.link != GROUND and sum(end.link in x.at for x in basic) < 2:
                 add(end.name, end)
-    for slide in slides:
+    for slide in slides:  # every guide needs a point
         if not any(slide.guide.link in x.at for x in basic):
             add(slide.guide.name, slide.guide)
     size = link_size(basic)
@@ -99,15 +106,19 @@ def active_bars(mechanism: Mechanism) -> dict[str, LengthDriver]:
 class Points:
     """The vector z (N,) of a mechanism, whose drivers are the inputs, and rows (N,) of quantities linear in z.
 
-    A root is a link whose angle other links share, as in `shared_angles`. An entry is an index in z.
+    The product of a row with z is the value of the quantity. An entry is an index in z. A root is the link that stands for all
+    links whose angles differ by constants because slides join them, as in `shared_angles`.
 
     Attributes:
+        N: number of entries of z.
+        frames: link -> (root, angle of the link minus that of the root [rad]).
+        bars: active bars by name.
         points: all basic points.
         first: entry of the first of these points; the others follow.
-        unknown: (u,) entries of the points that no link of known direction carries.
-        of: link -> entries of its points.
+        unknown: (u,) entries of the points whose places do not follow from the ground and the inputs alone.
+        entries_of: link -> entries of its points.
         anchor: link -> entry of the point from which its other points are computed.
-        turned: root of known direction -> entry of its direction.
+        turned: root of known direction -> entry of its direction; for the ground this is entry 0, which is 1 = exp(0 i).
         pushed: driven slide -> entry of its coordinate.
         stretched: active bar -> entry of its squared length.
         base: root of unknown direction -> a link, and entries A, B of two of its points, which give the direction.
@@ -117,6 +128,11 @@ class Points:
     """
 
     def __init__(self, mechanism: Mechanism):
+        """Choose the points, and find those that are known.
+
+        Raises:
+            ValueError: a link has no joint, or a driver prescribes something that is known already.
+        """
         self.mechanism, self.drivers = mechanism, mechanism.drivers
         self.frames = shared_angles(mechanism)
         self.bars = active_bars(mechanism)
@@ -125,11 +141,11 @@ class Points:
         self.size = link_size(self.points)
         self.first = 1 + len(self.drivers)
         self.N = self.first + len(self.points)
-        self.of = {i: [k for k, x in enumerate(self.points, self.first) if i in x.at] for i in self.frames}
-        bare = [link for link, entries in self.of.items() if not entries and link != GROUND]
+        self.entries_of = {i: [k for k, x in enumerate(self.points, self.first) if i in x.at] for i in self.frames}
+        bare = [link for link, entries in self.entries_of.items() if not entries and link != GROUND]
         if bare:
             raise ValueError(f"{mechanism.name}: {mechanism.link_name(bare[0])} has no joint, so that nothing places it")
-        self.anchor = {i: entries[0] for i, entries in self.of.items() if entries}
+        self.anchor = {i: entries[0] for i, entries in self.entries_of.items() if entries}
         self.placed_by: dict[int, int] = {}
         self.rows: dict[int, Vectors] = {}
         self._place()
@@ -138,7 +154,9 @@ class Points:
         self.anchor |= {link: A for link, A, _ in self.base.values()}
 
     def _enter_inputs(self) -> tuple[dict[int, int], dict[str, int], dict[str, int]]:
-        """Return the attributes `turned`, `pushed` and `stretched`, which follow from the drivers alone.
+        """Return `turned`, `pushed` and `stretched`: root, slide or active bar -> entry of z that its driver prescribes.
+
+        Driver k has the entry k, counted from 1. Entry 0 is the constant 1 = exp(0 i), the direction of the ground.
 
         Raises:
             ValueError: a driver prescribes something that is known already.
@@ -147,7 +165,7 @@ class Points:
         pushed: dict[str, int] = {}
         stretched: dict[str, int] = {}
         for entry, driver in enumerate(self.drivers, 1):
-            match driver:
+            match driver:  # `setdefault` returns an older entry if the same thing is prescribed already
                 case AngleDriver():
                     is_known = turned.setdefault(self.frames[driver.link][0], entry) != entry
                 case SlideDriver():
@@ -159,67 +177,78 @@ class Points:
         return turned, pushed, stretched
 
     def unit(self, entry: int) -> Vectors:
-        """Return the row whose product with z is one entry of z."""
+        """Return the row (N,) that selects one entry of z."""
         row = np.zeros(self.N, dtype=complex)
         row[entry] = 1.0
         return row
 
     def local(self, link: int, entry: int) -> complex:
-        """Return the place of the point with this entry in a link [m]."""
+        """Return the place x + i y, in the frame of a link, of its point with this entry [m]."""
         return self.points[entry - self.first].at[link]
 
     def direction(self, link: int) -> Vectors:
-        """Return the row whose product with z is exp(i theta) of a link, from its known direction or from two points."""
+        """Return the row (N,) of exp(i theta) of a link, which follows from an input or from two points."""
         root, phase = self.frames[link]
         if root in self.turned:
             return self.unit(self.turned[root]) * exp(1j * phase)
-        owner, A, B = self.base[root]
+        owner, A, B = self.base[root]  # of all links with this root, `owner` is the one whose points A and B show the direction
         turn = exp(1j * (phase - self.frames[owner][1]))
         return (self.unit(B) - self.unit(A)) * turn / (self.local(owner, B) - self.local(owner, A))
 
     def point(self, link: int, s: complex) -> Vectors:
-        """Return the row whose product with z is the point at the place s [m] in a link."""
+        """Return the row (N,) of the world position of the point with the place s = x + i y [m] in the frame of a link."""
         if link == GROUND:
-            return self.unit(0) * s
+            return self.unit(0) * s  # entry 0 of z is 1
         anchor = self.anchor[link]
         rest = s - self.local(link, anchor)
         return self.unit(anchor) + rest * self.direction(link) if rest else self.unit(anchor)
 
     def block(self, slide: Prismatic) -> int:
-        """Return the entry of the block point of a slide."""
+        """Return the index in z of the point that lies in the block of a slide."""
         link = slide.block.link
-        return min(self.of[link], key=lambda k: abs(self.local(link, k) - place(slide.block)))
+        return min(self.entries_of[link], key=lambda k: abs(self.local(link, k) - place(slide.block)))
 
     def _place(self) -> None:
-        """Fill `placed_by` and `rows` with the points that pivots and driven links determine, one link after the other."""
+        """Fill `placed_by` and `rows` with the known points: those of the ground, then of driven links that have a known point.
+
+        A link whose direction is an input is determined by one known point, its anchor, and so makes its other points known.
+        """
         link: int | None = GROUND
         waiting = {i for i, (root, _) in self.frames.items() if root in self.turned and i != GROUND}
         while link is not None:
-            for k in self.of[link]:
+            for k in self.entries_of[link]:
                 if k not in self.placed_by:
                     self.rows[k], self.placed_by[k] = self.point(link, self.local(link, k)), link
             # next comes a link of known direction with a point that is placed
-            link = next((i for i in sorted(waiting) if self.placed_by.keys() & set(self.of[i])), None)
+            link = next((i for i in sorted(waiting) if self.placed_by.keys() & set(self.entries_of[i])), None)
             if link is not None:
-                self.anchor[link] = next(k for k in self.of[link] if k in self.placed_by)
+                self.anchor[link] = next(k for k in self.entries_of[link] if k in self.placed_by)
                 waiting.remove(link)
 
     def _base(self, root: int) -> tuple[int, int, int]:
-        """Return a link, and two entries of its points, that give the direction of a root: known points if possible, far apart."""
+        """Return (link, A, B): the line from point A to point B of this link gives the direction of all links with this root.
+
+        A is a known point if possible, and A and B are as far apart as possible; A and B are entries of z.
+        """
         members = [link for link, (r, _) in self.frames.items() if r == root]
-        pairs = [(link, A, B) for link in members for A, B in permutations(self.of[link], 2)]
+        pairs = [(link, A, B) for link in members for A, B in permutations(self.entries_of[link], 2)]
 
         def rank(pair: tuple[int, int, int]) -> tuple[bool, float, int]:
-            """Return the rank of a pair: a known first point counts first, then a large distance, then the order of the points."""
+            """Return the rank of a pair: a known point A counts first, then a large distance, then an early B."""
             link, A, B = pair
             return A in self.placed_by, abs(self.local(link, B) - self.local(link, A)), -B
 
         return max(pairs, key=rank)
 
     def known(self, x: Array, rate: Array, second: Array) -> Vectors:
-        """Return z, z', z'' as rows (3, N) with unknown points at zero, for inputs (i,) [rad, m] and their two derivatives."""
+        """Return z, z', z'' as rows (3, N), in which the entries of unknown points are zero.
+
+        Args:
+            x: (i,) values of the inputs [rad, m]; an active bar has its length here, but the square of it in z.
+            rate, second: (i,) their first and second derivatives by time.
+        """
         Z = np.zeros((3, self.N), dtype=complex)
-        Z[0, 0] = 1.0
+        Z[0, 0] = 1.0  # the constant of z
         for k, driver in enumerate(self.drivers):
             match driver:
                 case AngleDriver():
@@ -229,7 +258,7 @@ class Points:
                     Z[:, 1 + k] = x[k], rate[k], second[k]
                 case LengthDriver():
                     Z[:, 1 + k] = x[k] ** 2, 2 * x[k] * rate[k], 2 * (rate[k] ** 2 + x[k] * second[k])
-        for entry, row in self.rows.items():
+        for entry, row in self.rows.items():  # known points: constant rows times inputs and earlier points
             Z[:, entry] = Z @ row
         return Z
 
@@ -239,6 +268,6 @@ class Points:
 
     def unknown_at(self, q: Array) -> Array:
         """Return the unknown points (2 u,) at a state q (n,), x before y of each [m]."""
-        owners = [next(iter(self.points[k - self.first].at.items())) for k in self.unknown]
+        owners = [next(iter(self.points[k - self.first].at.items())) for k in self.unknown]  # a link of each, and the place in it
         places = [position(q, Point(link, np.array([s.real, s.imag]), "")) for link, s in owners]
         return np.array(places).reshape(-1)

@@ -94,9 +94,12 @@ def gauss_newton(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> 
 
 
 def search_along(residual: Residual, x: Array, tolerance: float, lengths: int) -> Root:
-    """Search by steps h of J h = -F.
+    """Search for a root from x (n,) by Newton's method, with steps h that solve J h = -F.
 
-    Of each step up to `lengths` lengths 1, 1/2, 1/4, ... are tried, until |F| falls enough; with 0 every step is taken in full.
+    A step is tried at the lengths h, h/2, h/4, ... until |F|^2 falls enough, and the search has stalled if it does at none of them.
+
+    Args:
+        lengths: largest number of lengths of a step that are tried; with 0 every step is taken in full, even if |F| grows.
     """
     F, J = residual(x)
     for iteration in range(LIMIT):
@@ -106,10 +109,11 @@ def search_along(residual: Residual, x: Array, tolerance: float, lengths: int) -
         h = full_step(F, J)
         if h is None:
             return Root(x, ExitFlag.SINGULAR, iteration, largest(F))
-        size, promised = float(F @ F), 2.0 * SUFFICIENT * float((J @ h) @ (J @ h))
+        # Armijo's condition: to first order |F|^2 falls by 2 part |J h|^2, and must fall by a share SUFFICIENT of this
+        size, required = float(F @ F), 2.0 * SUFFICIENT * float((J @ h) @ (J @ h))
         for part in 0.5 ** np.arange(max(1, lengths)):
-            G, K = residual(x + part * h)
-            if not lengths or size - part * promised >= G @ G:
+            G, K = residual(x + part * h)  # F and J after the step
+            if not lengths or size - part * required >= G @ G:
                 break
         else:
             return Root(x, ExitFlag.STALLED, iteration, largest(F))

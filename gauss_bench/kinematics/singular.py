@@ -2,8 +2,8 @@
 
 The positions form a curve q(s) with the tangent x, J x = 0. A coordinate c(q) with gradient g reverses where g . x = 0, and cannot
 drive the linkage there. For the crank this is a limit of its motion, for any other coordinate a dead centre. The curve is followed
-in steps of its length s, because it is regular there as a function of s. If g . x changes its sign between two positions, the root
-between them is searched along the tangent, with the constraints closed at every trial.
+in steps of its length s, because q(s) is smooth even where a coordinate reverses. If g . x changes its sign between two positions,
+the root between them is searched along the tangent, with the constraints closed at every trial.
 Source: Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria (2000), sections 2.4 and 3.2 (fold points).
 """
 
@@ -61,11 +61,14 @@ class Singular:
 
 
 def input_coordinate(mechanism: Mechanism) -> Measured:
-    """Return the driving coordinate: the crank's angle, or the measured coordinate of a linkage without crank."""
+    """Return the driving coordinate: the crank's angle, or the measured coordinate of a linkage without crank.
+
+    If the measured coordinate is one of `driving_coordinates`, it is returned with its name there.
+    """
     if mechanism.crank is not None:
         return Measured(mechanism.links[mechanism.crank].name, Angle(GROUND, mechanism.crank))
     for x in driving_coordinates(mechanism):
-        # a coordinate that can drive has the bare name of its link or slide
+        # the measured coordinate is named "angle of LINK" or "slide NAME", a driving coordinate LINK or NAME alone
         if mechanism.measured.name == f"{'angle of' if isinstance(x.coordinate, Angle) else 'slide'} {x.name}":
             return x
     return mechanism.measured
@@ -77,8 +80,8 @@ def driving_coordinates(mechanism: Mechanism) -> list[Measured]:
     for joint in mechanism.joints:
         links = [end.link for end in joint.ends]
         if GROUND in links:
-            turning = max(links)
-            pin = Measured(mechanism.links[turning].name, Angle(GROUND, turning))
+            turning = max(links)  # the other link: the ground has the smallest index, -1
+            pin = Measured(mechanism.links[turning].name, Angle(GROUND, turning))  # a motor at the pin drives the link's angle
             coordinates.append(Measured(joint.name, joint.motion) if joint.slides else pin)
     return coordinates
 
@@ -87,6 +90,11 @@ class Curve:
     """The curve of positions of a linkage with one degree of freedom."""
 
     def __init__(self, mechanism: Mechanism):
+        """Set up the constraints of the joints, without drivers and knife edges.
+
+        Raises:
+            ValueError: more or fewer than one degree of freedom.
+        """
         if mechanism.dof != 1:
             raise ValueError(f"{mechanism.name} has {mechanism.dof} degrees of freedom; singular positions are found for one")
         self.mechanism = mechanism
@@ -118,27 +126,35 @@ class Curve:
         """Project q (n,) onto the constraints by Gauss-Newton."""
 
         def shortest(J: Array, phi: Array) -> Array:
+            """Return the shortest least-squares solution dq of J dq = phi."""
             return np.asarray(np.linalg.lstsq(J, phi, rcond=RANK_TOLERANCE)[0])
 
         def is_still(_: Array, size: Array) -> bool:
+            """Tell whether the last correction, of this size, was negligible."""
             return bool(size < TOLERANCE)
 
         return project(q, self.constraints.residual, shortest, NEWTON_STEPS, still=is_still)
 
     def refine(self, coordinate: Measured, q: Array, x: Array) -> Array:
-        """Return the position (n,) before q, at most a step away, at which a coordinate has g . x = 0; x is the tangent at q.
+        """Return the position (n,) at which a coordinate reverses, g . x = 0, between the last position of the curve and q.
+
+        Args:
+            coordinate: with the gradient g.
+            q: (n,) the position after the reversal.
+            x: (n,) unit tangent at q.
 
         Raises:
             ChangePoint: there is no such position, as at a fork of the curve.
         """
 
         def rate(back: float) -> float:
-            """Return g . x at this distance back along the tangent."""
+            """Return g . x at the position that lies the distance `back` behind q along the tangent, closed by projection."""
             here = self._close(q - back * x)
             return float(gradient(coordinate.coordinate, here) @ self.tangent(here, x))
 
         if rate(ENDS[0]) * rate(ENDS[1]) < 0:
             back = brentq(rate, *ENDS, xtol=1e-15)
+            # at a fork the tangent jumps, and brentq returns the place of a jump of g . x, where it is not zero
             if abs(rate(back)) < REVERSED:
                 return self._close(q - back * x)
         raise ChangePoint(f"no isolated singular position of {coordinate.name} near here: the curve forks")
@@ -160,7 +176,7 @@ def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list
     q = mechanism.q0
     x = curve.tangent(q, gradient(driving.coordinate, q))  # so that the driving coordinate grows
     first, side = x, curve.orientation(q, x)
-    signs = [gradient(c.coordinate, q) @ x for c in coordinates]
+    rates = [gradient(c.coordinate, q) @ x for c in coordinates]  # g . x of each coordinate at the last position
     for count in range(LONGEST):
         if ended is not None and ended.is_set():
             raise ChangePoint("the search was ended")
@@ -169,15 +185,15 @@ def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list
         if curve.orientation(q, x) * side < 0:
             raise ChangePoint(f"change point near {_describe(driving, q)}: the curve forks, the motion can go on in two ways")
         for k, c in enumerate(coordinates):
-            sign = gradient(c.coordinate, q) @ x
-            if sign * signs[k] < 0 or (count == 0 and abs(signs[k]) < TOLERANCE):  # a reversal since the last position, or at q0
+            rate = gradient(c.coordinate, q) @ x
+            if rate * rates[k] < 0 or (count == 0 and abs(rates[k]) < TOLERANCE):  # a reversal since the last position, or at q0
                 at = curve.refine(c, q, x)
                 kind = "limit" if c.name == driving.name else "dead centre"
                 # a start at a dead centre is found a second time when the curve closes
                 if not any(known.coordinate == c.name and _distance(at, known.q) < SAME for known in positions):
                     here, there = float(value(c.coordinate, at)), float(value(driving.coordinate, at))
                     positions.append(Singular(c.name, kind, here, there, driving, at))
-            signs[k] = sign
+            rates[k] = rate
         # the curve is closed where it comes back to its start in the same sense
         if count > 2 and _distance(q, mechanism.q0) < 0.75 * STEP and x @ first > 0:
             break

@@ -1,8 +1,9 @@
 """Find a four-bar whose coupler takes three given poses, and tell whether it moves through them without being taken apart.
 
-A pin of the coupler has three places, and the centre of the circle through them is its fixed pivot. Seen from the coupler it is the
-other way round: a fixed pivot has three places, and the centre of their circle is the pin. If its places lie on a line, the pin
-slides. Places are complex numbers x + i y [m]. A pose is the place and the angle [rad] of the coupler's frame.
+A pin of the coupler takes three places, and the centre of the circle through them is its fixed pivot. In kinematic inversion, seen
+from the coupler, a fixed pivot takes three places, and the centre of the circle through them is the pin. If the three places of a
+pin lie on a line, the pin slides. Places are complex numbers x + i y [m]. A pose is the place and the angle [rad] of the coupler's
+frame.
 Source: Sandor, Erdman (1984), Advanced Mechanism Design, vol. 2; for branch and order Waldron, Kinzel (1999), Kinematics, Dynamics,
 and Design of Machinery.
 """
@@ -83,7 +84,7 @@ def four_bar_of_pins(poses: Sequence[Pose], pins: Sequence[complex]) -> FourBar:
     """Find the fixed pivots, or slides, of two pins given in the coupler's frame.
 
     Raises:
-        NoFourBar: a pin has no pivot, or the two connections are one.
+        NoFourBar: a pin has no pivot, or both pins, both pivots, or a pin and its pivot coincide.
     """
     connections = []
     for name, pin in zip(NAMES, pins, strict=True):
@@ -96,21 +97,23 @@ def four_bar_of_pivots(poses: Sequence[Pose], pivots: Sequence[complex]) -> Four
     """Find the pins of the coupler that turn about two fixed pivots.
 
     Raises:
-        NoFourBar: a pivot has no pin, or the two connections are one.
+        NoFourBar: a pivot has no pin, or both pins, both pivots, or a pin and its pivot coincide.
     """
     connections = []
     for name, pivot in zip(NAMES, pivots, strict=True):
+        # kinematic inversion: in the coupler's frame the pivot moves on a circle about the pin
         seen = [(pivot - place) * rect(1.0, -angle) for place, angle in poses]  # the pivot in the coupler's frame
-        pin = connect(0j, (seen[0], seen[1], seen[2]), f"the {name} fixed pivot, seen from the coupler,")
-        if pin.direction is not None:
+        circle = connect(0j, (seen[0], seen[1], seen[2]), f"the {name} fixed pivot, seen from the coupler,")
+        if circle.direction is not None:
             raise NoFourBar(f"the {name} fixed pivot has no pin: seen from the coupler its three places lie on a line")
-        places = tuple(place + rect(1.0, angle) * pin.pivot for place, angle in poses)
-        connections.append(Connection(pin.pivot, (places[0], places[1], places[2]), pivot))
+        pin = circle.pivot  # the centre, in the coupler's frame
+        places = tuple(place + rect(1.0, angle) * pin for place, angle in poses)
+        connections.append(Connection(pin, (places[0], places[1], places[2]), pivot))
     return join(connections[0], connections[1])
 
 
 def connect(pin: complex, places: tuple[complex, complex, complex], name: str) -> Connection:
-    """Return the connection for a pin with three places: a bar along their circle, or a slide along their line.
+    """Return the connection that guides a pin through three places: a bar from their circle's centre, or a slide along their line.
 
     Raises:
         NoFourBar: places coincide, or the circle is too large; `name` begins the message.
@@ -124,7 +127,7 @@ def connect(pin: complex, places: tuple[complex, complex, complex], name: str) -
     if abs(height) < LINE:
         return Connection(pin, places, a, sides[2] / longest)
     u, v = b - a, c - a
-    centre = a + 1j * (v * abs(u) ** 2 - u * abs(v) ** 2) / (-2.0 * cross(u, v))
+    centre = a + 1j * (v * abs(u) ** 2 - u * abs(v) ** 2) / (-2.0 * cross(u, v))  # of the circle through a, b and c
     if abs(centre - a) > FARTHEST * longest:
         raise NoFourBar(f"{name} moves almost along a line: its circle has a radius of {abs(centre - a):.3g} m")
     return Connection(pin, places, centre)
@@ -136,10 +139,10 @@ def cross(a: complex, b: complex) -> float:
 
 
 def join(first: Connection, second: Connection) -> FourBar:
-    """Return the four-bar of two connections.
+    """Return the four-bar of two connections, with its motion if the one or the other is driven.
 
     Raises:
-        NoFourBar: it has no coupler or no frame.
+        NoFourBar: the coupler, the frame or a bar would have no length.
     """
     if abs(first.pin - second.pin) <= SAME * max(first.length, second.length, abs(first.pin)):
         raise NoFourBar("both pins are one: the coupler has no length")
@@ -153,8 +156,11 @@ def join(first: Connection, second: Connection) -> FourBar:
 
 
 def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
-    """Return whether the coupler passes the three poses in their order, on one branch, if one connection is driven."""
-    coupler = abs(driven.pin - other.pin)
+    """Return the motion through the three poses if one connection is driven.
+
+    It has no fault if the coupler passes the poses in their order on one branch. `name` of the driven connection begins the text.
+    """
+    coupler = abs(driven.pin - other.pin)  # length of the coupler between its pins
     part = f"the {name} bar" if driven.direction is None else f"the {name} slide"
     sides = [side_of(other, a, b, coupler) for a, b in zip(driven.places, other.places, strict=True)]
     if {1, -1} <= {*sides}:
@@ -162,19 +168,25 @@ def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
         k = sides.index(-first_side)
         return Drive("branch", f"Driven by {part}, it does not get from pose to pose: the {ORDER[k]} is on the other branch.")
     values = [driven.input(x) for x in driven.places]
-    for way, (second, third) in ways(driven, values):
-        if 0 < way * second < way * third and stays_closed(driven, other, coupler, *sorted((values[0], values[0] + third))):
-            turning = {1: "counter-clockwise", -1: "clockwise"}[way] if driven.direction is None else "along it"
+    # the poses in their order: the input reaches the second pose, then the third, without changing its sense
+    for sense, (second, third) in list_travels(driven, values):
+        if 0 < sense * second < sense * third and stays_closed(driven, other, coupler, *sorted((values[0], values[0] + third))):
+            turning = {1: "counter-clockwise", -1: "clockwise"}[sense] if driven.direction is None else "along it"
             return Drive("", f"Driven by {part} {turning}, it takes the three poses in their order, on one branch.", third)
-    for _, passed in ways(driven, values):
-        ends = min(0.0, *passed), max(0.0, *passed)
+    # the poses in any order: the loop stays closed over some range of the input that has all of them
+    for _, travels in list_travels(driven, values):
+        ends = min(0.0, *travels), max(0.0, *travels)
         if stays_closed(driven, other, coupler, values[0] + ends[0], values[0] + ends[1]):
             return Drive("order", f"Driven by {part}, it takes the poses in another order than given.")
     return Drive("branch", f"Driven by {part}, it does not get from pose to pose: a dead point lies between them.")
 
 
 def side_of(other: Connection, a: complex, b: complex, coupler: float) -> int:
-    """Return the branch of a pose: 1 or -1, or 0 at a dead point; a and b are the driven and the other pin."""
+    """Return the branch of a pose: 1 or -1, or 0 at a dead point; a and b are the places of the driven and of the other pin.
+
+    The branch is the sign of the sine of the angle between the coupler and the other bar, or between the coupler and the normal of
+    the other slide.
+    """
     if other.direction is None:
         sine = cross(b - a, other.pivot - b) / (coupler * other.length)
     else:
@@ -184,30 +196,33 @@ def side_of(other: Connection, a: complex, b: complex, coupler: float) -> int:
     return 1 if sine > 0 else -1
 
 
-def ways(driven: Connection, values: list[float]) -> list[tuple[int, tuple[float, float]]]:
-    """Return the ways from the first pose to the others: sense +1 or -1, and travels of the input to the second and third pose.
+def list_travels(driven: Connection, values: list[float]) -> list[tuple[int, tuple[float, float]]]:
+    """Return (sense, travels) of the input from the first pose to the other two, for all ways in which it can move there.
 
-    `values` are those of the input at the poses.
+    The sense is +1 or -1. The two travels [rad, m] lead to the second and to the third pose. A slide has one travel to each pose,
+    and both senses are returned. A bar can turn to each pose in both directions, which gives four pairs. `values` are those of the
+    input at the three poses.
     """
     second, third = (x - values[0] for x in values[1:])
     if driven.direction is not None:
         return [(1, (second, third)), (-1, (second, third))]
     forward = second % (2 * pi), third % (2 * pi)
-    # an arc through the first pose reaches the others on the same side, or one on each side
     back = forward[0] - 2 * pi, forward[1] - 2 * pi
+    # last the pairs with opposite directions: they never pass the poses in their order, so that their sense does not matter
     return [(1, forward), (-1, back), (1, (forward[0], back[1])), (1, (back[0], forward[1]))]
 
 
 def stays_closed(driven: Connection, other: Connection, coupler: float, start: float, end: float) -> bool:
     """Tell whether the coupler reaches the other connection at every input from `start` to the larger `end`.
 
-    The distance of the driven pin from the other pivot or line decides. Its extremes are at the ends of the way, or at the inputs
-    at which the pin is nearest or farthest.
+    The coupler reaches it if the driven pin is neither too far from the other pivot or line nor too near. The extremes of this
+    distance are at `start` or `end`, or at inputs between them at which the pin is nearest or farthest; all these are tried.
     """
     tried = [start, end]
-    if driven.direction is None:
+    if driven.direction is None:  # a bar
         towards = phase(other.pivot - driven.pivot) if other.direction is None else phase(1j * other.direction)
-        # the driven bar points to the other pivot, or square to the other line, or the opposite way
+        # the driven bar points to the other pivot, or is perpendicular to the other line, or points the opposite way;
+        # start and end are within 3 pi of zero (an angle, and less than a turn), and `towards` within pi
         extremes = [towards + k * pi for k in range(-4, 5)]
         tried += [x for x in extremes if start < x < end]
     elif other.direction is None:

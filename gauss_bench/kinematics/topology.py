@@ -7,8 +7,9 @@ links. Two links may share several pairs. A tree has n - 1 of the p pairs betwee
 
 pairs closes one loop, whose other pairs lie on the path through the tree. The tree is the breadth-first one from the frame, which
 keeps the loops short and near the frame.
-Source: Wang et al., Trans. CSAM 41(2), 2010, sections 2.2 and 3.1 (L, offset multiple joints). The paper does not say how loops are
-chosen, but its examples have those of the breadth-first tree.
+Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Trans. CSAM 41(2), 2010,
+sections 2.2 and 3.1, for the number L of loops and the pairs of multiple joints. The paper does not say how loops are chosen, but
+its examples have those of the breadth-first tree.
 """
 
 from collections.abc import Mapping, Sequence
@@ -56,13 +57,17 @@ class Passage:
     leave: Pair
 
     def way(self, turns: bool) -> Way:
-        """Return the way through the link; `turns` tells whether its angle is variable."""
+        """Return the loop's path through the link as a `Way`; `turns` tells whether the angle of the link is variable."""
         return Way(self.link, self.enter.element(self.link), self.leave.element(self.link), turns)
 
 
 @dataclass(frozen=True)
 class Loop:
-    """Passages in cyclic order, from the link nearest to the frame on, which the loop leaves by the earlier pair in the file."""
+    """A loop: its passages through links in cyclic order.
+
+    The first link is the one nearest to the frame in the tree. Of this link's two pairs in the loop, the loop leaves by the one
+    that is earlier in the file.
+    """
 
     passages: tuple[Passage, ...]
 
@@ -120,14 +125,15 @@ def pairs_of(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> tuple[P
 
 
 def _pair(joint: Joint) -> Pair:
-    """Return the pair of a joint."""
+    """Return the pair of a joint, with the two elements that it connects: pin and pin, or guide and block of a slide."""
     if not isinstance(joint, Prismatic):
-        a, b = (Element(joint.name, joint.joint, PIN, complex(*p.local)) for p in (joint.a, joint.b))
+        # the pairs of a multiple pin have names of their own and the name `joint` in common
+        a, b = (Element(joint.name, node=joint.joint, kind=PIN, at=complex(*p.local)) for p in (joint.a, joint.b))
         return Pair((joint.a.link, joint.b.link), (a, b))
     along = complex(np.cos(joint.angle), np.sin(joint.angle))
-    start = complex(*joint.guide.local) + 1j * along * joint.offset
-    guide = Element(joint.name, joint.name, GUIDE, start, along, joint.name)
-    block = Element(joint.name, joint.name, BLOCK, complex(*joint.block.local))
+    start = complex(*joint.guide.local) + 1j * along * joint.offset  # the point of the line at which the coordinate s is zero
+    guide = Element(joint.name, node=joint.name, kind=GUIDE, at=start, along=along, slide=joint.name)
+    block = Element(joint.name, node=joint.name, kind=BLOCK, at=complex(*joint.block.local))
     return Pair((joint.guide.link, joint.block.link), (guide, block))
 
 
@@ -180,14 +186,15 @@ def pin_loose_links(mechanism: Mechanism) -> Mechanism:
 
 
 def _loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair]) -> Loop:
-    """Return the loop that a pair outside the tree closes."""
+    """Return the loop that a pair outside the tree, the chord, closes with the path in the tree between its two links."""
     path = nx.shortest_path(tree, *chord.links)
     breadth_first = list(tree)
     top = min(range(len(path)), key=lambda k: breadth_first.index(path[k]))  # the link nearest to the frame
     links = path[top::-1] + path[:top:-1]  # from there to one end of the chord, and from its other end back
+    # crossed[k] is the pair between links[k] and the next link, cyclically
     crossed = [tree[a][b]["pair"] if tree.has_edge(a, b) else chord for a, b in pairwise([*links, links[0]])]
     crossed[top] = chord  # even where the two links of the chord share an edge of the tree
-    if pairs.index(crossed[0]) > pairs.index(crossed[-1]):
+    if pairs.index(crossed[0]) > pairs.index(crossed[-1]):  # reverse the loop: it leaves its first link by the earlier pair
         links, crossed = [links[0], *links[:0:-1]], crossed[::-1]
     return Loop(tuple(Passage(link, crossed[k - 1], crossed[k]) for k, link in enumerate(links)))
 
@@ -219,19 +226,19 @@ def absolute_states(graph: LinkageGraph, links: int, angles: Levels, slides: Map
     """
     theta, omega, alpha = angles
     E = np.exp(1j * theta)
-    turning = 1j * alpha - omega**2
+    turning = 1j * alpha - omega**2  # E'' = turning E
 
     def arm(i: int, element: Element) -> tuple[Array, Array, Array]:
-        """Return the vector from the centre of a link to one of its elements, and its derivatives, complex (k,)."""
-        still = np.zeros(len(theta))
-        s, s_rate, s_second = (x * element.along for x in slides.get(element.slide, (still, still, still)))
-        w = element.at + s
-        e, o = E[:, i], omega[:, i]
-        return e * w, e * (s_rate + 1j * o * w), e * (s_second + 2j * o * s_rate + turning[:, i] * w)
+        """Return the vector from the centre of link i to one of its elements, with two derivatives by time, complex (k,)."""
+        zero = np.zeros(len(theta))
+        s, s_rate, s_second = (x * element.along for x in slides.get(element.slide, (zero, zero, zero)))
+        local = element.at + s  # in the frame of the link
+        e, rate = E[:, i], omega[:, i]
+        return e * local, e * (s_rate + 1j * rate * local), e * (s_second + 2j * rate * s_rate + turning[:, i] * local)
 
     # link -> place of its centre and two derivatives, complex (k,)
     at: dict[int, tuple[Array, ...]] = {GROUND: (np.zeros(len(theta)),) * 3}
-    for edge in graph.tree:
+    for edge in graph.tree:  # both arms end at the pair, so that the centre of the link is that of its parent + near - far
         near = arm(edge.parent, edge.pair.element(edge.parent))
         far = arm(edge.link, edge.pair.element(edge.link))
         at[edge.link] = tuple(z + x - y for z, x, y in zip(at[edge.parent], near, far, strict=True))

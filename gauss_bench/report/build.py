@@ -28,11 +28,11 @@ FAULTS = "findings"  # folder beside the tables, with reports on faults in engin
 
 
 class NoRun(BadInput, ValueError):
-    """A folder holds no run."""
+    """A folder has no tables of a run."""
 
 
 def read_run(folder: Path) -> Run:
-    """Read the run in a folder, and the run of the suite `field` beside it.
+    """Read the run in a folder, and as its attribute `beside` the run of the suite `field` in its folder `field`, if there is one.
 
     Raises:
         NoRun: the folder has no run.
@@ -44,7 +44,7 @@ def read_run(folder: Path) -> Run:
 
 
 def read_one(folder: Path) -> Run:
-    """Read the run in a folder without the run beside it; raises as `read_run`."""
+    """Read the run in a folder alone, without the run of the suite `field` in its folder `field`; raises as `read_run`."""
     names = [name for name in TABLES if name != "baseline"]
     if not any(files_of(name, folder) for name in names):
         raise NoRun(f"{folder}: no run there: none of the tables that `gauss-bench run --out {folder}` writes")

@@ -46,12 +46,12 @@ def measured_head(rows: Sequence[Row]) -> str:
 
 
 def end_column(row: Row) -> str:
-    """Return the column of the measured error at the latest time, of 0.5, 1 and 2 s, at which the row has one."""
+    """Return the column of the measured error at the latest of the times 0.5, 1 and 2 s for which the row has a value."""
     return next((column for column in reversed(MEASURED_ERRORS) if is_known(row.get(column))), MEASURED_ERRORS[0])
 
 
 def end_error(row: Row) -> float:
-    """Return the measured error, in its own unit, at the latest time at which the row has one; NaN without any."""
+    """Return the measured error, in its own unit, at the latest time for which the row has a value; NaN without any."""
     return number(row, end_column(row))
 
 

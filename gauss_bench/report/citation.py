@@ -16,7 +16,7 @@ IDENTIFIERS = re.compile(r"(?m)^identifiers:\n(?:  .*\n)+")
 
 
 def describe_rows(folder: Path, name: str = "reports") -> str:
-    """Return the identifier of the rows in a folder, as lines of CITATION.cff; `name` is the folder's path in the project."""
+    """Return lines of CITATION.cff that identify the rows in a folder by checksum; `name` is the folder's path in the project."""
     environment = read_environment(folder)
     commit, date, cpu = (environment[key] for key in ("commit", "date", "cpu"))
     words = f"rows in {name}/, measured by commit {commit} (version {environment['versions']['gauss-bench']}) on {date}, {cpu}"
@@ -26,7 +26,7 @@ def describe_rows(folder: Path, name: str = "reports") -> str:
 
 
 def renew(text: str, folder: Path) -> str:
-    """Return the text of CITATION.cff with the identifiers of the rows in a folder and of the run beside them."""
+    """Return the text of CITATION.cff with the identifiers of the run in a folder, and of the run in its folder `field`."""
     identifiers = "identifiers:\n" + "".join(describe_rows(x, str(x.relative_to(folder.parent))) for x in folders_of(folder))
     renewed, count = IDENTIFIERS.subn(lambda _: identifiers, text)  # a function, since a text would be searched for \1
     assert count == 1, "CITATION.cff has one list of identifiers"

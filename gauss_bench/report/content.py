@@ -136,7 +136,7 @@ class Chart:
     kind = "chart"
 
     def table(self) -> Table:
-        """Return the table of the numbers in `listed`, or of all drawn numbers."""
+        """Return the table of the numbers in `listed`, or of all numbers that the figure shows."""
         numeric = {c for c in self.head if any(isinstance(row.get(c), (int, float)) for row in self.rows)}
         columns = [(words, ".4g" if c in numeric else "text", c) for c, words in self.head.items()]
         return make_table(f"{self.title}: numbers", columns, self.rows if self.listed is None else self.listed, note=self.note)
@@ -220,7 +220,7 @@ def make_cell(row: Row, kind: str, key: str, bar: str = "") -> Cell:
 def missing_reason(row: Row, key: str) -> str:
     """Return why a row has no value in the column `key`, in a few words.
 
-    The first of these reasons that there is counts:
+    It returns the first of these reasons that exists:
     1. the row's entry `why_` + `key`, which holds for this cell alone;
     2. the column's reason in `[reasons.always]` of `layouts.toml`;
     3. the row's entry `missing`, which holds for all its cells;
@@ -244,10 +244,10 @@ def _print_value(row: Row, kind: str, key: str, bar: str = "") -> Cell:
     """Return the cell of a row's value; its text is NOTHING if the value is missing.
 
     Args:
-        kind: one of TEXT_KINDS, "figure" (text in a column of numbers), "met", "step", a number format (`print_as`), or "range "
-            with the format of both ends.
+        kind: one of TEXT_KINDS, "figure" (text in a column of numbers), "met" (whether a target is met), "step" (a step size, or
+            "own" if the integrator chose its steps), a number format (`print_as`), or "range " with the format of both ends.
         key: column of the value. `key` + "_tone" may hold its tone.
-        bar: column of the error bar; a value below it is printed as "< " and the bar.
+        bar: column of the error bar, empty if there is none; a value below it is printed as "< " and the bar.
     """
     value = row.get(key)
     match kind.split(maxsplit=1):
@@ -266,7 +266,7 @@ def _print_value(row: Row, kind: str, key: str, bar: str = "") -> Cell:
                 return Cell(NOTHING)
             return text_cell("yes", "good") if value else text_cell("no", "bad")
         case ["step"]:
-            # an integrator that chose its steps has none of a given length
+            # the integrator chose its steps if the row has no positive step, or if its number of steps does not fit the step
             chosen = key in row and (not number(row, key) > 0 or (has_ended(row) and chose_steps(row)))
             return Cell("own", 0.0) if chosen else make_cell(row, "g", key)
         case ["range", form]:

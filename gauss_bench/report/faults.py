@@ -12,7 +12,7 @@ def faults_of(faults: Mapping[str, str], engine: str) -> list[Section]:
     """Return the sections on an engine's library.
 
     Args:
-        faults: name of a report, ENGINE_WORDS -> its text.
+        faults: name of a report -> its text. A name is an engine, an underscore and words, such as `newton_contact_room`.
     """
     return [make_section(name, text) for name, text in sorted(faults.items()) if name.startswith(f"{engine}_")]
 

@@ -1,7 +1,10 @@
-"""The first table of README, the summary and the site: the time in which each engine holds a requirement, and its multiple.
+"""The first table of README, the summary and the site: the run time that each engine needs to meet an accuracy requirement.
 
-A multiple is a time divided by the smallest time of all engines. Engines of the suite's authors are marked. README has the table
-between two marker lines, where `make publish` writes it.
+It also has the multiple of each engine, which is this time divided by that of the fastest engine. Engines of the suite's authors
+are marked. README has the table between two marker lines, where `make publish` writes it.
+
+A row belongs to an engine or, for Pinocchio, to an engine with one kind of loop over the steps. Its name, such as "gauss" or
+"pinocchio, compiled", is made by `loop_of` and called `loop` below.
 """
 
 import math
@@ -34,14 +37,14 @@ def loop_of(engine: str, settings: str) -> str:
 
 
 def group_by_loop(settings: Iterable[Setting]) -> dict[str, list[Setting]]:
-    """Return name of an engine and its loop, as `loop_of` -> its settings."""
+    """Return a dictionary: name by `loop_of` -> the settings with this name."""
     return group_by(settings, lambda x: loop_of(x.engine, x.settings))
 
 
 def cheapest_loops(run: Run, mechanism: str, position: float) -> dict[str, Setting]:
-    """Return name of an engine and its loop -> its cheapest setting on a linkage that holds an accuracy [m].
+    """Return a dictionary: name by `loop_of` -> its cheapest setting whose position error on a linkage is at most `position` [m].
 
-    The winner of a race at this accuracy replaces a setting whose time is estimated.
+    A setting that was timed in a race at this accuracy replaces one whose time is estimated.
     """
     found: dict[str, Setting] = {}
     for loop, settings in group_by_loop(all_settings(run).get(mechanism, [])).items():
@@ -51,18 +54,18 @@ def cheapest_loops(run: Run, mechanism: str, position: float) -> dict[str, Setti
 
 
 def mark_own(run: Run, loop: str) -> str:
-    """Return the name of an engine, or of an engine and its loop, marked if the authors of the suite wrote the engine."""
+    """Return the name of an engine, or a name by `loop_of`, with the mark " (own)" if the authors of the suite wrote the engine."""
     return f"{loop} (own)" if loop.partition(",")[0] in run.own_engines else loop
 
 
 @dataclass(frozen=True)
 class Answers:
-    """The costs of holding an accuracy on one linkage, by name of an engine and its loop.
+    """The costs of an accuracy on one linkage, each by the name that `loop_of` gives.
 
     Attributes:
-        leaders: cheapest settings that hold the accuracy.
-        multiples: times of these settings, divided by the smallest of them.
-        ladders: rows of `search_ladder`.
+        leaders: cheapest setting that meets the accuracy.
+        multiples: time of this setting, divided by the smallest time of all names.
+        ladders: rows of `search_ladder`, which are runs at several steps or tolerances.
     """
 
     leaders: dict[str, Setting]
@@ -70,7 +73,12 @@ class Answers:
     ladders: dict[str, list[Row]]
 
     def cells(self, loop: str, position: float) -> list[Cell]:
-        """Return the cells with error, time and multiple of an engine; without a setting that holds, cells with the reason."""
+        """Return the cells with error, time and multiple of a row; if no setting meets the accuracy, cells with the reason.
+
+        Args:
+            loop: name of the row, as `loop_of` returns it.
+            position: the accuracy [m].
+        """
         leader = self.leaders.get(loop)
         if leader is None:
             why = explain_missing(self.ladders.get(loop, []), position)
@@ -83,7 +91,7 @@ class Answers:
 def first_table(run: Run) -> Table | None:
     """Return the table of the engines that reach the accuracy FIRST [m], or None if no engine of the run does.
 
-    A row has error, time and multiple on the linkages SHOWN, and the range of the engine's multiples on all linkages.
+    A row has error, time and multiple on the linkages SHOWN, and the range of the multiples on all linkages.
     """
     modelled = {r["engine"] for r in run.table("search_ladder") if r["status"] != "skip"}
     ladders = group_by((r for r in run.table("search_ladder") if r["engine"] in modelled), "mechanism")
@@ -111,10 +119,15 @@ def first_table(run: Run) -> Table | None:
 
 
 def explain_missing(rows: Iterable[Row], position: float) -> str:
-    """Return in a few words why an engine has no time within `position` [m], from its rows of `search_ladder` on a linkage."""
+    """Return in a few words why no time is known for an engine with errors of at most `position` [m] on a linkage.
+
+    Args:
+        rows: the engine's rows of `search_ladder` on the linkage.
+    """
     variants = group_by(rows, "settings", "integrator", "stabilization").values()
     trials = [[trial_of(row) for row in variant] for variant in variants]
-    return reach(trials, [Requirement("position", position)], "no race took it in").words.partition(":")[0]
+    answer = reach(trials, [Requirement("position", position)], untimed="no race took it in")
+    return answer.words.partition(":")[0]  # without the details after the colon
 
 
 def print_markdown(table: Table) -> str:

@@ -52,7 +52,10 @@ LOOK = {"font": "Arial, sans-serif", "legend": {"title": None, "labelColor": "va
 
 
 def motion_picture(run: Run) -> str:
-    """Return two stored runs of one linkage side by side, with loop openings magnified WIDER times."""
+    """Return the SVG of two stored runs of one linkage side by side, with loop openings magnified WIDER times.
+
+    Readers who switched animations off, and printers, see still parts instead of the film.
+    """
     turn = find_turn(run, LINKAGE)
     assert turn is not None, f"the crank of {LINKAGE} turns fully"
     mechanism = turn.mechanism
@@ -65,11 +68,12 @@ def motion_picture(run: Run) -> str:
     t = spread_times(times, crank_angles(mechanism, reference))
     motions = [open_wider(x, turn, times, reference, t) for x in chosen]
     canvas = canvas_of(mechanism, np.vstack([turn.states, *motions]))
-    still = [*linkage_parts(mechanism, pose_in(run, LINKAGE)[1][None], None, canvas, forces=False)]
+    _, pose, _ = pose_in(run, LINKAGE)
+    still = [*linkage_parts(mechanism, pose[None], None, canvas, forces=False)]
     parts = []
     for i, (played, name, states) in enumerate(zip(chosen, NAMES, motions, strict=True)):
         opens = f"a joint opens by {length_text(largest_gap(mechanism, played, reference, times))} at most"
-        film, slower = make_film(t, states, canvas)
+        film, slower = make_film(t, states, canvas)  # both films are equally slow, since they have the same times
         parts += [
             f'<g transform="translate({i * (canvas.width + GAP):.0f} {TOP:.0f})">',
             # the ground, whose parts neither move nor belong to a link
@@ -107,7 +111,11 @@ def spread_times(times: Array, crank: Array) -> Array:
 def open_wider(run: StoredRun, turn: Turn, times: Array, reference: Array, t: Array) -> Array:
     """Return the states (k, n) of a run at times t (k,) [s], with the openings of its joints magnified WIDER times.
 
+    The stored difference of the run from the reference has two parts: `run.ahead` leaves all loops closed, as when the crank is
+    ahead of the reference, and `run.gap` opens them. Only `gap` is magnified here.
+
     Args:
+        turn: the closed states of the linkage as a function of its crank angle.
         times, reference: (l,) times of the stored poses [s], and reference states (l, n) at them.
     """
     ahead, gap = (x.reshape(len(times), -1) for x in (run.ahead, run.gap))  # (l, n) each
@@ -173,14 +181,15 @@ def cost_picture(run: Run) -> str:
 
 
 def fronts(run: Run) -> dict[str, list[Setting]]:
-    """Return name of an engine and its loop -> the settings of its Pareto front of time and error.
+    """Return a dictionary: name by `first_table.loop_of` -> the settings that no other of this name beats in both time and error.
 
-    The engine that is the fastest within FIRST comes first.
+    The name that is the fastest with an error of at most FIRST [m] comes first.
     """
     settings = group_by_loop(x for x in all_settings(run)[LINKAGE] if 0 < x.position <= COARSEST)
     lines = {loop: pareto_front(group, lambda x: x.seconds, lambda x: x.position) for loop, group in settings.items()}
 
     def sort_key(loop: str) -> tuple[float, str]:
+        """Return the least time with an error of at most FIRST, infinity without one, and the name."""
         within = cheapest(lines[loop], FIRST).values()
         return min((x.seconds for x in within), default=math.inf), loop
 
@@ -199,13 +208,14 @@ def svg(title: str, width: float, height: float, parts: Sequence[str], style: st
         parts: elements inside the picture.
         style: further rules of CSS.
     """
-    light = "".join(f"--{name}:{colour};" for colour, name in VARIABLES.items()) + hues(False)
-    dark = "".join(f"--{name}:{colour};" for name, colour in DARK.items()) + hues(True)
+    light = "".join(f"--{name}:{colour};" for colour, name in VARIABLES.items()) + hues(dark=False)
+    dark = "".join(f"--{name}:{colour};" for name, colour in DARK.items()) + hues(dark=True)
     size = f'viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}"'
     look = f"svg{{{light}}}@media (prefers-color-scheme:dark){{svg{{{dark}}}}}{style}"
     start = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" font-family="Helvetica, Arial, sans-serif">'
     paper = f'<rect width="100%" height="100%" rx="12" fill="{PAPER}"/>'
     drawn = "\n".join([f"{start}<title>{escape(title)}</title>", paper, *parts, "</svg>\n"])
+    # `inline` replaces colours by CSS variables; the style that defines these variables follows afterwards, to keep its colours
     return inline(drawn, "picture").replace("<title>", f"<style>{look}</style><title>", 1)
 
 

@@ -1,6 +1,7 @@
-"""Find how far an engine reaches on a linkage, that is whether it meets a requirement, from the rows of a run.
+"""Find from the rows of a run whether an engine meets a requirement on a linkage and, if not, how close it comes.
 
-A run stores the trials of its searches in `search_ladder`. For runs of older versions, which did not, the races answer.
+The answer is a `gauss_bench.reach.Reach`. It follows from the trials of the searches, which are in the table `search_ladder`. Runs
+of older versions did not store them; then the answer follows from the races, which are in the table `search_winners`.
 """
 
 import math
@@ -15,17 +16,17 @@ Ladders = dict[str, dict[str, list[list[Trial]]]]  # linkage -> engine -> trials
 
 
 def answer(run: Run, mechanism: str, engine: str, wanted: Sequence[Requirement]) -> Reach:
-    """Return how far an engine reaches on a linkage; if a race tried it, the answer says that it was timed, or why not.
+    """Return whether an engine meets requirements on a linkage; if it was to be timed in a race, also whether it was, or why not.
 
     Args:
-        wanted: requirements that a setting must hold together. Races are known for a single requirement alone.
+        wanted: requirements that one setting must meet together. There are races for single requirements only, not for several.
     """
     race = find_race(run, mechanism, engine, wanted[0]) if len(wanted) == 1 else None
     ladders = _ladders(run).get(mechanism, {}).get(engine, [])
     if race is None or (ladders and race["status"] == Status.SKIP):
         return reach(ladders, wanted, "no race took it in")
     if not ladders:
-        return _reach_of_race(race)
+        return _read_race(race)
     if race["status"] == Status.OK:
         return reach(ladders, wanted)
     return reach(ladders, wanted, race["message"].removeprefix(f"{Kind.UNTIMED}: "))
@@ -46,14 +47,14 @@ def find_race(run: Run, mechanism: str, engine: str, wanted: Requirement, scenar
     return next((r for r in races if math.isclose(number(r, "accuracy"), wanted.limit, rel_tol=1e-6)), None)
 
 
-def _reach_of_race(row: Row) -> Reach:
-    """Return the reach that a row of `search_winners` states."""
+def _read_race(row: Row) -> Reach:
+    """Return the answer that a row of `search_winners` gives by its status: timed, skipped or not reached."""
     status, message = row["status"], row.get("message") or ""
     if status == Status.OK:
         return Reach(Kind.TIMED)
     if status == Status.SKIP:
-        # a single trial with this status tells why the engine was skipped
-        return reach([[Trial(math.nan, {}, 0, Status.SKIP, message)]], [])
+        # a single trial that was skipped for this reason gives the right kind of answer
+        return reach([[Trial(math.nan, {}, status=Status.SKIP, message=message)]], [])
     steps = number(row, "steps")
     # a status such as "not reached" says all, and its message repeats it
     return Reach(Kind.NOT_REACHED, "" if "reach" in status else message, 0 if math.isnan(steps) else int(steps))
@@ -71,5 +72,5 @@ def _ladders(run: Run) -> Ladders:
 
 @lru_cache(maxsize=2)
 def _races(run: Run) -> dict[tuple[str, str, str], list[Row]]:
-    """Return (linkage, engine, kind of error) -> the rows of the races of the engine's cheapest settings."""
+    """Return a dictionary: (linkage, engine, kind of error) -> the rows of `search_winners`, at all accuracies and scenarios."""
     return group_by((r for r in run.table("search_winners") if r["required"]), "mechanism", "engine", "required")

@@ -33,7 +33,7 @@ class Run:
         tables: name of a table -> its rows.
         checksum: SHA-256 of the checksums of all stored tables; empty for a run without checksums.
         accepted: rows of the accuracy gate's baseline, each with the date and the reason of its last change.
-        faults: name of a report on a fault in an engine's library, ENGINE_WORDS -> its text in Markdown.
+        faults: name of a report on a fault in an engine's library, such as `newton_contact_room` -> its text in Markdown.
         beside: the run of the suite `field` that is published beside this run.
     """
 
@@ -46,7 +46,7 @@ class Run:
 
     @property
     def field_run(self) -> "Run":
-        """The run that asked every engine the same questions: the run beside this one if there is one, else this run."""
+        """The run of the suite `field`, which asks every engine the same questions: `beside` if there is one, else this run."""
         return self.beside or self
 
     def table(self, name: str) -> tuple[Row, ...]:

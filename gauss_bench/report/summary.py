@@ -18,7 +18,7 @@ from gauss_bench.report.site.settings import race_multiples
 from gauss_bench.report.site.write import SITE
 from gauss_bench.report.words import NOTHING, count, itemise, ratio_text
 
-LOST = "**"  # findings print defeats in bold
+BOLD = "**"  # mark around bold text: findings print in bold where the suite's own engines lose
 SHORT, LONGEST = 40, 800  # characters: a first sentence that says too little alone, and the longest summary of a finding
 ACCURACY = (
     "For each engine and setting the table has the error of its accelerations at the same states, and the number of usable cases. "
@@ -35,7 +35,7 @@ SEARCHED = (
 def summary(run: Run, findings: Iterable[Finding]) -> list[Section]:
     """Return the sections of the page; sections for which the run has no rows are left out."""
     # findings in bold come first, then those on what is slower
-    ordered = sorted(findings, key=lambda f: (LOST not in f.text, "slower" not in f.text))
+    ordered = sorted(findings, key=lambda f: (BOLD not in f.text, "slower" not in f.text))
     lost = [shorten(f) for f in ordered if f.tone in ("bad", "warn")]
     others = [shorten(f) for f in ordered if f.tone not in ("bad", "warn")]
     table, cheapest = first_table(run), multiple_tables(run)
@@ -67,17 +67,18 @@ def describe_run(run: Run) -> list[Block]:
 def shorten(finding: Finding) -> str:
     """Return a finding's title with its bold sentences.
 
-    Without bold sentences it has the first sentence, the second one if the first is short, and all sentences with "slower".
+    Without bold sentences it has the first sentence, the second one if the first is short, and all sentences with "slower", because
+    no defeat may be left out. A text that is still longer than LONGEST is cut at a semicolon.
     """
     sentences = SENTENCE.split(finding.text)
-    chosen = [x for x in sentences if LOST in x]
+    chosen = [x for x in sentences if BOLD in x]
     if not chosen:
         first = 2 if len(sentences[0]) < SHORT else 1
         chosen = sentences[:first] + [x for x in sentences[first:] if "slower" in x]
     text = " ".join(chosen)
     if len(text) > LONGEST:
         text = f"{text[:LONGEST].rpartition('; ')[0] or text[:LONGEST]}; ..."
-    return f"**{finding.title}.** {text.replace(LOST, '')}"
+    return f"**{finding.title}.** {text.replace(BOLD, '')}"
 
 
 def summarise_linkage(run: Run, name: str) -> Section:
@@ -109,7 +110,10 @@ def least_error(rows: Sequence[Row]) -> Row:
 
 
 def multiple_tables(run: Run) -> list[Table]:
-    """Return a table for each requirement: the multiple of each engine, row by row, on each linkage, column by column."""
+    """Return a table for each requirement, with a row for each engine and a column for each linkage.
+
+    A cell has the time of the engine's cheapest setting divided by that of the fastest engine on the linkage.
+    """
     rows = run.table("search_winners")
     names = sorted({r["mechanism"] for r in rows})
     multiples = race_multiples(run)
@@ -129,10 +133,11 @@ def multiple_tables(run: Run) -> list[Table]:
 
 
 def multiple_cell(run: Run, row: Row | None, multiple: float | None) -> Cell:
-    """Return the cell with an engine's multiple on a linkage, or with the reason why it has none.
+    """Return the cell with an engine's time on a linkage over that of the fastest engine, or with the reason why it has no time.
 
     Args:
-        row: the engine's race; None if it was not raced on the linkage.
+        row: row of `search_winners` of the engine and linkage; None if there is none.
+        multiple: the ratio of times; None if the engine has no time.
     """
     if row is None:
         return Cell(NOTHING)

@@ -25,7 +25,7 @@ RULE = (
 
 
 def describe_changes(tables: Mapping[str, Sequence[Row]]) -> list[tuple[str, list[str]]]:
-    """Return (heading, sentences) for each two neighbours among the releases that have answers.
+    """Return (heading, sentences) for each pair of consecutive releases, where releases without answers are left out.
 
     Args:
         tables: rows of the tables NAMES.
@@ -80,10 +80,11 @@ def describe_figures(quantity: str, rows: Sequence[Row]) -> str:
 
 
 def describe_answers(was: str, now: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on the questions that one of two releases alone answers.
+    """Return a sentence on the questions that only one of two releases answers.
 
     Args:
-        was, now: WORKS, or the reason for which the earlier and the later release has no answer.
+        was: WORKS, or the reason why the earlier release gives no answer.
+        now: the same for the later release.
     """
     cases = name_some(sorted({place_of(row) for row in rows}), "; ")
     change = f"answered since then, before: {was}" if now == WORKS else f"no longer answered: {now}"

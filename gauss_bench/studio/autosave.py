@@ -80,6 +80,7 @@ class Autosave:
     """
 
     def __init__(self, name: str):
+        """Choose the file for the document of this name."""
         self.key = hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:20]
         self.file = folder() / f"{self.key}.{os.getpid()}.json"
 
@@ -137,11 +138,12 @@ def forget(file: Path) -> None:
 
 
 @contextmanager
-def workplace(text: str, name: Any, suffix: str = ".toml") -> Iterator[Path]:
-    """Yield the path of a temporary file with a text, for functions that read files.
+def temporary_file(text: str, name: Any, suffix: str = ".toml") -> Iterator[Path]:
+    """Yield the path of a temporary file with a text, for functions that read files; the file is deleted afterwards.
 
     Args:
         name: stem of the file's name; any other value than a valid name is replaced by "drawing".
+        suffix: ending of the file's name.
 
     Raises:
         OSError: no file can be written, neither in the cache folder nor in the system's temporary folder.
@@ -151,6 +153,7 @@ def workplace(text: str, name: Any, suffix: str = ".toml") -> Iterator[Path]:
         home = folder() if os.access(folder(), os.W_OK) else None
     except OSError:
         home = None  # TemporaryDirectory then takes the system's temporary folder
+    # number and start time identify this process, so that `remove_orphans` can tell later that it has ended
     prefix = f"run.{os.getpid()}.{start_of(os.getpid())}."
     with tempfile.TemporaryDirectory(prefix=prefix, dir=home, ignore_cleanup_errors=True) as made:
         path = Path(made) / f"{name if isinstance(name, str) and NAME.fullmatch(name) else 'drawing'}{suffix}"
@@ -159,7 +162,7 @@ def workplace(text: str, name: Any, suffix: str = ".toml") -> Iterator[Path]:
 
 
 def remove_orphans() -> None:
-    """Delete the folders that `workplace` made for processes that have ended."""
+    """Delete the folders that `temporary_file` made for processes that have ended."""
     with suppress(OSError):
         for path in folder().glob("run.*.*.*"):
             _, process, began, *_ = path.name.split(".")

@@ -22,10 +22,10 @@ STEPS = 40  # largest number of steps towards one position of the pointer
 
 
 def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Drag:
-    """Return the drag of the pin or point that a message names; it keeps the parts with the ids `locks`.
+    """Return a `Drag` of the pin or point that a message names, in which the parts with the ids `locks` do not move.
 
     Raises:
-        Refused: the pin is fixed to the ground or holds nothing, or the linkage does not assemble.
+        Refused: the pin is fixed to the ground or joins no link, or the linkage does not assemble.
     """
     mechanism = closed_mechanism(reading, "dragged")
     d = Drawing(reading.document, reading)
@@ -35,7 +35,7 @@ def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Dra
     if pin.is_grounded:
         raise Refused(f"pin {id} is fixed to the ground: moving it changes the linkage, it does not drag it", where)
     if not pin.members:
-        raise Refused(f"pin {id} holds nothing that could be dragged: move it", where)
+        raise Refused(f"pin {id} joins no link that could be dragged: move the pin instead", where)
     locked: dict[str, list[str]] = {"pins": [], "links": [], "slides": [], "joints": []}  # group -> names
     for lock in sorted(locks):
         group, _, name = lock.partition(".")
@@ -54,7 +54,8 @@ def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Dra
 def drag_linkage(drag: Drag, reading: Reading, message: Message) -> dict[str, Any]:
     """Drag the linkage towards the pointer and return the reply: its poses, and the processor time `ms` [ms].
 
-    The reply has a note only if the pin is at a limit of its motion. A crank that turns with a pointer beside its path needs none.
+    The reply has a note only if the pin can move in fewer directions than before, as at a limit of its motion. The pin of a crank
+    stays apart from a pointer that is not on its circle too, but it still moves along the circle, so that there is no note.
     """
     target, began = place(message.get("at")), time.thread_time()
     moved = drag.to(np.array([target.real, target.imag]), STEPS)

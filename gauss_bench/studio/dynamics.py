@@ -1,4 +1,4 @@
-"""Run a drawing: release it from rest in engines, or search for the cheapest setting that meets a required accuracy."""
+"""Simulate a drawing that is let go from rest, in engines, or search for the cheapest setting that meets a required accuracy."""
 
 from importlib.util import find_spec
 from typing import Any
@@ -17,13 +17,13 @@ BUDGET, MOST_BUDGET = 30.0, 600.0  # [s] default and longest duration of a searc
 
 
 def engines_here() -> list[dict[str, Any]]:
-    """Return of every engine its name, whether it can be used on this machine, and the reason if it cannot."""
+    """Return for every engine its name, whether it can be used on this machine, and the reason if it cannot."""
     offered = offers([x for x in all_names() if x in SAFE])
     return [{"name": x.name, "here": x.usable, "reason": x.reason} for x in offered]
 
 
 def write_released(session: Session, message: Message) -> tuple[str, float]:
-    """Return the file's text with a scenario that releases the drawing where it is, and the end time of the run [s].
+    """Return the file's text with a scenario that lets the drawn linkage go from rest, and the end time of the simulation [s].
 
     Raises:
         Refused: the drawing does not assemble, or the end time is not valid.
@@ -41,7 +41,10 @@ def write_released(session: Session, message: Message) -> tuple[str, float]:
 
 
 def release(session: Session, message: Message) -> dict[str, Any]:
-    """Start a job that releases the drawing in an engine, and in further engines for comparison; return the reply with its number.
+    """Start a job that simulates the drawn linkage, let go from rest, in one or more engines.
+
+    The reply has the number of the job, the end time [s] and the engines: the message's `engine` (by default `gauss-native`, or
+    `gauss` without llvmlite), and for comparison those under `overlay`.
 
     Raises:
         Refused: an engine cannot be used here; the message says how to install it.

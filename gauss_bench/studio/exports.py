@@ -12,7 +12,7 @@ from gauss_bench.mechanism.coordinates import spread
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.shown import film
-from gauss_bench.studio.autosave import workplace
+from gauss_bench.studio.autosave import temporary_file
 from gauss_bench.studio.document import is_driven
 from gauss_bench.studio.dragging import closed_mechanism
 from gauss_bench.studio.errors import Refused
@@ -26,7 +26,7 @@ FORMS = ("toml", "svg", "csv", "gif", *KINDS)
 
 
 def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, Any]:
-    """Return the reply with a file of the kind in a message: the file's `name`, and its `text` or its bytes in `base64`.
+    """Return the reply with a file of the kind that a message gives: the file's `name`, and its `text` or its bytes in `base64`.
 
     Raises:
         Refused: there is no such kind, or the drawing cannot be exported as this kind; the message gives the reason.
@@ -57,7 +57,7 @@ def curves(mechanism: Mechanism, x: Trajectory) -> History:
 
 
 def _export_model(text: str, reading: Reading, kind: str, name: str) -> dict[str, Any]:
-    """Return the reply with the drawing as a model of a kind, which a worker process builds.
+    """Return the reply with the drawing as a model of one of `KINDS`, as text for another program.
 
     The model has the first scenario without drivers, or the first scenario if all have drivers.
 
@@ -69,7 +69,7 @@ def _export_model(text: str, reading: Reading, kind: str, name: str) -> dict[str
     chosen = free or next(iter(scenarios), None)
     if chosen is None:
         raise Refused("there is no scenario that could be exported: let it go or drive it first")
-    with workplace(text, name) as path:
+    with temporary_file(text, name) as path:
         try:
             remarks = (NOT_MEASURED,) if KINDS[kind].is_program else ()
             model = write_file(str(path), chosen, kind, KINDS[kind].choose(STEP), remarks)

@@ -17,7 +17,7 @@ from gauss_bench.linkage.load import read as read_file
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.runs.worker import Worker
-from gauss_bench.studio.autosave import workplace
+from gauss_bench.studio.autosave import temporary_file
 from gauss_bench.studio.errors import Refused
 
 SHOWN = 200  # largest number of files that are listed
@@ -152,7 +152,7 @@ def import_file(text: str) -> tuple[str, list[str]]:
     Raises:
         Refused: the text is not a planar model in MJCF or URDF, or the library that reads it is not installed.
     """
-    with workplace(text, "model", ".xml") as model:
+    with temporary_file(text, "model", ".xml") as model:
         try:
             with Worker() as worker:
                 linkage = answer_in_worker(worker, read_there, (str(model), "imported", []), READING, "the model")

@@ -57,7 +57,7 @@ def release(request: Mapping[str, Any], send: Send) -> None:
 
 
 def choose_frames(t: Any) -> Any:
-    """Return the indices of samples to send: FRAMES a second of motion, about MOST in all, and always the last one.
+    """Return the indices of the samples to send: about FRAMES samples per second of motion, at most about MOST, and the last one.
 
     Args:
         t: (k,) times of all samples [s].

@@ -11,7 +11,7 @@ import tomllib
 from collections.abc import Callable
 from typing import Any
 
-from gauss_bench.studio.autosave import workplace
+from gauss_bench.studio.autosave import temporary_file
 from gauss_bench.studio.errors import Refused
 from gauss_bench.trajectory import in_a_sentence
 
@@ -68,7 +68,7 @@ class Jobs:
         assert process.stdin is not None
         assert process.stdout is not None
         try:
-            with workplace(text, tomllib.loads(text).get("name")) as path:
+            with temporary_file(text, tomllib.loads(text).get("name")) as path:
                 with contextlib.suppress(BrokenPipeError):  # the job was stopped before it began
                     process.stdin.write(json.dumps(request | {"path": str(path)}).encode() + b"\n")
                     process.stdin.flush()

@@ -18,7 +18,7 @@ from gauss_bench.linkage.references import items
 from gauss_bench.mechanism.coordinates import acceleration, position, spread, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
-from gauss_bench.studio.autosave import workplace
+from gauss_bench.studio.autosave import temporary_file
 from gauss_bench.studio.document import is_driven, write_document
 from gauss_bench.studio.edits.drawing import Drawing
 from gauss_bench.studio.edits.scenarios import DRIVEN, drive
@@ -51,11 +51,11 @@ def load_driven(text: str, reading: Reading, scenario: Any) -> Mechanism:
     if scenario is None and not any(is_driven(x) for _, x in items(document, "scenarios")):
         possible = drivers_possible(reading)
         if not possible:
-            raise Refused("nothing can be driven here yet: a link that is pinned to the ground, or a slide")
+            raise Refused("nothing can be driven yet: draw a link that is pinned to the ground, or a slide")
         d = Drawing(document | {"scenarios": {}}, reading)
         drive(d, {"coordinate": possible[0]["name"]})
         text, scenario = write_document(text, d.document), DRIVEN
-    with workplace(text, document.get("name")) as path:
+    with temporary_file(text, document.get("name")) as path:
         mechanism = load_with_drivers(str(path), scenario, None)
     free = free_at_start(mechanism) if mechanism.dof > len(mechanism.drivers) else []
     if free:

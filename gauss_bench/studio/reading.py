@@ -136,7 +136,7 @@ def read(document: Document, starts: bool = True) -> Reading:
     if mechanism is None and not problems:
         report("hint", "nothing is drawn yet: draw a bar between two places to begin")
     for name in lone_pins(document):
-        report("hint", f"pin {name} holds nothing: draw a bar to it, or delete it", f"pins.{name}")
+        report("hint", f"pin {name} joins nothing: draw a bar to it, or delete it", f"pins.{name}")
     if mechanism is None:
         return Reading(document, rest, None, np.zeros(0), False, (), tuple(problems))
     q, unplaced = _place_links(mechanism, rest)
@@ -180,7 +180,7 @@ def find_part(document: Document, path: str) -> tuple[str, ...]:
 
 
 def lone_pins(document: Document) -> dict[str, list[float]]:
-    """Return name -> [x, y] of pins that hold nothing: entries of the sketch that have the name of no joint and no point."""
+    """Return name -> [x, y] of pins that join nothing: entries of the sketch that have the name of no joint and no point."""
     named = {*table(document, "joints"), *table(document, "cylinders")}
     sketch = table(table(document, "assembly"), "sketch")
     return {k: x for k, x in sketch.items() if "." not in k and k not in named and is_place(x)}
@@ -199,13 +199,13 @@ def faults_of(document: Document) -> list[Fault]:
 
 
 def new_faults(before: Document, after: Document) -> list[Fault]:
-    """Return the faults of a document after an edit that it did not have before."""
+    """Return the faults that a document has after an edit and did not have before it."""
     known = {(x.path, x.text) for x in document_faults(before)}
     return [x for x in faults_of(after) if (x.path, x.text) not in known]
 
 
 def _without_scenarios(document: Document) -> Document:
-    """Return the document with one scenario in which nothing acts, and without pins that hold nothing."""
+    """Return the document with one scenario in which nothing acts, and without pins that join nothing."""
     for name in lone_pins(document):
         del document["assembly"]["sketch"][name]
     rest = {key: x for key, x in document.items() if key not in ("expect", "measure", "observe", "crank")}
@@ -215,7 +215,8 @@ def _without_scenarios(document: Document) -> Document:
 def _build(document: Document) -> tuple[Mechanism | None, list[Fault]]:
     """Remove faulty parts from a document until the rest can be built.
 
-    Return the mechanism, or None if nothing is left, and the faults that no check of the document finds but only its building.
+    Return the mechanism, or None if nothing is left, and the faults that the checks of the document do not find, and that appear
+    only when the mechanism is built.
     """
     found: list[Fault] = []
     for _ in range(ROUNDS):

@@ -49,7 +49,7 @@ def in_folder(session: Session, message: Message) -> Reply:
 
 
 def find_recovered(session: Session) -> dict[str, str] | None:
-    """Return the unsaved text that an ended process left of this document, or None."""
+    """Return the unsaved text of this document that a process left when it ended, or None."""
     left = session.autosave.find_left()
     return None if left is None else {"text": left.text}
 
@@ -92,7 +92,7 @@ def import_model(session: Session, message: Message) -> Reply:
 
 
 def recover(session: Session, message: Message) -> None:
-    """Restore the unsaved changes that an ended process left of this document; with `take` false, discard them."""
+    """Restore the unsaved changes of this document that a process left when it ended; with `take` false, discard them."""
     left = session.autosave.find_left()
     if left is not None:
         if message.get("take", True):
@@ -104,8 +104,8 @@ def recover(session: Session, message: Message) -> None:
 def make_edit(session: Session, message: Message) -> Reply:
     """Make an edit.
 
-    With `trial`, a pin is not moved, and the reply has the scene after the move. With `continues`, the edit becomes one step of the
-    history with the edit before.
+    With `trial`, the move of a pin is only tried: the reply has the scene as it would be, and the drawing does not change. With
+    `continues`, this edit and the edit before become one step of the history, which is undone as a whole.
     """
     if message.get("do") == "move" and message.get("trial"):
         return {"trial": session.scene() | scene(steps.try_move(session, message), session.locks)}
@@ -161,7 +161,7 @@ def branch(session: Session, message: Message) -> None:
 
 
 def read_locked(session: Session) -> tuple[str, Reading]:
-    """Return text and reading of one moment, for verbs that run beside requests that may change them."""
+    """Return the text and the reading that belongs to it, for verbs that run while other requests may change both."""
     with session.lock:
         return session.text, session.reading
 

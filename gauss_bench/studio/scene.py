@@ -100,7 +100,7 @@ def links(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
 
 
 def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
-    """Return the data of every pin: of joints, of single points, and of pins that hold nothing yet."""
+    """Return the data of every pin: of joints, of single points, and of pins that join nothing yet."""
     places, joints = place_points(reading), table(reading.document, "joints")
     groups: dict[str, list[str]] = {}  # id of a pin -> its points
     pin_of: dict[str, str] = {}  # point -> id of its pin; joints that share a point are one pin
@@ -175,8 +175,9 @@ def forces(reading: Reading) -> list[dict[str, Any]]:
 
 
 def drivers_possible(reading: Reading) -> list[dict[str, str]]:
-    """Return name and kind of the coordinates that can be driven: angles of links with a pin on the ground, slides, cylinders."""
+    """Return name and kind of the coordinates that can be driven: "angle" of a link with a pin on the ground, or "slide"."""
     kinds: dict[str, str] = {}
+    # `write_out` replaces a cylinder by two links and a prismatic joint, so that it is a slide here
     for name, joint in items(write_out(reading.rest), "joints"):
         owners = [x.partition(".")[0] for x in sequence(joint, "at") if isinstance(x, str)]
         if "ground" in owners:

@@ -1,4 +1,4 @@
-"""Make a link to look at: an address with the drawing's file and motion, for a page that needs no installation."""
+"""Make a URL that contains the drawing's file and motion, for a page that shows them and needs no installation."""
 
 from typing import Any
 
@@ -12,12 +12,12 @@ from gauss_bench.studio.reading import Reading, of_links
 
 
 def share_view(text: str, reading: Reading) -> dict[str, Any]:
-    """Return the reply with the page and the fragment of the address, the number of poses in it, and a note.
+    """Return the reply: `page` and `fragment` of the URL, the number of `poses` in the fragment, and a `note`.
 
-    The note says why the motion ends early, or why the address has only the pose that is drawn.
+    The note says why the motion ends early, or why the fragment has only the pose that is drawn; None if it has the whole motion.
 
     Raises:
-        Refused: nothing is drawn, or the drawing does not fit into an address.
+        Refused: nothing is drawn, or the drawing is too large for a URL.
     """
     if reading.mechanism is None:
         raise Refused("nothing is drawn yet")

@@ -84,7 +84,7 @@ def parts_on_linkages(suite: Suite) -> list[OnLinkages]:
 
 
 def scenario_of(suite: Suite, linkage: str) -> str | None:
-    """Return the scenario in which a suite runs a linkage, or None if no part for any linkage lists it."""
+    """Return the scenario in which a suite runs a linkage, or None; only parts of the suite that take any linkage are looked at."""
     parts = (x for x in parts_on_linkages(suite) if x.any_linkage)
     return next((x.linkages[linkage] for x in parts if linkage in x.linkages), None)
 
@@ -108,8 +108,8 @@ def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
 def restrict(suite: Suite, linkages: Mapping[str, str]) -> Suite:
     """Return the suite restricted to the given linkages (name or path -> scenario).
 
-    A part for any linkage gets all of them; another part keeps those that it lists, in its own scenarios. Parts without linkages
-    are left out, except those that depend on the races.
+    A part of the suite with `any_linkage` gets all given linkages. Another part keeps the given linkages that it lists, each in the
+    scenario that it names. Parts without linkages are left out, except those that are computed from the times of other parts.
     """
     content: dict[str, tuple[Any, ...]] = {}
     for name in SECTIONS:

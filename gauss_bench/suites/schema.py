@@ -54,7 +54,7 @@ class Accuracy(OnLinkages):
 class LeftOut(Section):
     """Cases of the suite's accuracy parts that are not run, with the reason that the report gives.
 
-    A case matches if each field is empty or names its value.
+    A case matches if each field here is empty or contains the case's own value.
 
     Attributes:
         linkages, engines, settings, integrators, stabilizations: names that match.
@@ -110,7 +110,7 @@ class ColdBuilds(OnLinkages):
 
 
 class Steps(Section):
-    """Ratios of steps in engines' own loops, from the races: compiled formulations against a rival.
+    """Ratios of the times of a step, each engine in its own loop: compiled formulations against a rival, timed side by side.
 
     Attributes:
         own: formulation -> engine.
@@ -144,12 +144,12 @@ class Claim(OnLinkages):
 
 
 class RightHandSide(Section):
-    """Ratios of the times of one right-hand side, from the races.
+    """Ratios of the times of one right-hand side, from engines that are timed side by side.
 
     Attributes:
         own, rival: the compiled engine and its rival.
         settings: names of the rival's settings.
-        target: least ratio in loops.
+        target: least ratio of the rival's time to that of the compiled engine, if each calls it in its own loop.
         target_of: names of the linkages with this target.
     """
 

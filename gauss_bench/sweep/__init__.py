@@ -1,1 +1,1 @@
-"""One linkage with thousands of different numbers: from paths of its file to rows, quantiles and sensitivities."""
+"""Simulate one linkage with thousands of values of chosen numbers of its file, and return rows, quantiles and sensitivities."""

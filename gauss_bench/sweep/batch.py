@@ -49,7 +49,7 @@ class SweepCase:
     Attributes:
         text: the linkage document with one scenario, as JSON; scenario: name of the scenario.
         source: path of the linkage file.
-        paths: paths of the numbers that vary.
+        paths: paths in the linkage file of the d numbers that vary, such as `links.rod.mass`.
         until: end of each motion [s].
         choices: name and setting of every engine.
         limit: longest time of one sample in a worker [s].
@@ -85,20 +85,20 @@ class Grid:
     t: Array
 
     def refine(self, parts: int) -> "Grid":
-        """Return the grid with every step cut into `parts`; the samples stay."""
+        """Return the grid with every step divided into `parts` steps; the times of the samples stay."""
         return Grid(self.h / parts, self.count * parts, self.every * parts, self.t)
 
 
 def grid(step: float, until: float) -> Grid:
-    """Return equal steps up to a time [s], of at most the length `step` [s]."""
-    count = max(1, int(np.ceil(until / step * (1 - 1e-12))))
-    every = max(1, -(-count // SAMPLES))
+    """Return equal steps up to the time `until` [s], of at most the length `step` [s], with at most about SAMPLES samples."""
+    count = max(1, int(np.ceil(until / step * (1 - 1e-12))))  # rounding of the quotient adds no step
+    every = max(1, -(-count // SAMPLES))  # rounded up
     steps = np.unique([*range(0, count + 1, every), count])
     return Grid(until / count, count, every, steps * (until / count))
 
 
 def in_batches(engine: str) -> bool:
-    """Tell whether an engine runs a batch in one call."""
+    """Tell whether an engine simulates many samples, a batch, in one call."""
     return engine in FORMULATIONS
 
 
@@ -117,7 +117,7 @@ def kernel(case: SweepCase, engine: str) -> Kernel:
 
     Raises:
         MissingExtra: there is no compiler.
-        SweepError: a kernel cannot leave a varied number open, or there is no kernel for the linkage.
+        SweepError: a varied number cannot be an input of a kernel, or there is no kernel for the linkage.
     """
     require("llvmlite")
     linkages, choice = family(case), case.choice(engine)
@@ -134,7 +134,13 @@ def kernel(case: SweepCase, engine: str) -> Kernel:
 
 
 def rows_of(case: SweepCase, engine: str, numbers: Numbers, values: Array, parts: int = 1) -> Rows:
-    """Return the rows of the samples with these indices (k,) and values (k, d); every step is cut into `parts`."""
+    """Return the rows of some samples.
+
+    Args:
+        numbers: (k,) indices of the samples in the plan.
+        values: (k, d) their values of the varied numbers.
+        parts: number of steps into which each step of the setting is divided.
+    """
     run = _run_batch if in_batches(engine) else _run_one_by_one
     varied = {path: values[:, j] for j, path in enumerate(case.paths)}
     return {"sample": numbers, "engine": [engine] * len(values), **varied, **run(case, engine, values, parts)}
@@ -147,7 +153,12 @@ def _empty_rows(case: SweepCase, count: int) -> Rows:
 
 
 def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
-    """Return status, message and figures of samples (k, d), which run in one call of the kernel."""
+    """Return status, message and figures of samples, which run in one call of the kernel.
+
+    Args:
+        values: (k, d) varied numbers of the samples.
+        parts: number of steps into which each step is divided.
+    """
     code, linkages, choice = kernel(case, engine), family(case), case.choice(engine)
     steps = grid(choice.step, case.until).refine(parts)
     starts, rows = linkages.starts(values), _empty_rows(case, len(values))
@@ -157,7 +168,7 @@ def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
     closed = np.flatnonzero(is_closed)  # indices in the batch of the samples that run
     if not len(closed):
         return rows
-    columns = {name: x[closed] for name, x in starts.columns.items()}
+    columns = {name: x[closed] for name, x in starts.columns.items()}  # inputs of the kernel, which are stacked in p
     p = np.stack(list(columns.values()), axis=-1) if columns else np.zeros((len(closed), 0))
     q0, v0 = starts.q[closed], starts.v[closed]
     with _stepping, np.errstate(all="ignore"):
@@ -166,27 +177,35 @@ def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
         )
     q, v = np.concatenate([q0[:, None], q], axis=1), np.concatenate([v0[:, None], v], axis=1)  # (closed, samples, n)
     is_finite = np.isfinite(q).all(axis=(1, 2)) & np.isfinite(v).all(axis=(1, 2))
-    for k in np.flatnonzero(~is_finite).tolist():
+    for k in np.flatnonzero(~is_finite).tolist():  # a motion ends with the last sample before the first that is not finite
         until = steps.t[max(0, int(np.isfinite(q[k]).all(axis=1).argmin()) - 1)]
         rows["status"][closed[k]] = str(Status.NAN)
         rows["message"][closed[k]] = f"the motion is not finite after {until:g} s: no partition of the kernel is regular there"
     if not is_finite.any():
         return rows
-    for part in np.array_split(np.flatnonzero(is_finite), -(-int(is_finite.sum()) // TOGETHER)):
-        forces = _multipliers(code, steps.t, q[part], v[part], p[part])
-        numbers, samples = {name: x[part] for name, x in columns.items()}, closed[part]
-        q_part, v_part = (np.ascontiguousarray(x[part].swapaxes(0, 1)) for x in (q, v))  # (times, motions, n)
-        by_name, evidence = figures(linkages.nominal, numbers, steps.t, q_part, v_part, forces)
+    # groups of about TOGETHER motions: indices in q and v, which have the closed samples alone
+    for group in np.array_split(np.flatnonzero(is_finite), -(-int(is_finite.sum()) // TOGETHER)):
+        forces = _multipliers(code, steps.t, q[group], v[group], p[group])
+        numbers, samples = {name: x[group] for name, x in columns.items()}, closed[group]
+        q_group, v_group = (np.ascontiguousarray(x[group].swapaxes(0, 1)) for x in (q, v))  # (times, motions, n)
+        by_name, evidence = figures(linkages.nominal, numbers, steps.t, q_group, v_group, forces)
         for name, x in by_name.items():
             rows[name][samples] = x
-        for k, sample, found in zip(part, samples, evidence, strict=True):
+        for k, sample, found in zip(group, samples, evidence, strict=True):
             motion = Trajectory(steps.t, q[k], v[k], np.zeros_like(q[k]), steps.count)
             rows["status"][sample], rows["message"][sample] = _judge(found, partial(linkages.mechanism_of, values[sample]), motion)
     return rows
 
 
 def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Trajectory) -> tuple[str, str]:
-    """Return status and message of a motion; `mechanism` reads its linkage, which only damping between samples needs."""
+    """Return status and message of a motion.
+
+    Args:
+        evidence: what the judge looks at.
+        mechanism: function that loads the mechanism. It takes long, and is called only if the energy lost to damping between two
+            times of the motion may decide the verdict.
+        motion: its times and states.
+    """
     verdict = judge(evidence)
     if any(x.subject is Subject.ENERGY for x in verdict.objections):
         # determine the loss between samples only if the verdict could be another one without this objection
@@ -199,7 +218,7 @@ def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Traje
 
 
 def _multipliers(code: Kernel, t: Array, q: Array, v: Array, p: Array) -> Array:
-    """Return multipliers (samples, batch, rows) of motions q, v (batch, samples, n) at times t, for kernel numbers p (batch, d)."""
+    """Return multipliers (samples, batch, rows) of motions q, v (batch, samples, n) at times t, for kernel inputs p (batch, d)."""
     batch, k, n = q.shape
     # one row for each sample of each motion
     times, places, rates, numbers = np.tile(t, batch), q.reshape(-1, n), v.reshape(-1, n), np.repeat(p, k, axis=0)
@@ -212,17 +231,22 @@ def _multipliers(code: Kernel, t: Array, q: Array, v: Array, p: Array) -> Array:
 
 
 def _run_one_by_one(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
-    """Return status, message and figures of samples (k, d), which run one after the other."""
+    """Return status, message and figures of samples, which run one after the other; the arguments are those of `_run_batch`."""
     rows = _empty_rows(case, len(values))
     for k, sample in enumerate(values):
         rows["status"][k], rows["message"][k], by_name = _run_single(case, engine, sample, parts)
         for name, x in by_name.items():
-            rows[name][k] = np.ravel(x)[0]
+            rows[name][k] = np.ravel(x)[0]  # a figure of one sample is an array of one number
     return rows
 
 
 def _run_single(case: SweepCase, engine: str, values: Sequence[float], parts: int) -> tuple[str, str, Mapping[str, Array]]:
-    """Return status, message and figures (1,) by name of one sample (d,); there are no figures if it did not run."""
+    """Return status, message, and name -> figure (1,) of one sample; there are no figures if it did not run.
+
+    Args:
+        values: (d,) varied numbers of the sample.
+        parts: number of steps into which each step is divided.
+    """
     choice = case.choice(engine)
     try:
         mechanism = family(case).mechanism_of(values)

@@ -1,11 +1,14 @@
-"""Linkages of one structure with different numbers: the numbers that a kernel leaves open, and the start of each sample.
+"""Linkages of one structure with different numbers: the inputs of a kernel, and the start of each sample.
+
+A kernel, a compiled program for one linkage, has the linkage's numbers as constants, except for open numbers, which are its inputs.
+A sample is one choice of values for the varied numbers of the file, which determine values of the open numbers.
 
 Many linkages are evaluated at once: in one mechanism each varied number becomes an array (batch,) (`with_parameters`), and the
 formulas of `mechanism/coordinates.py` evaluate all linkages at states (..., batch, n).
 
-Each sample starts from the assembled start of the file. The numbers, and the coordinates that a start holds, change in small steps
-from those of the file to those of the sample, and Newton's method closes the joints after each step. A sample that does not close
-in this way is read and assembled on its own; if that fails too, its message has the reason.
+The start of a sample is found from the assembled start of the file. The numbers, and the coordinates that a start prescribes,
+change in small steps from those of the file to those of the sample, and Newton's method closes the joints after each step. A
+sample that does not close in this way is read and assembled on its own; if that fails too, its message has the reason.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -60,23 +63,32 @@ class Family:
 
     Attributes:
         document: document with this scenario alone, its overrides merged; scenario: name of the scenario.
-        paths: paths of the d varied numbers; source: path of the file.
+        paths: paths of the d varied numbers in the document, as in `paths.py`; source: path of the file.
         nominal: the mechanism of the file.
-        heads: keys of each table that contains varied numbers -> indices of their paths.
+        heads: keys of each table that contains varied numbers, such as ("links", "rod") -> indices of their paths.
     """
 
     def __init__(self, document: Document, scenario: str, paths: Sequence[str], source: str):
+        """Load the mechanism of the file, and group the varied numbers by tables.
+
+        Raises:
+            LinkageError: the file is faulty.
+        """
         self.document, self.scenario, self.paths, self.source = document, scenario, tuple(paths), source
         self.nominal = load_document(document, scenario, source)
         self.heads = dict[tuple[str, ...], list[int]]()
         for k, path in enumerate(paths):
             head, *rest = path.split(".")
+            # `gravity` and `ground` are read as a whole, of other tables each entry by itself
             self.heads.setdefault((head,) if head in WHOLE else (head, *rest[:1]), []).append(k)
 
     @cached_property
     def not_open(self) -> str:
-        """The reason why a kernel cannot leave a varied number open; empty if it can leave all open."""
-        numbers = {f.name: force_numbers(f).keys() for f in self.nominal.forces}
+        """The reason why a varied number cannot be an input of a kernel; empty if all can.
+
+        Paths are links.NAME.KEY..., joints.NAME.KEY, forces.NAME.KEY, scenarios.NAME.KEY..., ground.KEY..., or gravity.AXIS.
+        """
+        numbers = {f.name: force_numbers(f).keys() for f in self.nominal.forces}  # force -> keys that can be open
         for path in self.paths:
             head, *rest = path.split(".")
             is_open = head in OPEN
@@ -88,7 +100,7 @@ class Family:
                 case "forces":
                     is_open = rest[1].removesuffix("_deg") in numbers.get(rest[0], ())
             if not is_open:
-                return f"{path} is no number that a kernel leaves open"
+                return f"{path} cannot be an input of a kernel"
             if head in ("links", "ground") and ("welds" in self.document or "cylinders" in self.document):
                 return f"{path} may be part of a welded body"
         return ""
@@ -107,7 +119,7 @@ class Family:
 
     @cached_property
     def _forms(self) -> dict[str, TypeAdapter[Any]]:
-        """The types that check the tables which contain varied numbers."""
+        """Key of the file -> pydantic type that checks its value, for keys whose tables contain varied numbers."""
         return {head: TypeAdapter(LinkageTable.model_fields[head].rebuild_annotation()) for head, *_ in self.heads}
 
     @cached_property
@@ -122,14 +134,18 @@ class Family:
 
     @cached_property
     def open_numbers(self) -> tuple[str, ...]:
-        """The names of the kernel's numbers that change with any of the paths; they are found by changing each path a little."""
+        """The names of the kernel's numbers that depend on any of the varied numbers.
+
+        They are found by trials, each of which changes one varied number: by 1 % or 30 %, or from zero to 0.01 or 0.3. There are
+        two trials because a single changed value may be invalid, or leave a dependent number equal by chance.
+        """
         changed = set[str]()
         for head, places in self.heads.items():
             for path, factor in product([self.paths[k] for k in places], (1.01, 1.3)):
                 old = number_at(self.document, path)
                 try:
                     numbers = self._numbers(head, change(self.document, {path: old * factor if old else factor - 1.0}))
-                except BAD:
+                except BAD:  # the linkage would not be valid with this value
                     continue
                 changed |= {name for name, x in numbers.items() if x != self._parameters[name]}
         return tuple(name for name in self._parameters if name in changed)
@@ -162,11 +178,15 @@ class Family:
         return vectors | {key: float(x) for key, x in found.items() if not np.ndim(x)}
 
     def starts(self, values: Array) -> Starts:
-        """Return open numbers and starts of samples (k, d)."""
+        """Return values of the open numbers and starting states for samples with the varied numbers `values` (k, d).
+
+        Samples whose joints are not closed together with the others are read and assembled one by one.
+        """
         columns, goals, is_faulty = self._read_samples(values)
         q, v = self._close_joints(columns, goals)
         q[is_faulty] = v[is_faulty] = np.nan
         reasons: dict[int, str] = {}
+        # one by one: the loader takes longer and succeeds more often, and its error has the reason
         for k in np.flatnonzero(~np.isfinite(q).all(axis=1)).tolist():
             try:
                 mechanism = self.mechanism_of(values[k])
@@ -177,9 +197,10 @@ class Family:
         return Starts(columns, q, v, reasons)
 
     def _read_samples(self, values: Array) -> tuple[dict[str, Array], Array, NDArray[np.bool_]]:
-        """Return columns of open numbers, goals (k, 2, h) as from `_goals`, and a mask of the faulty samples (k,).
+        """Return name of an open number -> its values (k,), goals (k, 2, h), and a mask (k,) of the faulty samples.
 
-        A faulty sample has the numbers of the file.
+        The goals are, for each sample, the values and the rates of the h coordinates that its start prescribes (`_goals`). A sample
+        is faulty if its varied numbers `values` (k, d) make no valid linkage. It then has the numbers of the file in the columns.
         """
         goals = np.array([self._goals(self.document)] * len(values))
         columns = {name: np.full(len(values), self._parameters[name]) for name in self.open_numbers}
@@ -204,16 +225,22 @@ class Family:
         return columns, goals, is_faulty
 
     def _goals(self, document: Document) -> Array:
-        """Return targets and rates (2, h) of the h coordinates that the start in a document holds."""
+        """Return values and rates (2, h) of the h coordinates that the start in a document prescribes."""
         held = list_held(self.nominal, document["scenarios"][self.scenario])
         return np.array([held.target, held.rate], dtype=float)
 
     def _close_joints(self, columns: Columns, goals: Array) -> tuple[Array, Array]:
-        """Return states (k, n) on the constraints at the goals (k, 2, h); NaN where Newton's method fails."""
+        """Return states q, v (k, n) that satisfy the constraints and the goals; NaN where Newton's method fails.
+
+        Args:
+            columns: name of an open number -> its values (k,).
+            goals: (k, 2, h) values and rates of the coordinates that the starts prescribe.
+        """
         k, mechanism = len(goals), self.nominal
         q, v = np.full((2, k, mechanism.n), np.nan)
         if mechanism.knife_edges or mechanism.parts:  # the caller assembles these samples one by one
             return q, v
+        # numbers and goals of the file, from which those of the samples are reached
         first, old = {name: np.full(k, self._parameters[name]) for name in columns}, self._goals(self.document)
         # the number of strides is such that dimensions and held coordinates change little between two closures
         lengths = [np.abs(columns[x] - first[x]).max(initial=0.0) for x in columns if x.startswith(("points.", "joints."))]
@@ -221,14 +248,19 @@ class Family:
         strides = min(100, 1 + int(max(max(lengths, default=0.0) / (STRIDE * mechanism.size), turn / STEP)))
 
         def rows(part: float) -> Callable[[Array], tuple[Array, Array]]:
-            """Return the function q (k, n) -> residual (k, m), Jacobian (k, m, n), after this part of the change to the samples."""
+            """Return the function q (k, n) -> residual (k, m) and Jacobian (k, m, n) of joints and prescribed coordinates.
+
+            Numbers and prescribed values lie between those of the file (`part` 0) and those of the samples (`part` 1). At 1 they
+            are taken without the interpolation, which rounds.
+            """
             now = {x: columns[x] if part == 1 else first[x] + part * (columns[x] - first[x]) for x in columns}
             changed = with_parameters(mechanism, now)
             target = goals[:, 0] if part == 1 else old[0] + part * (goals[:, 0] - old[0])
             held = list_held(changed, self.document["scenarios"][self.scenario]).coordinates
-            pairs = [*held_by_joints(changed), *zip(held, target.T, strict=True)]
+            pairs = [*held_by_joints(changed), *zip(held, target.T, strict=True)]  # (coordinate, value that it must have)
 
             def residual(q: Array) -> tuple[Array, Array]:
+                """Return the coordinates minus their values (k, m), and the derivatives (k, m, n)."""
                 at = Placed(q)
                 states = [state(coordinate, at) for coordinate, _ in pairs]
                 residuals = [x.value - value for x, (_, value) in zip(states, pairs, strict=True)]
@@ -256,7 +288,7 @@ class Family:
 
 
 def held_by_joints(mechanism: Mechanism) -> list[tuple[Coordinate, Any]]:
-    """Return pairs of a coordinate that a joint or coupling holds, and its value."""
+    """Return the coordinates that joints and couplings keep constant, each with its constant value."""
     return [pair for joint in (*mechanism.joints, *mechanism.couplings) for pair in joint.held]
 
 
@@ -270,7 +302,7 @@ def _solve(J: Array, right: Array) -> Array:
     if J.shape[1] == J.shape[2]:
         try:
             return np.asarray(np.linalg.solve(J, right[..., None])[..., 0])
-        except np.linalg.LinAlgError:
+        except np.linalg.LinAlgError:  # one of the matrices is singular: take pseudo-inverses of all
             pass
     whole = np.isfinite(J).all(axis=(1, 2))
     x = np.full((len(J), J.shape[2]), np.nan)

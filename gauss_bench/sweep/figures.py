@@ -1,4 +1,4 @@
-"""Evaluate the figures of a row from the states of its motion, for many linkages of one family at once.
+"""Compute the numbers in the columns of a sweep's table, called figures, from states of motions, for many linkages at once.
 
 The formulas of coordinates, forces and energies are those of `mechanism/coordinates.py`, with arrays (batch,) for varied numbers.
 """
@@ -57,10 +57,16 @@ def figures(
 
 
 def _forces(mechanism: Mechanism, multipliers: Array) -> dict[str, Array]:
-    """Return name of a figure -> largest force (batch,) in the joint [N]; empty if redundant rows leave forces undetermined."""
-    largest, row = dict[str, Array](), 0
-    for joint in () if mechanism.redundant else mechanism.joints:
+    """Return name of a figure -> largest force (batch,) in the joint [N]; empty if redundant rows leave forces undetermined.
+
+    `multipliers` (k, batch, rows) are those at k times.
+    """
+    if mechanism.redundant:
+        return {}
+    largest, row = dict[str, Array](), 0  # row: first multiplier of the joint
+    for joint in mechanism.joints:
         held: tuple[tuple[Coordinate, float], ...] = joint.held
+        # components of the force: multipliers of lengths; that of an angle is a moment
         parts = [multipliers[..., row + k] for k, (x, _) in enumerate(held) if x.unit == "m"]
         largest[f"force.{joint.name}"] = np.linalg.norm(parts, axis=0).max(axis=0)
         row += len(held)
@@ -68,7 +74,7 @@ def _forces(mechanism: Mechanism, multipliers: Array) -> dict[str, Array]:
 
 
 def _gaps(mechanism: Mechanism, x: Placed, t: Array) -> Array:
-    """Return the largest residual (k, batch) of joints and drivers [m, rad]."""
+    """Return the largest residual of joints and drivers [m, rad] at each of k times, (k, batch)."""
     rows = [np.abs(state(coordinate, x).value - value) for coordinate, value in held_by_joints(mechanism)]
     for driver in mechanism.drivers:
         rows.append(np.abs(state(driver.coordinate, x).value - np.asarray(driver.law(t)[0])[:, None]))

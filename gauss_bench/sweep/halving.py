@@ -21,6 +21,9 @@ HALF = "half the step"
 def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | None:
     """Repeat some samples that are ok, evenly over the table, and return how much their figures change; None if no sample is ok.
 
+    The keys of the result are explained at `Halved`. The limits for a change are those of the judge (`judge.py`) for a run that is
+    repeated with a finer step.
+
     Args:
         case, engine: the sweep, and one of its engines.
         rows: rows of the engine, as a pandas table.
@@ -30,7 +33,7 @@ def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | No
     good = rows[rows["status"].isin(USED)].sort_values("sample")
     if not len(good):
         return None
-    parts, how = 2, HALF
+    parts, how = 2, HALF  # parts: number of steps into which each step is divided
     offered = offer(engine)
     if choice.integrator in offered.adaptive:
         tighter = replace(choice, tolerance=finer_tolerance(offered, choice))
@@ -44,6 +47,7 @@ def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | No
     off = np.zeros(len(chosen))  # largest change of a figure of each sample, relative to its limit
     for unit in UNITS:
         names = [name for name, x in units(mechanism).items() if x == unit]
+        # (chosen,) largest change of a figure with this unit; zeros, as `off` still is, if there is no such figure
         gaps = np.abs([finer[name] - good[name].to_numpy()[chosen] for name in names] or [off]).max(axis=0)
         changes[unit] = float(gaps[usable].max(initial=0.0))
         off = np.maximum(off, gaps / limits[unit])

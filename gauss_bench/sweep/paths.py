@@ -1,7 +1,7 @@
 """Numbers of a linkage file by their paths: `links.rod.mass`, `forces.motor.value`, `links.rod.points.P.y`, `links.rod.length`.
 
-A path consists of names of tables and keys. The index from 0 names an entry of a list, and x and y name the entries of a pair. One
-path is no key of the file:
+A path consists of names of tables and keys. A zero-based index selects an entry of a list, and x and y select the entries of a
+pair. One path is no key of the file:
 
     links.NAME.length   the distance of the two points of the link's first bar [m]
 
@@ -28,7 +28,7 @@ AXES = {"x": 0, "y": 1}
 
 
 def is_length(path: str) -> bool:
-    """Tell whether a path is the length of a link."""
+    """Tell whether a path names the length of a link: links.NAME.length."""
     parts = path.split(".")
     return len(parts) == 3 and parts[0] == "links" and parts[2] == "length"
 

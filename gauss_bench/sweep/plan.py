@@ -102,7 +102,7 @@ def dimension(text: str) -> Dimension:
 
 
 def _number(text: str, value: str) -> float:
-    """Return a number in the option `text`.
+    """Return the number that `value`, a part of the --vary option `text`, contains.
 
     Raises:
         SweepError: the value is no finite number.

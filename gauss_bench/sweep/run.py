@@ -37,7 +37,7 @@ PAUSE = 5.0  # [s] between lines of progress
 LIMIT = 60.0  # [s] default of the time of one sample in a worker
 MOST_STEPS = 1e8  # largest number of steps of one sample
 STEP = 1e-3  # [s] default of the step
-EIGHTH_ORDER, ITS_STEP = "dop853_fixed", 2e-3  # default integrator and step [s] of batches
+EIGHTH_ORDER, EIGHTH_ORDER_STEP = "dop853_fixed", 2e-3  # default integrator and step [s] of engines that run batches
 FIRST = 3.0  # [s] limit for finding a scheduler
 Tell = Callable[[str], None]
 
@@ -61,7 +61,8 @@ class Backend:
 class Options:
     """The setting of each sample; None stands for the default.
 
-    The default integrator of batches is EIGHTH_ORDER with steps of ITS_STEP; other engines have their first with steps of STEP.
+    Engines that run batches have the default integrator EIGHTH_ORDER with steps of EIGHTH_ORDER_STEP. For other engines the default
+    is the first integrator that they offer, with steps of STEP.
     """
 
     scenario: str | None = None
@@ -106,7 +107,7 @@ def sweep(
     where: Backend = Backend(),
     tell: Tell = lambda sentence: None,
 ) -> SweepSummary:
-    """Run a linkage with many different numbers, store rows and summary in a folder, and return the summary.
+    """Simulate a linkage with many values of some of its numbers, store rows and summary in a folder, and return the summary.
 
     Args:
         linkage: name of a built-in linkage, or a path.
@@ -189,7 +190,7 @@ def _case(linkage: str, samples: Plan, engines: Sequence[str], how: Options, job
 
 
 def _choice(engine: str, how: Options, until: float) -> Choice:
-    """Return the setting of an engine, with the default step if none is given; `until` is the end of the runs [s].
+    """Return the setting of an engine, with the defaults of `Options`; a default step is not longer than `until` [s], a run's end.
 
     Raises:
         SweepError, ChoiceError: the engine cannot be used, or does not offer the setting.
@@ -201,7 +202,7 @@ def _choice(engine: str, how: Options, until: float) -> Choice:
         raise SweepError(f"--engine {engine}: {offered.reason}")
     if in_batches(engine) and choice.integrator == "dop853":
         raise SweepError(f"--integrator dop853: {engine} steps a batch by rk4, semi_implicit_euler or dop853_fixed")
-    usual = min(until, ITS_STEP if in_batches(engine) and choice.integrator == EIGHTH_ORDER else STEP)
+    usual = min(until, EIGHTH_ORDER_STEP if in_batches(engine) and choice.integrator == EIGHTH_ORDER else STEP)
     return replace(choice, step=usual if how.step is None else how.step)
 
 

@@ -1,4 +1,4 @@
-"""Summarise a sweep: counts by status, quantiles of every figure, and sensitivities.
+"""Summarise a sweep: counts by status, quantiles of every figure (number in a row, see `figures.py`), and sensitivities.
 
 The sensitivities of a Sobol plan are Sobol's indices: the share of a figure's variance that a number explains alone (first), and
 together with all others (total). The sensitivities of other plans are Spearman's rank correlations of numbers and figures.
@@ -18,7 +18,7 @@ USED = ("ok",)  # statuses of the samples that figures are taken from
 
 
 class SobolIndices(TypedDict):
-    """Sobol's indices of a number: its share of a figure's variance.
+    """Sobol's indices of a varied number: its share of the variance of a figure, a number computed from each motion.
 
     Attributes:
         first: share that the number explains alone.
@@ -88,11 +88,12 @@ class EngineSummary(TypedDict):
 
 
 def summary(rows: Any, plan: Plan, figures: Sequence[str]) -> dict[str, Any]:
-    """Return name of an engine -> summary of its samples, without the repetition.
+    """Return name of an engine -> summary of its samples: an `EngineSummary`, in which `half_the_step` is still missing.
 
     Args:
         rows: all rows, as a pandas table.
-        figures: names of the columns of figures.
+        plan: the plan of the samples.
+        figures: names of the columns with figures, the numbers computed from each motion.
     """
     return {engine: _summarise(part.sort_values("sample"), plan, figures) for engine, part in rows.groupby("engine", sort=False)}
 

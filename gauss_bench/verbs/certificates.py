@@ -1,4 +1,4 @@
-"""Verbs that make certificates and verify them."""
+"""Commands that make certificates and verify them."""
 
 from argparse import Namespace
 from dataclasses import replace

@@ -66,7 +66,10 @@ def engines(action: str, name: str | None, yes: bool, told: Told) -> Answer[Envi
 
 
 def _list_environments(done: str) -> Environments:
-    """Return all engines in environments of their own: first those of this package, then those of the user's file of engines."""
+    """Return all engines in environments of their own: first those of this package, then those of the user's file of engines.
+
+    `done` is a sentence on what was done just before, or an empty text.
+    """
     named = read_environments()
     listed = {}
     for name in dict.fromkeys((*ELSEWHERE, *named)):

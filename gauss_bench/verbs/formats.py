@@ -178,11 +178,11 @@ def close(meaning: str, keys: Mapping[str, Schema], required: Iterable[str] = ()
 
 
 def describe_rows(kind: Any, columns: Table | Mapping[str, Table]) -> Schema:
-    """Return the schema of a row, of a list of rows, or of a dictionary name of a table -> rows; every column may be absent.
+    """Return the schema of one row, a list of rows, or a dictionary from a table's name to its rows; every column may be absent.
 
     Args:
-        kind: type of the data; a list means rows.
-        columns: table with the columns, or name -> table.
+        kind: type of the data: a list or list[...] for rows, otherwise one row.
+        columns: table with the columns, or name -> table for a dictionary.
     """
     if not isinstance(columns, Table):
         return close("rows by table", {name: describe_rows(list, table) for name, table in columns.items()})

@@ -20,7 +20,7 @@ from gauss_bench.tables import TABLES, refuse_foreign, write_table
 
 
 def recommend(options: Namespace, told: Told) -> Recommendation | Answer[None]:
-    """Find the cheapest setting of each engine, and write a program for each that holds the requirement."""
+    """Find each engine's cheapest setting that meets the requirement, and write a program for each of them."""
     engines, files = options.engines or [], {}
     if options.out is not None:
         usable_folder(options.out)
@@ -45,8 +45,8 @@ def recommend(options: Namespace, told: Told) -> Recommendation | Answer[None]:
 def program_name(engine: str) -> str:
     """Return the file name of an engine's program.
 
-    Python puts a program's folder first in its search path. The hyphen, which no module's name can have, prevents that a program
-    is imported in place of the engine's library.
+    Python puts a program's folder first in its search path. The hyphen, which no module's name can have, prevents a program from
+    being imported in place of the engine's library.
     """
     return f"run-{engine}.py"
 
@@ -66,7 +66,10 @@ def sweep(options: Namespace, told: Told) -> Answer[SweepSummary]:
 
 
 def atlas(options: Namespace, told: Told) -> Answer[Annotated[list[dict[str, Any]], TABLES["atlas"]]]:
-    """Find the limits of engines along the axes of the atlas, and write the table, the chart and the page."""
+    """Find how far engines pass along the axes of the atlas (linkages that become harder with one number).
+
+    The folder `out` gets the table, the chart and the page, the folder `into` the table alone.
+    """
     for folder in filter(None, (options.out, options.into)):
         usable_folder(folder)
         refuse_foreign({folder / "atlas.csv": table.HEAD})

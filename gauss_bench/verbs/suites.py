@@ -187,6 +187,7 @@ def check(options: Namespace, told: Told) -> Answer[Checked] | Answer[Accepted]:
         return Answer(Accepted(changed, tuple(refused)), not refused, text, remarks)
     verdicts = gate.compare(figures, gate.restrict(baseline, set(rows["mechanism"]), {x.engine for x in asked}))
     failed = [*gate.failures(verdicts)]
+    # the command that repeats this check
     again = ["gauss-bench", "check", *options.linkages, *(x for name in options.engines or [] for x in ("--engine", name))]
     outcome = Checked(not failed, tuple(verdicts))
     lines = [str(v) for v in verdicts if v.outcome != "ok"]

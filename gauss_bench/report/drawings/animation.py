@@ -26,7 +26,7 @@ from gauss_bench.terms import Array
 
 TURN = np.radians(4.0)  # largest turn of a link between two kept states: 0.1 px off the circle at a radius of 170 px
 FRAMES = 60  # smallest number of kept steps, if the motion has as many
-SLOWEST = 4.0  # [s] length of the shortest film; a shorter motion is slowed down
+SHORTEST = 4.0  # [s] length of the shortest film; a shorter motion is slowed down
 REST = 0.8  # [s] rest at the end of a motion that does not return to its beginning
 SAME = 0.5  # [px, degrees] smaller differences between beginning and end do not count
 HELD = 0.005  # [px, degrees] a part that moves less is drawn at rest, since the file has no more digits
@@ -99,12 +99,22 @@ class Film:
 
     def draw(self, part: Part) -> str:
         """Return the SVG of a part with its animated translation, rotation and stretch, applied in this order from the outside."""
-        tracks = []
+        moves = {
+            "translate": np.ptp(part.place, axis=0).max() > HELD,
+            "rotate": np.ptp(part.turn) > HELD,
+            "scale": np.ptp(part.stretch) > 1e-4,
+        }
+        # The track of translations replaces the whole transform of `Part.draw`, and the other tracks multiply it. So every part
+        # that moves has a translation, and a rotation unless it is upright. Links (parts with a title) always have both.
+        moving = bool(part.title) or any(moves.values())
+        needed = {"translate": moving, "rotate": moving and bool(part.title or part.turn.any()), "scale": moves["scale"]}
+        tracks = []  # the list of a transform's values at all states
         for kind, values, digits in (("translate", part.place, 2), ("rotate", part.turn, 2), ("scale", part.stretch, 4)):
-            if np.ptp(values, axis=0).max() > (1e-4 if kind == "scale" else HELD) or (part.title and kind != "scale"):
+            if needed[kind]:
                 track = ";".join(" ".join(f"{x:.{digits}f}" for x in np.atleast_1d(value)) for value in values)
                 more = "" if kind == "translate" else 'additive="sum" '
-                track = track.replace(";", " 1;") + " 1" if kind == "scale" else track  # parts stretch only along their x axis
+                if kind == "scale":  # parts stretch only along their x axis: append the factor 1 of the y axis to each value
+                    track = track.replace(";", " 1;") + " 1"
                 tracks.append(f'<animateTransform attributeName="transform" type="{kind}" {more}values="{track}" {self.timing}/>')
         return part.draw(inside="".join(tracks))
 
@@ -112,9 +122,9 @@ class Film:
 def make_film(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
     """Return the film of states q (f, n) at times t (f,) [s], and the factor by which it is slower than the motion."""
     states = unwrap_angles(q)
-    slower = max(1.0, SLOWEST / float(t[-1] - t[0]))
+    slower = max(1.0, SHORTEST / float(t[-1] - t[0]))
     seconds = (t - t[0]) * slower
-    if not _returns(states, canvas):
+    if not _returns(states, canvas):  # rest at the end before the film begins again
         states, seconds = np.vstack([states, states[-1]]), np.append(seconds, seconds[-1] + REST)
     timing = f'dur="{seconds[-1]:.6g}s" repeatCount="indefinite"'
     parts = seconds / seconds[-1]

@@ -100,6 +100,7 @@ def free_corner(canvas: Canvas, half: float, avoid: Array) -> Array:
     line = np.array([[-half, 0.0], [0.0, 0.0], [half, 0.0]])  # around its middle
 
     def room(corner: Array) -> float:
+        """Return the distance [px] of the line in a corner from the segments, rounded."""
         # beyond 100 px all corners are equally good, and the first is taken
         return min(100.0, round(distance(corner + line, avoid)))
 
@@ -153,7 +154,11 @@ def linkage_parts(
 
 
 def ground_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterator[Part]:
-    """Yield the feet of pins on the ground, and guides on the ground along the travel of their blocks over states (k, n)."""
+    """Yield the ground symbols under pins on the ground, and the guides on the ground.
+
+    Args:
+        states: (k, n) states over which a block travels along its guide, which is drawn a little longer than the travel.
+    """
     ends = [end for joint in mechanism.joints if isinstance(joint, Revolute) for end in (joint.a, joint.b)]
     held = [point for point in (*ends, *attachments(mechanism)) if point.link == GROUND]
     for where in dict.fromkeys(tuple(p.local.tolist()) for p in held):
@@ -166,7 +171,11 @@ def ground_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterato
 
 
 def point_parts(mechanism: Mechanism, states: Array, canvas: Canvas, letters: Mapping[str, str]) -> Iterator[Part]:
-    """Yield pins and observed points at states (k, n); `letters` as `linkage_parts`."""
+    """Yield the symbols of pins and observed points at states (k, n).
+
+    Args:
+        letters: name of an observed point -> an SVG text that moves with it.
+    """
     pins = [joint.a for joint in mechanism.joints if isinstance(joint, Revolute)]
     tracks = [canvas.at(position(states, pin)) for pin in pins]  # pixels (k, 2) of each pin
     # a pin through several links consists of several joints at one place: draw it once
@@ -183,7 +192,7 @@ def point_parts(mechanism: Mechanism, states: Array, canvas: Canvas, letters: Ma
 def link_part(mechanism: Mechanism, i: int, states: Array, canvas: Canvas) -> Part:
     """Return link i at states (k, n): its guides and blocks, the faint hull of its points, and its bars with round ends."""
     link = mechanism.links[i]
-    shapes, reach = [], []
+    shapes, reach = [], []  # reach: lines (2, 2) [px] in the link's frame, from which names keep away
     for joint in (j for j in mechanism.joints if isinstance(j, Prismatic)):
         if joint.guide.link == i:
             line = canvas.offset(np.array([end.local for end in guide_ends(joint, states, BEYOND / canvas.scale)]))
@@ -193,6 +202,7 @@ def link_part(mechanism: Mechanism, i: int, states: Array, canvas: Canvas) -> Pa
             # direction of the guide in the frame of the block's link
             (x, y), turn = canvas.offset(joint.block.local), -np.degrees(joint.angle - joint.turn)
             shapes.append(BLOCK.replace("<rect ", f'<rect transform="translate({x:.1f} {y:.1f}) rotate({turn:.2f})" '))
+            # three lines through the rectangle BLOCK
             reach += [[(x - 18, y + side), (x + 18, y + side)] for side in (-14, 0, 14)]
     corners = {name: canvas.offset(x - link.com) for name, x in link.points.items()}
     bars = [np.array([corners[a], corners[b]]) for a, b in bar_ends(link)]

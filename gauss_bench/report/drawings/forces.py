@@ -130,7 +130,7 @@ def _sense(driver: AngleDriver | SlideDriver) -> float:
 def _pin(mechanism: Mechanism, a: int, b: int) -> Point:
     """Return a point around which torques between links a and b are drawn.
 
-    That is the pin of both links, without one a pin of b on the ground, else the centre of mass of b.
+    It is the pin that joins both links; if there is none, it is a pin of b on the ground, or else the centre of mass of b.
     """
     pins = {frozenset((j.a.link, j.b.link)): j.a for j in reversed(mechanism.joints) if isinstance(j, Revolute)}
     centre = Point(b if b != GROUND else a, np.zeros(2), "")

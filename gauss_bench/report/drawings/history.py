@@ -76,10 +76,10 @@ def _lines(curves: Iterable[Curve], by_key: bool = False) -> tuple[Line, ...]:
 
 
 def _components(curves: Sequence[Curve]) -> tuple[Line, ...]:
-    """Return the lines of both coordinates of each point, in one colour."""
+    """Return two lines for each point, its x and its dashed y, in the colour of the point."""
     names = list(dict.fromkeys(x.of for x in curves))
     places = [x for x in curves if x.key in ("x", "y")]
-    return tuple(Line(f"{x.of} {x.key}", x.values, names.index(x.of), x.key == "y") for x in places)
+    return tuple(Line(f"{x.of} {x.key}", x.values, colour=names.index(x.of), dashed=x.key == "y") for x in places)
 
 
 def _magnitudes(curves: Sequence[Curve], first: str, second: str) -> tuple[Line, ...]:
@@ -90,9 +90,10 @@ def _magnitudes(curves: Sequence[Curve], first: str, second: str) -> tuple[Line,
 
 
 def plot(history: History, caption: Caption, head: bool = True) -> Figure:
-    """Return the figure of a history with at least one sample.
+    """Return the plot of all curves of a run, in panels one below the other.
 
     Args:
+        history: the curves, with at least one sample.
         caption: the texts above the panels, the end of the time axis, and the time until which the run is trusted.
         head: whether to write the texts above the panels.
     """
@@ -196,9 +197,9 @@ def label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
 
 
 def move_apart(wanted: Array, gap: float, tall: float) -> Array:
-    """Return places (k,) between 0 and `tall` that are nearest to the wanted ones in least squares, and at least `gap` apart.
+    """Return heights (k,) between 0 and `tall` that are nearest to the wanted ones in least squares, and at least `gap` apart.
 
-    The order of the places does not change. If there is too little room for all, they are centred.
+    The order of the heights does not change. If there is too little room for all, they are centred.
     """
     # with x_i = y_i + i gap, places x_i are at least `gap` apart if the y_i do not decrease: this is isotonic regression
     order = np.argsort(wanted, kind="stable")

@@ -23,7 +23,7 @@ AROUND = direction(-np.linspace(0, 2 * np.pi, 24, endpoint=False))  # (24, 2) un
 
 
 def width_of(name: str, size: float = 13.0) -> float:
-    """Return an estimate of the width [px] of a name in letters of a size [px]; it is rather too large than too small."""
+    """Return an estimate of the width [px] of a name in letters of a given size [px]; it errs on the large side."""
     return size / 13 * sum(WIDTHS.get(letter, OTHERS) for letter in name)
 
 
@@ -34,7 +34,10 @@ def box_of(name: str, middle: Array, size: float = 13.0) -> Array:
 
 
 def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Part], taken: Array, bar: Array) -> list[str]:
-    """Return the SVG texts of all names at state q (n,); a force without room beside it gets no name.
+    """Return the SVG texts of all names at state q (n,).
+
+    Names of joints and observed points are placed first, then titles, which are names of links, then names of forces and drivers.
+    Each keeps away from the names that were placed before it. A force without room beside it gets no name.
 
     Args:
         parts: all drawn parts.
@@ -46,6 +49,7 @@ def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Pa
     texts = []
     for name, where in _points(mechanism, q, canvas):
         wide = np.array([width_of(name) / 2 - 4.0, 0.0])
+        # candidates around the point: at these distances [px] in all directions, and further to the sides for a wide name
         places = [where + r * way + wide * way for r in (15.0, 18.0, 21.0, 27.0, 34.0) for way in AROUND]
         place, _ = _best(places, name, segments, boxes, size, NEAR)
         boxes.append(box_of(name, place))
@@ -80,7 +84,7 @@ def _text(name: str, place: Array, colour: str, style: str) -> str:
 
 
 def _points(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[tuple[str, Array]]:
-    """Return (name, pixels (2,)) of joints and observed points; of several at one place the first has a name."""
+    """Return (name, pixels (2,)) of joints and observed points; of several at the same place (to 0.1 px) only the first."""
     named = [(j.joint, j.a if isinstance(j, Revolute) else j.block) for j in mechanism.joints]
     named += [(p.name.partition(".")[2], p) for p in mechanism.observed_points]
     once: dict[tuple[float, float], str] = {}
@@ -95,6 +99,9 @@ def _best(
 ) -> tuple[Array, float]:
     """Return the place with most room for a name, the first of equal ones, and this room [px].
 
+    The room of a place is the distance of the name from the nearest line. It is negative if the name overlaps another name or the
+    edge of the picture.
+
     Args:
         places: candidates (2,) [px].
         segments: lines (l, 2, 2) [px] from which the name keeps away.
@@ -108,6 +115,7 @@ def _best(
     others = np.array(boxes)
 
     def room(place: Array) -> float:
+        """Return the room [px] of the name with its middle at a place (2,) [px]."""
         box = box_of(name, place)
         inside = min(box[0], box[1], size[0] - box[2], size[1] - box[3]) - EDGE
         gaps = np.maximum(others[:, :2] - box[2:], box[:2] - others[:, 2:]).max(axis=1) - EDGE

@@ -7,7 +7,7 @@ import vl_convert
 from PIL import Image
 
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.report.drawings.animation import SLOWEST, animate, thin
+from gauss_bench.report.drawings.animation import SHORTEST, animate, thin
 from gauss_bench.report.drawings.drawing import draw_at, fit
 from gauss_bench.report.drawings.history import LEFT, RIGHT, WIDTH, plot
 from gauss_bench.report.pages import make_environment
@@ -37,7 +37,7 @@ def film(kind: str, caption: Caption, history: History, mechanism: Mechanism, tr
         count = int(np.searchsorted(trajectory.t, caption.trusted, "right"))
     t, q = trajectory.t[:count], trajectory.q[:count]
     if count < 2:  # too few samples for a motion: show the start, standing still
-        t, q = np.array([0.0, SLOWEST]), np.vstack([trajectory.q[:1]] * 2)
+        t, q = np.array([0.0, SHORTEST]), np.vstack([trajectory.q[:1]] * 2)
     if kind.lower() == ".gif":
         return _gif(mechanism, t, q)
     moving = animate(mechanism, t, q, mechanism.observed_points)
@@ -45,8 +45,11 @@ def film(kind: str, caption: Caption, history: History, mechanism: Mechanism, tr
 
 
 def _gif(mechanism: Mechanism, t: Array, q: Array) -> bytes:
-    """Return a GIF of the states q (k, n) at times t (k,) [s], with pictures at equal intervals."""
-    slower = max(1.0, SLOWEST / float(t[-1] - t[0]))
+    """Return a GIF of the states q (k, n) at times t (k,) [s], with pictures at equal intervals.
+
+    A motion of less than SHORTEST seconds is slowed down to SHORTEST. A long motion gets MOST pictures and runs faster.
+    """
+    slower = max(1.0, SHORTEST / float(t[-1] - t[0]))
     count = int(np.clip(round(RATE * float(t[-1] - t[0]) * slower), 2, MOST))
     shown = np.searchsorted(t, np.linspace(t[0], t[-1], count)).clip(0, len(t) - 1)  # indices of the drawn states
     trace = q[thin(t, q)]
@@ -56,7 +59,8 @@ def _gif(mechanism: Mechanism, t: Array, q: Array) -> bytes:
     # all pictures share the palette of the first, so that the file is small and colours do not flicker
     first = pictures[0].quantize(128)
     kept = [picture.quantize(palette=first, dither=Image.Dither.NONE) for picture in pictures]
-    seconds = max(float(t[-1] - t[0]) * slower / count, 1 / RATE) if count < MOST else 1 / RATE  # duration of a picture
+    # duration of a picture: an equal part of the film, or for a film that was cut to MOST pictures as short as allowed
+    seconds = max(float(t[-1] - t[0]) * slower / count, 1 / RATE) if count < MOST else 1 / RATE
     buffer = io.BytesIO()
     kept[0].save(buffer, "GIF", save_all=True, append_images=kept[1:], duration=round(1000 * seconds), loop=0, optimize=True)
     return buffer.getvalue()
@@ -81,6 +85,6 @@ def _page(caption: Caption, history: History, moving: str, t: Array) -> str:
             wide=100 * (WIDTH - LEFT - RIGHT) / WIDTH,
             until=float(t[-1]),
             share=duration / (caption.until - float(t[0]) or 1.0),  # of the time axis
-            length=max(SLOWEST, duration),  # [s] of the film
+            length=max(SHORTEST, duration),  # [s] of the film
         )
     )

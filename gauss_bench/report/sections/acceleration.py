@@ -54,7 +54,10 @@ def list_errors(rows: Sequence[Row]) -> Table:
 
 
 def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
-    """Yield a finding on each engine and settings with another acceleration, which tells whether a smaller step helps."""
+    """Yield a finding on each engine and settings whose acceleration is not the reference's at the same state.
+
+    The finding also says whether a smaller step reduces the error of the trajectory.
+    """
     for (name, settings), group in group_by(rows, "engine", "settings").items():
         off = [row for row in group if row[ERROR] > SAME_ACCELERATION]
         if off:
@@ -68,13 +71,15 @@ def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def _show_flat_error(run: Run, off: Sequence[Row]) -> tuple[str, list[Table]]:
-    """Return the end of a sentence on the trajectory error that falls least over a 4-fold range of steps, and a table of its cases.
+    """Return the end of the sentence "A smaller step cannot change that", and a table of cases behind it.
+
+    The end tells of the trajectory error that falls by the smallest factor, below SHRINKS, over at least a 4-fold range of steps.
 
     Args:
         off: acceleration rows of the engine and settings in question.
 
     Returns:
-        A full stop and no table if all errors fall with the step.
+        Only "." and no table if all errors fall with the step by SHRINKS or more.
     """
     models = {(row["mechanism"], row["engine"], row["settings"]) for row in off}
     rows = [r for r in run.results if has_ended(r) and not chose_steps(r) and is_known(end_error(r))]

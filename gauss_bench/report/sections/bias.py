@@ -26,11 +26,11 @@ REASONS = (
 def section(run: Run) -> Section:
     """Return the section with the possible biases and the table of effort."""
     lines = list(count_effort(run).values())
-    return Section(TITLE, ANCHOR, (Bullets((shorten(run), *REASONS)), *blocks_of("bias", lines)))
+    return Section(TITLE, ANCHOR, (Bullets((describe_authorship(run), *REASONS)), *blocks_of("bias", lines)))
 
 
-def shorten(run: Run) -> str:
-    """Return a sentence on the number of engines that the authors of the suite wrote, and on their choices."""
+def describe_authorship(run: Run) -> str:
+    """Return a sentence on the number of engines that the authors of the suite wrote, and on what they chose."""
     engines = count_effort(run).values()
     own = sum(row["own"] == "yes" for row in engines)
     return (

@@ -1,4 +1,4 @@
-"""The paper's claim that fewer unknowns are faster: n - m unknowns raced against n + m, with code that is equal otherwise."""
+"""The paper's claim that fewer unknowns are faster: n - m timed side by side with n + m, in code that is equal otherwise."""
 
 from collections.abc import Iterator, Sequence
 
@@ -15,6 +15,7 @@ def section(run: Run) -> Section:
     """Return the section with the finding and the table of races, linkages with the fewest unknowns first."""
 
     def order(row: Row) -> tuple[float, float, str]:
+        """Return the sort key of a row: the numbers of unknowns of both formulations, and the linkage."""
         return number(row, "unknowns_gauss"), number(row, "unknowns_lagrange"), row["mechanism"]
 
     answers = [Text(finding.short or finding.text) for finding in findings(run)]
@@ -55,16 +56,17 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def answer_in_part(holds_once: bool, holds_always: bool) -> str:
-    """Return "Yes" for a claim that always holds, "In part" if it holds at least once, else "No"."""
+    """Return "Yes" for a claim that is true in all cases, "In part" if it is true in at least one, else "No"."""
     if holds_always:
         return "Yes"
     return "In part" if holds_once else "No"
 
 
 def compare_formula(run: Run) -> tuple[str, dict[str, float]]:
-    """Return a sentence on the claim by the paper's own formula, with its misprints corrected, and linkage -> ratio of times.
+    """Return a sentence on the paper's claim that fewer unknowns are faster, and a dictionary: linkage -> ratio of times.
 
-    It compares steps of `gauss_pinv` and `lagrange`, both interpreted in the same loop. Without times both are empty.
+    The ratio is the time of a step of `gauss_pinv`, which is the paper's own formula with its misprints corrected, over that of
+    `lagrange`. Both run in Python in the same loop. Without times both results are empty.
     """
     rows = [r for r in cost_rows(run.results) if is_unstabilised(r) and r["integrator"] == "rk4"]
     steps = {(r["engine"], r["mechanism"]): r["step_ratio"] for r in with_number(rows, "step_ratio")}

@@ -22,7 +22,7 @@ def section(run: Run) -> Section:
 
 
 def _print_fact(name: str, value: object) -> object:
-    """Return a fact for printing: a truth value as yes or no, the run's time, which is stored in seconds, in minutes."""
+    """Return a fact as it is printed: a truth value becomes yes or no, and the run's duration in seconds becomes minutes."""
     if name == "wall_time" and isinstance(value, (int, float)):
         return f"{value / 60:.1f} min"
     return ("no", "yes")[value] if isinstance(value, bool) else value

@@ -1,4 +1,7 @@
-"""The field: the answers of every engine to the same questions, a row for each setting, with a reason for each missing answer."""
+"""The field, that is all engines: their answers to the same questions, by setting, with a reason for each missing answer.
+
+The rows are those of the suite `field`, which is run by itself; its run may lie in the folder `field` of another run.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -31,7 +34,7 @@ def section(run: Run) -> Section | None:
 
 
 def describe_questions(run: Run) -> str:
-    """Return sentences on the linkage and the step of the questions, and on the run that asked them if it lies beside this run."""
+    """Return sentences on the linkage and step with which engines were compared, and on `run.beside` if that run did it."""
     first = run.field_run.table("field")[0]
     words = (
         f"All engines were asked the same on {first['mechanism']} at steps of {1e3 * number(first, 'step'):g} ms. Accuracy is that "
@@ -41,7 +44,7 @@ def describe_questions(run: Run) -> str:
 
 
 def describe_run(run: Run) -> str:
-    """Return sentences on the run of the suite `field`, and on why its times differ from those of the run that it lies beside."""
+    """Return sentences that the rows come from a run of the suite `field`, and why its times differ from those on other pages."""
     return (
         f"The rows are of a run of their own ({', '.join(facts(run.field_run))}). Its times are those of a brief search; the suite "
         f"`{run.environment.get('suite', '')}`, whose times stand on the other pages, searched longer and found other settings."
@@ -116,7 +119,11 @@ def describe_end(row: Row) -> str:
 
 
 def costs(run: Run, engine: str = "") -> list[Row]:
-    """Return a row for each engine, or for one if it is named: its cost at both ACCURACIES, its start and its size."""
+    """Return a row for each engine, or for one if it is named: its cost at both ACCURACIES, its time to start, its installed size.
+
+    A cost, in the columns "coarse" and "fine", is the time of the engine's cheapest setting [s]; with the ending `_over` it is
+    divided by that of the fastest engine. Columns `why_*` have reasons for missing values, as `content.missing_reason` takes them.
+    """
     run = run.field_run
     lines: list[dict[str, Any]] = []
     for row, *_ in group_by(run.table("field"), "mechanism", "engine").values():
@@ -134,6 +141,7 @@ def costs(run: Run, engine: str = "") -> list[Row]:
     for line, key in product(lines, ACCURACIES):
         same = [x[key] for x in lines if x["mechanism"] == line["mechanism"] and is_known(x[key])]
         line[f"{key}_over"] = line[key] / min(same, default=math.nan)  # multiple of the fastest engine
+    # only now, because the fastest of all engines is needed for the multiples
     return [line for line in lines if engine in ("", line["engine"])]
 
 
@@ -158,10 +166,11 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def compare_costs(lines: Sequence[Row], engines: Sequence[str], key: str) -> str:
-    """Return a sentence on the costs of engines as multiples of the least cost of all; empty if none of the engines has a cost.
+    """Return a sentence on the costs of some engines, divided by the least cost of all; empty if none of the engines has a cost.
 
     Args:
         lines: rows of `costs`.
+        engines: names of the engines in question.
         key: one of ACCURACIES.
     """
     multiples = {row["engine"]: row[f"{key}_over"] for row in with_number(lines, f"{key}_over")}

@@ -42,7 +42,7 @@ def section(run: Run) -> Section | None:
 
 
 def _call(row: Row) -> tuple[str, str]:
-    """Return how the kernel and how its rival were called for a right-hand side."""
+    """Return the words of a row of `kernel_rhs` that tell how the kernel was called, and how its rival was called."""
     return row.get("own", ""), row.get("rival", "")
 
 
@@ -191,7 +191,10 @@ def describe_batch(rows: Sequence[Row]) -> str:
 
 
 def describe_right_hand_sides(rows: Sequence[Row]) -> str:
-    """Return sentences on right-hand sides against Pinocchio's, in a loop and called from Python; empty if one was not timed."""
+    """Return sentences that compare the times of a right-hand side by Pinocchio and by the kernel; empty if one was not timed.
+
+    One compares the kernel in its own compiled loop with Pinocchio less its call from Python, the other both as called from Python.
+    """
     by_call = group_by(rows, _call)
     if IN_LOOP not in by_call or CALLED not in by_call:
         return ""

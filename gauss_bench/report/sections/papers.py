@@ -16,7 +16,10 @@ VERDICTS = {
 
 
 def section(run: Run) -> Section:
-    """Return the section with the tables of causes and lines of each paper."""
+    """Return the section with three tables for each paper: the causes of its errors, its lines with errors, and its right lines.
+
+    A last table has the lines whose numbers are those of the paper's example.
+    """
     audit = run.table("audit")
     if not audit:
         return Section("The papers, audited", "papers", (Text("The run audited no paper."),))

@@ -5,7 +5,8 @@ from gauss_bench.report.rows import Row, Run, group_by, with_number
 from gauss_bench.report.what_changed import NAMES, RULE, describe_changes, describe_unusable, newest_first
 
 PLACE = 85
-NO_VALUE = {"missing": "no earlier release to compare with", "why_message": "it answered all questions"}  # reasons for dashes
+# entries of a row that are printed instead of missing values, as `content.missing_reason` takes them
+NO_VALUE = {"missing": "no earlier release to compare with", "why_message": "it answered all questions"}
 NO_TIME = {"missing": "one of both was not timed", "why_verdict": "the others are compared with it"}
 TITLE, ANCHOR = "What changed between releases", "releases"
 

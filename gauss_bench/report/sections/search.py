@@ -1,4 +1,4 @@
-"""The cheapest setting of every engine that holds a requirement over the whole run.
+"""The cheapest setting of every engine that meets a requirement over the whole run.
 
 The section also lists the searched variants, the budget of the search, and the source of each option.
 """
@@ -16,7 +16,7 @@ from gauss_bench.report.site.settings import race_multiples
 from gauss_bench.report.words import count, itemise, itemise_code, limit_text, range_text, ratio_text
 
 PLACE = 15
-TRIED = (Kind.TIMED, Kind.UNTIMED, Kind.NOT_REACHED)  # kinds of reach of an engine that ran
+TRIED = (Kind.TIMED, Kind.UNTIMED, Kind.NOT_REACHED)  # kinds of answer (`gauss_bench.reach`) for an engine that ran
 KINDS = ("position", "end", "angle", "force")  # kinds of error in the order of the findings
 OK = "ok"
 
@@ -42,12 +42,16 @@ def section(run: Run) -> Section | None:
 
 
 def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
-    """Return rows of `search_winners` as rows of the layout `search`: with multiples, marks of own engines, and remarks."""
+    """Return rows of `search_winners` as rows of the layout `search`: with multiples, remarks, and marks at the names of engines.
+
+    The mark "own" is for an engine that the authors of this suite wrote, "base" for the engine to whose time ratios are relative,
+    and BY_AUTHORS for settings that the authors of the engine own.
+    """
     multiples = race_multiples(run)
     winners = []
     for row in rows:
         marks = ["own"] if row["engine"] in run.own_engines else []
-        marks += ["base"] if row.get("own") else []  # the engine to which ratios are relative
+        marks += ["base"] if row.get("own") else []  # the column `own` marks the cheapest of the suite's engines
         marks += [BY_AUTHORS] if row.get("owner") else []
         more: dict[str, Any] = {
             "within": f"{limit_text(row['accuracy'])} {row['unit']}",
@@ -65,7 +69,10 @@ def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
 
 
 def list_owned(rows: Sequence[Row]) -> list[Row]:
-    """Return two rows of the layout `search_owned` for each row of that table: the authors' settings, and ours below them."""
+    """Return two rows of the layout `search_owned` for each row of the table `search_owned`.
+
+    The first has the settings by the engine's authors, the second ours for the same engine, from the columns `our_*`.
+    """
     lines: list[Row] = []
     for row in rows:
         place = {k: row[k] for k in ("mechanism", "required")} | {"within": f"{limit_text(row['accuracy'])} {row['unit']}"}
@@ -79,18 +86,22 @@ def list_owned(rows: Sequence[Row]) -> list[Row]:
 
 
 def describe_effort(rows: Sequence[Row]) -> str:
-    """Return the largest numbers of evaluations and of steps in words, as ranges if linkages differ in them."""
+    """Return in words the largest numbers of evaluations of a variant and of steps of a run; ranges if linkages differ in them."""
     evaluations, steps = (range_text([r[x] for r in with_number(rows, x)], "{:.0f}".format) for x in ("budget", "most_steps"))
     return f"{evaluations} evaluations and {steps} steps of a run at most"
 
 
 def answer_of(run: Run, row: Row) -> Reach:
-    """Return the reach of the engine of a row of `search_winners`, at the requirement of the row."""
+    """Return whether the engine of a row of `search_winners` meets the requirement of the row, and if not, how close it comes."""
     return answer(run, row["mechanism"], row["engine"], [Requirement(row["required"], row["accuracy"])])
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield findings on lost races, on settings by engines' authors, and on our compiled engines against others by requirement."""
+    """Yield findings on the searches.
+
+    One is on linkages whose race failed, one on each engine with settings by its authors, and one for each requirement compares our
+    compiled engines with the others.
+    """
     unsearched = [r for r in run.table("search_winners") if not r["required"]]
     if unsearched:
         reasons = "; ".join(f"{r['mechanism']}: {r['message']}" for r in unsearched)
@@ -117,7 +128,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def compare_owned(run: Run) -> Iterator[Finding]:
-    """Yield a finding on each engine with settings by its authors: their times as multiples of that of our cheapest setting."""
+    """Yield a finding on each engine with settings by its authors: their times divided by that of our cheapest setting."""
     for engine, rows in group_by(run.table("search_owned"), "engine").items():
         races = [f"{_place(r)} {spread(r, 'ratio').print_with(ratio_text)}" for r in with_number(rows, "ratio")]
         missed = [f"{_place(r)} ({r['message']})" for r in rows if r["status"] != OK]
@@ -154,18 +165,18 @@ def _code_own(run: Run, engine: str) -> str:
 
 
 def _multiple(run: Run, row: Row) -> str:
-    """Return a linkage with a rival's time divided by our own there and its spread, or with the reason why there is no ratio."""
+    """Return in words the linkage of a rival's row, and there the rival's time divided by ours, or why there is no ratio."""
     if row["status"] != OK:
         return f"{row['mechanism']} {answer_of(run, row).words}"
-    ratio = spread(row, "ratio")  # unknown if our own engines do not hold the requirement
+    ratio = spread(row, "ratio")  # unknown if our own engines do not meet the requirement
     words = ratio.print_with(ratio_text) if is_known(ratio.value) else f"(ours {Kind.NOT_REACHED})"
     return f"{row['mechanism']} {words}"
 
 
 def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
-    """Return rows with ratios relative to the cheaper of our compiled engines on each linkage.
+    """Return rows of `search_winners` with ratios relative to the cheaper of our compiled engines on each linkage.
 
-    A stored ratio may be relative to another of our engines, which ties with the cheaper one.
+    A stored ratio may be relative to another of our engines, whose time is equal within the spread.
     """
     least: dict[str, float] = {}
     for row in with_number(group, "ratio"):
@@ -191,7 +202,7 @@ def name_faster(run: Run, group: Sequence[Row]) -> Iterator[str]:
 
 
 def name_unreached(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence on each linkage on which none of our compiled engines holds the requirement."""
+    """Yield a sentence on each linkage on which none of our compiled engines meets the requirement."""
     for linkage, rows in sorted(group_by(group, "mechanism").items()):
         ours = [r for r in rows if r.get("ours")]
         if any(r["status"] == OK for r in ours) or all(answer_of(run, r).kind is not Kind.NOT_REACHED for r in ours):
@@ -201,7 +212,7 @@ def name_unreached(run: Run, group: Sequence[Row]) -> Iterator[str]:
 
 
 def name_missed_targets(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence on the rivals over which our lead is smaller than its target, if there are any."""
+    """Yield a sentence on the other engines than which ours are faster by less than a target, if there are any."""
     missed = [r for r in with_number(group, "target") if not r["met"]]
     near = [f"`{r['engine']}` on {_multiple(run, r)} instead of {ratio_text(r['target'])}" for r in missed]
     if near:

@@ -48,6 +48,7 @@ def best_cases(name: str, scenario: str, rows: Sequence[Row]) -> Table:
     """
 
     def rank(row: Row) -> tuple[bool, float, float]:
+        """Return the sort key of a case: errors below the reference's error bar come first, as equals, then larger steps first."""
         step = -row["step"] if is_known(row["step"]) else 0.0
         return (False, 0.0, step) if is_below_reference(row) else (True, end_error(row), step)
 
@@ -110,7 +111,7 @@ def _name_cheapest(rows: Sequence[Row], loop: str) -> str:
 
 
 def name_most_accurate(rows: Sequence[Row]) -> str:
-    """Return a sentence on the case with the least error, or on the engines with errors below the reference's bar."""
+    """Return a sentence on the case with the least error, or on the engines whose errors are below the reference's error bar."""
     below = sorted({row["engine"] for row in rows if is_below_reference(row)})
     if below:
         bar = f"{max(end_bar(row) for row in rows):.0e} {measured_unit(rows)}"
@@ -124,7 +125,8 @@ def name_tied(rows: Sequence[Row], best: Row, value: Callable[[Row], float]) -> 
     """Return in words a case together with the engines that tie with it under the same settings.
 
     Args:
-        value: number of a row; engines within a share TIED of the case's number tie with it.
+        value: gives the number of a row by which cases are compared. Engines tie with the case if their numbers differ from its
+            number by at most the share TIED.
     """
     same = [r for r in rows if all(str(r[k]) == str(best[k]) for k in KEYS if k != "engine")]
     engines = sorted({r["engine"] for r in same if abs(value(r) - value(best)) <= TIED * abs(value(best))})

@@ -59,11 +59,11 @@ def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]],
 def drift_as_shipped(run: Run) -> dict[str, Row]:
     """Return engine -> its case with the largest drift, among cases with default settings, no stabilisation and a step of STEP.
 
-    An engine with several integrators has the integrator whose largest drift is the smallest.
+    An engine with several integrators is represented by the integrator whose largest drift is the smallest.
     """
     ended = [r for r in with_number(run.results, "position_drift") if has_ended(r) and not r["control"]]
     shipped = [r for r in ended if r["settings"] == "default" and is_unstabilised(r) and abs(r["step"] - STEP) < 1e-9]
-    worst: dict[str, Row] = {}
+    worst: dict[str, Row] = {}  # the worst case of the best integrator
     for (engine, _), cases in group_by(shipped, "engine", "integrator").items():
         row = max(cases, key=itemgetter("position_drift"))
         if engine not in worst or row["position_drift"] < worst[engine]["position_drift"]:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from types import ModuleType
 from typing import Any
 
-from gauss_bench.report import sections as room
+from gauss_bench.report import sections as section_package
 from gauss_bench.report.content import Chart, Finding, Section
 from gauss_bench.report.parts import parts_of
 from gauss_bench.report.rows import Run
@@ -58,9 +58,10 @@ def releases_page(run: Run) -> Page | None:
 
 
 def method_page(run: Run) -> Page:
-    """Return the page on the method: its three ideas, limitations and biases, then every section that no other page has."""
+    """Return the page on the method: an opening text, limitations and biases, then every section that no other page has."""
     lead = "What is compared, what counts as true, what a time is, and where all of this ends."
-    others = [x for x in parts_of(room) if x not in (*PAPERS, kernel, releases, limitations, bias, field)]
+    # limitations and biases come first; the others that are left out have pages of their own
+    others = [x for x in parts_of(section_package) if x not in (*PAPERS, kernel, releases, limitations, bias, field)]
     return chapter("method", "Method", lead, make_sections(run, [limitations, bias, *others]), opening=render("method.html"))
 
 

@@ -73,10 +73,11 @@ def place_names(
 
     Args:
         lines: rows of each line, with x and y.
-        most: number of lines, the first ones, whose names must not overlap.
+        most: the names of the first `most` lines must not overlap.
     """
 
     def height(y: float) -> float:
+        """Return the height of a value on the axis: its logarithm on a logarithmic axis."""
         return math.log10(max(y, FLOOR)) if logarithmic else y
 
     values = [float(r["y"]) for line in lines[:most] for r in line if is_known(r["y"])]

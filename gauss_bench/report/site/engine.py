@@ -44,9 +44,9 @@ def engine_names(run: Run) -> list[str]:
 
 
 def runs_of_engines(run: Run) -> dict[str, Run]:
-    """Return engine -> the run with its rows, sorted by name.
+    """Return a dictionary, sorted by name: engine -> the run from which its page takes rows.
 
-    That is the run itself, or the run of the suite `field` beside it for engines that only the latter has.
+    It is `run` itself. For engines without rows in `run`, it is the run of the suite `field` that is published with it.
     """
     runs = dict.fromkeys(engine_names(run.field_run), run.field_run) | dict.fromkeys(engine_names(run), run)
     return dict(sorted(runs.items()))
@@ -100,9 +100,10 @@ def describe_home(name: str, installed: Mapping[str, Any]) -> str:
 
 
 def list_commands(run: Run, name: str) -> list[tuple[str, str]]:
-    """Return (purpose, command to paste) for the engine's cheapest setting on each linkage within TABLED accuracies.
+    """Return (purpose, command to paste) for the engine's cheapest setting on each linkage at each of the accuracies TABLED.
 
-    Without any such setting it has the command of a case as shipped. A command with several purposes has the first of them.
+    If there is no such setting, it returns the command of a case with the engine's default settings. A command that serves several
+    purposes is returned once, with the first of them.
     """
     purposes: dict[str, str] = {}  # command -> its purpose
     for linkage, scenario in scenarios(run).items():
@@ -136,13 +137,13 @@ def list_cases(rows: Sequence[Row]) -> Iterator[Row]:
 
 
 def _inaccuracy(row: Row) -> tuple[bool, bool, float]:
-    """Return the sort key of a case: ended cases come first, of these cases with a known error, of these the smallest error."""
+    """Return the sort key of a case: ended cases first; among them those with a known error first, by increasing error."""
     error = number(row, "position_error")
     return not has_ended(row), math.isnan(error), error
 
 
 def bests(run: Run, name: str) -> Table:
-    """Return the table of the engine's cheapest setting for each linkage and accuracy, or of the reason why no setting holds it.
+    """Return the table of the engine's cheapest setting for each linkage and accuracy, or of the reason why no setting meets it.
 
     An engine without any known setting has an empty table.
     """
@@ -162,15 +163,16 @@ def bests(run: Run, name: str) -> Table:
 
 
 def explain_time(run: Run, name: str) -> tuple[str, Table] | None:
-    """Return sentences that split the engine's multiple into its numbers of steps and times of a step, and a table of linkages.
+    """Return sentences on why the engine is slower than the fastest engine, and a table with the numbers for each linkage.
 
-    The multiple is that within FIRST, or within USUAL for an engine that holds FIRST nowhere; None if it holds neither.
+    The ratio of times is the ratio of numbers of steps, times the ratio of times of a step. Compared are the cheapest settings with
+    errors of at most FIRST, or of at most USUAL if the engine meets FIRST nowhere. It returns None if the engine meets neither.
     """
     return explain_time_within(run, name, FIRST) or explain_time_within(run, name, USUAL)
 
 
 def explain_time_within(run: Run, name: str, position: float) -> tuple[str, Table] | None:
-    """Return the sentences and the table of `explain_time` at an accuracy [m]; None if no timed setting of the engine holds it."""
+    """Return the sentences and the table of `explain_time` at an accuracy [m]; None if no timed setting of the engine meets it."""
     lines: list[Row] = []
     for linkage in scenarios(run):
         timed = [x for x in fastest_first(run, linkage, position) if x.steps > 0]
@@ -194,7 +196,7 @@ def explain_time_within(run: Run, name: str, position: float) -> tuple[str, Tabl
 
 
 def list_races(run: Run, name: str) -> Table:
-    """Return the table of the engine's races, each with its time as a multiple of the fastest at the same accuracy."""
+    """Return the table of the engine's races, each with its time divided by that of the fastest engine at the same accuracy."""
     multiples = race_multiples(run)
     lines = []
     for r in of_engine(run.table("search_winners"), name):
@@ -223,9 +225,14 @@ def list_changes(figures: Sequence[Row]) -> list[Row]:
 
 
 def list_failures(run: Run, name: str) -> list[str]:
-    """Return sentences on the engine's failed and invalid cases, its ended evaluations, and linkages that it does not model."""
+    """Return sentences on what the engine failed at.
+
+    These are its failed and invalid cases, runs of the search that ended early, linkages that it does not model, and settings with
+    wrong accelerations.
+    """
     rows = of_engine(run.results, name)
     failed = [r for r in rows if not has_ended(r) and r["status"] != "skip"]
+    # negative controls are left out: they are invalid on purpose
     invalid = [r for r in rows if has_ended(r) and not r["valid"] and not r["control"]]
     ladder = of_engine(run.table("search_ladder"), name)
     early = [r for r in ladder if r["status"] not in ("ok", "skip")]
@@ -272,7 +279,11 @@ def list_inexact(run: Run, name: str) -> list[str]:
 
 
 def atlas_table(rows: Sequence[Row]) -> Table:
-    """Return the table of the engine's reach along each axis of the atlas, from its rows of the table `atlas`."""
+    """Return the table that tells up to where the engine works as a linkage gets harder in one respect, such as stiffness.
+
+    Args:
+        rows: the engine's rows of the table `atlas`, one for each such axis.
+    """
     lines = []
     for r in rows:
         ends = {k: f"{r[k]:g} {r['unit']}".strip() if is_known(r.get(k)) else "" for k in ("passes_to", "breaks_at")}
@@ -287,7 +298,7 @@ def atlas_table(rows: Sequence[Row]) -> Table:
 
 
 def engines_page(run: Run) -> Page:
-    """Return the page that lists all engines, with the answers of the field."""
+    """Return the page that lists all engines, with their answers to the questions of the suite `field`."""
     lines = []
     for name, its_run in runs_of_engines(run).items():
         rows = of_engine(its_run.results, name)

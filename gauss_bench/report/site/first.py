@@ -1,4 +1,4 @@
-"""The first screen: the setting of each engine that holds a requirement, the main findings, and questions with answers."""
+"""The first screen: the setting of each engine that meets a requirement, the main findings, and questions with answers."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -69,7 +69,7 @@ def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None)
 
 
 def first_answers(run: Run, name: str) -> list[dict[str, str]]:
-    """Return the texts of the answers for a linkage within USUAL: the cheapest setting of each engine, the fastest first."""
+    """Return the texts on each engine's cheapest setting with an error of at most USUAL on a linkage, the fastest first."""
     timed = fastest_first(run, name, USUAL)
     return [
         {
@@ -84,15 +84,21 @@ def first_answers(run: Run, name: str) -> list[dict[str, str]]:
 
 
 def headlines(findings: Iterable[Finding]) -> list[Finding]:
-    """Return the findings that begin in bold, where the suite's own engines are slower, miss a target or fail, without a tone."""
+    """Return the findings that begin in bold: those where the suite's own engines are slower, miss a target or fail.
+
+    Their tone, which would colour each of them as bad, is removed.
+    """
     return [replace(x, tone="") for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")]
 
 
 def program_files(choices: Mapping[str, dict[str, Any]], programs: Programs | None) -> dict[str, Any]:
-    """Return name of a file -> the programs of a linkage, which a page loads only on demand.
+    """Return a dictionary: name of a file -> the programs of a linkage, which a page loads only on demand.
+
+    It changes `choices`: the entry `chosen` of each linkage, which has settings, is replaced by `programs`, the name of the file.
 
     Args:
-        choices: linkage -> `settings.answers`, in which the name of the file replaces the settings `chosen`.
+        choices: linkage -> its data as `settings.answers` returns them.
+        programs: function that returns a program for each choice of a setting; None for calls of this package.
     """
     chosen: dict[str, list[Setting]] = {name: data.pop("chosen") for name, data in choices.items()}
     texts = programs([x.choice for settings in chosen.values() for x in settings]) if programs else {}

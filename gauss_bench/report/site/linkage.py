@@ -200,8 +200,9 @@ def force_chart(run: Run, name: str) -> Chart | None:
 
 
 def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
-    """Return the rows of a line over time for each engine: a column of `series`, of its plainest case at a step nearest to STEP.
+    """Return a curve over time for each engine, as the rows of a figure: a column of the table `series`, of one case of the engine.
 
+    The case is the one with the step nearest to STEP; of several it is one without stabilisation, with default settings, with RK4.
     Engines in FIRST come first.
     """
     cases = {_case(r): r for r in run.of(name) if has_ended(r) and not r["control"]}
@@ -231,15 +232,15 @@ def _plainness(row: Row) -> tuple[Any, ...]:
     return apart, not is_unstabilised(row), row["settings"] != "default", row["integrator"] != "rk4"
 
 
-def history_chart(run: Run, name: str, column: str, kind: str, title: str, words: str, axis: str) -> Chart | None:
+def history_chart(run: Run, linkage: str, column: str, name: str, title: str, words: str, axis: str) -> Chart | None:
     """Return the chart of a column of the table `series` over time; None without rows.
 
     Args:
-        kind: name of the chart.
+        name: name of the chart.
         words: sentence about the figure.
         axis: title of the vertical axis.
     """
-    lines = histories(run, name, column)
+    lines = histories(run, linkage, column)
     if not lines:
         return None
     rows = place_names(lines)
@@ -248,6 +249,7 @@ def history_chart(run: Run, name: str, column: str, kind: str, title: str, words
     cases = "; ".join(f"{x['engine']} {x['said']}".strip() for x in first)
     head = {"engine": "engine", "said": "settings", "x": "time [s]", "y": axis}
     words = f"{words} Cases, at a step of {STEP:g} s if there is one: {cases}."
+    # every LISTED-th point of each line, counted from its last point, which is kept
     listed = [row for line in lines for row in line[::-LISTED][::-1]]
     note = f"One of {LISTED} drawn points; `series.parquet` of the data page has all."
-    return Chart(kind, title, words, over_time(rows, axis), rows, head, toggles_of(first), shown, listed=listed, note=note)
+    return Chart(name, title, words, over_time(rows, axis), rows, head, toggles_of(first), shown, listed=listed, note=note)

@@ -17,8 +17,8 @@ from gauss_bench.report.pages import MARKED, SENTENCE, make_environment
 from gauss_bench.report.site.formulas import is_formula, mathml
 from gauss_bench.report.words import NOTHING
 
-LONG, LABEL = 60, 40  # characters: a cell longer than LONG is folded behind a label of at most LABEL
-LEAST_LABEL = 12  # characters: a shorter beginning of a cell, such as a time, says too little for a label
+LONG, LONGEST_LABEL = 60, 40  # characters: a cell longer than LONG is folded behind a label of at most LONGEST_LABEL
+SHORTEST_LABEL = 12  # characters: a beginning of a cell that is not longer, such as a time, says too little for a label
 HEADLINE = 260  # characters of a finding that is shown as one sentence, at most
 NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
 TAGS = {"bad": "where we lose", "warn": "note", "good": "holds"}
@@ -36,7 +36,7 @@ class Page:
         scripts: further scripts that it needs.
         later: name of a file -> data that a script loads only on demand.
         group: its group in the table of contents; empty for a page that has no entry there.
-        facts: facts of the run whose rows it has; empty if that is the run of the site.
+        facts: facts of the run from which the page's rows come; empty if that is the run of the whole site.
     """
 
     name: str
@@ -114,7 +114,7 @@ def shown(cell: Cell) -> Markup:
     text = cell.text or NOTHING
     if text == NOTHING:
         why = cell.why or UNMEASURED
-        if len(why) <= LABEL:
+        if len(why) <= LONGEST_LABEL:
             return Markup("<small>- {}</small>").format(why)
         return Markup("<details><summary>- {}</summary>{}</details>").format(short_label(why), why)
     if cell.tone == "formula" and is_formula(text):
@@ -129,11 +129,14 @@ def shown(cell: Cell) -> Markup:
 
 
 def short_label(text: str) -> str:
-    """Return a label for a long text: its words up to a colon or semicolon, or as many words as fit if these say too little."""
+    """Return a label for a long text: its words up to a colon or semicolon.
+
+    If these are SHORTEST_LABEL characters or fewer, or more than LONGEST_LABEL, it is as many words as fit, and " ...".
+    """
     first = re.split(r"[:;]", text, maxsplit=1)[0].strip()
-    if LEAST_LABEL < len(first) <= LABEL:
+    if SHORTEST_LABEL < len(first) <= LONGEST_LABEL:
         return first
-    return text[:LABEL].rpartition(" ")[0].rstrip(",;:") + " ..."
+    return text[:LONGEST_LABEL].rpartition(" ")[0].rstrip(",;:") + " ..."
 
 
 def sentence_of(finding: Finding) -> str:

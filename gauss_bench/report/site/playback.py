@@ -2,15 +2,16 @@
 
 The tables `motions` and `poses` store the pose of a link in a run as reference + ahead + gap. `ahead` is the part of the difference
 that leaves all loops closed. It is magnified along the motion of the linkage, so that a crank that is late is drawn later, together
-with all other links. `gap` is the rest, which opens loops. It is magnified in a straight line. At a factor of one, links are drawn
-at their stored poses.
+with all other links. `gap` is the rest, which opens loops; each of its coordinates is multiplied by the factor. At a factor of one,
+links are drawn at their stored poses.
 
-If the crank can turn fully, the magnified pose is taken from the states of a turn. With the reference angle c of the crank, the
-angle a by which the run is ahead, and the factor f,
+If the crank can turn fully, turn(c) is the state with closed loops at a crank angle c, and the magnified pose is taken from it.
+With the reference angle c of the crank, the angle a by which the run is ahead of the reference, and the factor f,
 
     pose(f) = turn(c + f a) + rest + f gap,    rest = reference + ahead - turn(c + a),
 
-where the rest is zero unless the run has changed to another assembly. Without a full turn, pose(f) = reference + f (ahead + gap).
+where the rest is zero unless the run has changed to another assembly. If the crank cannot turn fully, both parts are multiplied:
+pose(f) = reference + f (ahead + gap).
 """
 
 from collections.abc import Iterable, Sequence
@@ -45,7 +46,8 @@ class StoredRun:
     Attributes:
         label: engine and setting in words.
         is_default: whether the engine had its default settings.
-        ahead, gap: parts of the difference from the reference, (frames, links, 3) [m, m, rad]; fewer frames if the run ended early.
+        ahead, gap: the part of the difference from the reference that leaves loops closed, and the part that opens them, both
+            (frames, links, 3) [m, m, rad]; fewer frames if the run ended early.
     """
 
     engine: str
@@ -79,6 +81,7 @@ class Poses:
     """
 
     def __init__(self, rows: Iterable[Row], links: Sequence[str]):
+        """Take the rows of one run, or of the reference of one scenario."""
         self.links = links
         self.rows = {(number(r, "t"), r["link"]): r for r in rows}
         every = sorted({t for t, _ in self.rows})
@@ -109,7 +112,8 @@ def read_runs(run: Run, name: str, scenario: str, links: Sequence[str]) -> list[
         poses = Poses(rows, links)
         if poses.times:
             is_default = row["settings"] == "default"
-            stored.append(StoredRun(row["engine"], label_run(row), is_default, poses.read("_ahead"), poses.read("_gap")))
+            ahead, gap = poses.read("_ahead"), poses.read("_gap")
+            stored.append(StoredRun(row["engine"], label_run(row), is_default, ahead=ahead, gap=gap))
     return sorted(stored, key=lambda x: (x.engine, not x.is_default, x.label))
 
 
@@ -119,7 +123,11 @@ def label_run(row: Row) -> str:
 
 
 def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
-    """Return the contents of the player and the data of all stored runs, or None if fewer than two runs are stored."""
+    """Return the contents of the part of a page that plays two runs, and the data of all stored runs for its script.
+
+    It returns None if fewer than two runs or no reference are stored, or if the linkage does not load. If the crank of the linkage
+    can turn fully, the script draws the runs along this turn; otherwise along straight lines from the reference.
+    """
     turn = find_turn(run, name)
     try:
         mechanism = turn.mechanism if turn else load_document(*_document(run, name, scenario))
@@ -153,7 +161,10 @@ def _document(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], str, 
 
 
 def _along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) -> dict[str, Any]:
-    """Return the data of a run whose part `ahead` the page magnifies along the turn of the crank.
+    """Return the data of a run of a linkage whose crank can turn fully, with the quantities of pose(f) at the top of this file.
+
+    `ahead` is the angle a of the crank at each frame [rad], `rest` and `gap` are shifts of links [px, px, degrees], left out where
+    nobody would see them.
 
     Args:
         reference: states (k, n) of the reference at all frames.
@@ -190,16 +201,19 @@ def _round(x: Array) -> list[Any]:
 
 
 def make_stage(svg: str, runs: Sequence[StoredRun], scale: float, frames: int) -> dict[str, Any]:
-    """Return the contents of the player: picture, runs to choose from, the two shown at first, factors, and the last frame.
+    """Return the contents of the part of a page that plays two runs side by side.
 
-    The initial factor is the largest that keeps both runs within REACH of the reference.
+    These are the picture, the names of all runs, the indices of the two shown at first, the factors by which differences from the
+    reference can be magnified, the initial factor, and the index of the last frame. The initial factor is the largest that keeps
+    both runs within REACH of the reference.
 
     Args:
         scale: pixels in a metre.
+        frames: number of frames.
     """
     left = next((i for i, x in enumerate(runs) if x.engine == "gauss-native"), 0)
     right = next((i for i, x in enumerate(runs) if x.engine == "mujoco"), 1 if left == 0 else 0)
     farthest = scale * max(float(runs[i].off.max()) for i in (left, right))  # [px] at a factor of one
-    begun = max((x for x in MAGNIFIED if x * farthest <= REACH), default=MAGNIFIED[0])
+    initial = max((x for x in MAGNIFIED if x * farthest <= REACH), default=MAGNIFIED[0])
     labels = [*enumerate(x.label for x in runs)]
-    return {"svg": svg, "labels": labels, "first": (left, right), "factors": MAGNIFIED, "begun": begun, "last": frames - 1}
+    return {"svg": svg, "labels": labels, "first": (left, right), "factors": MAGNIFIED, "begun": initial, "last": frames - 1}

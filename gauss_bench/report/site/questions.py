@@ -38,13 +38,13 @@ def questions(run: Run, findings: Sequence[Finding], preferred: str) -> list[Que
         ask_redundant(run),
         ask_time(run, "exudyn", "Exudyn"),
         ask_claim(findings),
-        Question("Where may this suite be biased?", bias.shorten(run), f"method.html#{bias.ANCHOR}"),
+        Question("Where may this suite be biased?", bias.describe_authorship(run), f"method.html#{bias.ANCHOR}"),
     )
     return [question for question in asked if question is not None]
 
 
 def ask_setting(run: Run, linkage: str, engine: str, name: str) -> Question | None:
-    """Return the question which settings of an engine hold the usual accuracy; `name` is the engine's name in words."""
+    """Return the question "Which settings does the engine need for the usual accuracy?"; `name` is the engine's name in words."""
     setting = cheapest_stored(run, linkage, USUAL).get(engine)
     if setting is None:
         return None
@@ -57,7 +57,7 @@ def ask_setting(run: Run, linkage: str, engine: str, name: str) -> Question | No
 
 
 def ask_redundant(run: Run) -> Question | None:
-    """Return the question which engine is the most exact on a linkage with redundant constraint rows."""
+    """Return the question "Which engine is the most exact?", asked of the first linkage with redundant constraint rows."""
     for name in scenarios(run):
         try:
             redundant = pose_in(run, name)[0].redundant
@@ -74,12 +74,12 @@ def ask_redundant(run: Run) -> Question | None:
 
 
 def ask_time(run: Run, engine: str, name: str) -> Question | None:
-    """Return the question why an engine takes long; `name` is the engine's name in words."""
+    """Return the question "Why is the engine slow?"; `name` is the engine's name in words."""
     why = explain_time(run, engine)
     return Question(f"Why is {name} slow here?", why[0], f"engine-{file_name(engine)}.html#why") if why else None
 
 
 def ask_claim(findings: Sequence[Finding]) -> Question | None:
-    """Return the question whether the papers' formulation is faster than Lagrange's multipliers."""
+    """Return the question "Is the papers' formulation faster than Lagrange's multipliers?"."""
     claim = next((finding for finding in findings if finding.title == CLAIM), None)
     return Question("Is Gauss faster than Lagrange?", sentence_of(claim), "papers.html#claim") if claim else None

@@ -1,4 +1,4 @@
-"""Settings that hold a requirement, and their costs: the data of the first screen.
+"""Settings that meet a requirement, and their costs: the data of the first screen.
 
 A setting is an engine's variant at a step or tolerance on one linkage, with its errors over the whole stored run. Its time is
 that of a race, or is estimated from a race of the same variant at another step, in proportion to the number of steps. A linkage
@@ -37,7 +37,7 @@ class Setting:
     Attributes:
         step, tolerance: size of the steps [s] or tolerance of the integrator; NaN for the one that the setting does not have.
         steps: number of steps of the run; NaN if the engine does not count them.
-        seconds, low, high: processor time of the run [s], with its spread if it was raced; NaN if unknown.
+        seconds, low, high: processor time of the run [s], with its spread if it was measured in a race; NaN if unknown.
         estimated: whether `seconds` is estimated from a race at another step.
         position, force: largest errors of the run [m], [N]; NaN for a force that was not measured.
         until: end of the run [s].
@@ -109,9 +109,13 @@ def describe_setting(run: Run, x: Setting) -> str:
 
 @lru_cache(maxsize=2)
 def _changed_options(run: Run) -> dict[tuple[str, ...], list[str]]:
-    """Return the values of METHOD of a variant -> its options that differ from those of the engine's first variant, in words."""
+    """Return a dictionary: variant -> the options, in words, in which it differs from the engine's first variant.
+
+    The key is the tuple of the variant's values in the columns METHOD.
+    """
     words: dict[tuple[str, ...], list[str]] = {}
     for rows in group_by(run.table("search_space"), "engine").values():
+        # rows with an owner have settings that the authors of the engine own; none of these is the engine as shipped
         shipped = next((row for row in rows if not row.get("owner")), rows[0])
         first = json.loads(shipped["options"])
         for row in rows:
@@ -148,7 +152,7 @@ def make_setting(row: Row, **more: Any) -> Setting:
 
 
 def race_time(row: Row) -> dict[str, float]:
-    """Return the time of a race and its spread, as fields of a setting."""
+    """Return the time that a race measured [s] and its spread, as fields of a setting."""
     time = spread(row, "seconds")
     return {"seconds": time.value, "low": time.low, "high": time.high}
 
@@ -162,13 +166,16 @@ def all_settings(run: Run) -> dict[str, list[Setting]]:
 
 @lru_cache(maxsize=2)
 def _settings_by_place(run: Run) -> dict[tuple[Any, ...], Setting]:
-    """Return `place_of` a setting -> the first setting there; looking it up among thousands took half of the site's time."""
+    """Return a dictionary: `place_of` a setting -> the first setting with this value.
+
+    Searching through thousands of settings instead took half of the time in which the site is built.
+    """
     every = [x for settings in all_settings(run).values() for x in settings]
     return {place_of(vars(x)): x for x in reversed(every)}
 
 
 def _search(run: Run) -> Iterator[Setting]:
-    """Yield the settings of the searched linkages, each with its raced or estimated time."""
+    """Yield the settings of the searched linkages, each with its time, which a race measured or which is estimated from a race."""
     raced = [r for r in with_number(run.table("search_times"), "seconds") if r["status"] == "ok"]
     races = group_by(raced, variant_of)
     at_place = {place_of(r): r for r in reversed(raced)}
@@ -177,9 +184,9 @@ def _search(run: Run) -> Iterator[Setting]:
         steps = number(row, "steps")
         if row["status"] != "ok" or steps == 0:
             continue
-        same = at_place.get(place_of(row))
-        if same is not None:
-            time = race_time(same)
+        raced_row = at_place.get(place_of(row))
+        if raced_row is not None:
+            time = race_time(raced_row)
         else:
             # estimate the time from that of a step, in the race of the same variant with the nearest number of steps on a log scale
             seconds = {steps_at.get(place_of(r), math.nan): r["seconds"] for r in races.get(variant_of(row), ())}
@@ -187,7 +194,7 @@ def _search(run: Run) -> Iterator[Setting]:
             near = min(counted, key=lambda n: abs(math.log(max(n, 1.0) / steps)), default=math.nan)
             time = {"seconds": seconds.get(near, math.nan) / max(near, 1.0) * steps}
         errors = {"position": row["position_error"], "force": number(row, "force_error")}
-        yield make_setting(row, **time, **errors, estimated=same is None)
+        yield make_setting(row, **time, **errors, estimated=raced_row is None)
 
 
 def _cases(run: Run) -> Iterator[Setting]:
@@ -201,7 +208,7 @@ def _cases(run: Run) -> Iterator[Setting]:
 
 
 def cheapest(settings: Iterable[Setting], position: float, force: float = math.inf) -> dict[str, Setting]:
-    """Return engine -> its cheapest setting, by `Setting.cost`, that holds the errors `position` [m] and `force` [N]."""
+    """Return engine -> its cheapest setting, by `Setting.cost`, whose errors are at most `position` [m] and `force` [N]."""
     leaders: dict[str, Setting] = {}
     for one in settings:
         if one.holds(position, force) and (one.engine not in leaders or one.cost < leaders[one.engine].cost):
@@ -211,23 +218,27 @@ def cheapest(settings: Iterable[Setting], position: float, force: float = math.i
 
 @lru_cache(maxsize=1024)
 def cheapest_stored(run: Run, mechanism: str, position: float, force: float = math.inf) -> Mapping[str, Setting]:
-    """Return engine -> its cheapest setting on a linkage; the winner of a race at this very requirement replaces the estimate."""
+    """Return engine -> its cheapest setting on a linkage; the winner of a race at this very requirement replaces the estimate.
+
+    Args:
+        position, force: largest allowed errors [m], [N]; infinity allows any error of forces.
+    """
     settings = all_settings(run).get(mechanism, [])
     leaders = cheapest(settings, position, force)
-    if not math.isinf(force):
+    if not math.isinf(force):  # no race has requirements on positions and forces together
         return leaders
     # times of different races cannot be compared: a race at exactly this requirement decides
     for row in with_number(run.table("search_winners"), "seconds"):
         asked = row["required"] == "position" and math.isclose(row["accuracy"], position, rel_tol=1e-6)
         if asked and row["mechanism"] == mechanism and row["status"] == "ok":
-            same = _settings_by_place(run).get(place_of(row))
-            more = {"force": same.force, "until": same.until} if same else {}
+            stored = _settings_by_place(run).get(place_of(row))
+            more = {"force": stored.force, "until": stored.until} if stored else {}
             leaders[row["engine"]] = make_setting(row, **race_time(row), **more, position=number(row, "error"))
     return leaders
 
 
 def fastest_first(run: Run, mechanism: str, position: float) -> list[Setting]:
-    """Return the cheapest timed setting of each engine that holds an accuracy, the fastest first."""
+    """Return for each engine its cheapest timed setting with position errors of at most `position` [m], the fastest first."""
     settings = cheapest_stored(run, mechanism, position).values()
     return sorted((x for x in settings if is_known(x.seconds)), key=lambda x: x.seconds)
 
@@ -239,7 +250,7 @@ def multiples(seconds: Mapping[Key, float]) -> dict[Key, float]:
 
 
 def race_multiples(run: Run) -> dict[tuple[str, str, float, str], float]:
-    """Return (linkage, kind of error, accuracy, engine) -> time of the race over that of the fastest engine."""
+    """Return (linkage, kind of error, accuracy, engine) -> time of the engine in a race over that of the fastest engine."""
     over: dict[tuple[str, str, float, str], float] = {}
     timed = [r for r in with_number(run.table("search_winners"), "seconds") if r["status"] == "ok"]
     for race, rows in group_by(timed, "mechanism", "required", "accuracy").items():
@@ -253,13 +264,14 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
 
     Returns:
         settings: data of all settings that are the cheapest of an engine for a requirement; `chosen` has the settings themselves.
-        picks: "i,j" for POSITIONS[i] and FORCES[j] -> [index of a setting, its multiple] of each engine that holds both.
-        none: engine -> for each requirement, the index in `words` of the reason why the engine does not hold it, -1 if it does.
+        picks: "i,j" for POSITIONS[i] and FORCES[j] -> for each engine that meets both [index of a setting, time over the least].
+        none: engine -> for each requirement, the index in `words` of the reason why the engine does not meet it, -1 if it does.
+        words: the reasons.
         until, horizons: duration of the stored run [s], and the durations that a reader can choose.
     """
     picked: dict[Setting, int] = {}  # setting -> its index on the page
     picks: dict[str, list[Any]] = {}
-    reasons: dict[str, list[int]] = {}  # engine -> per requirement the index of its reason in `words`, -1 if it holds
+    reasons: dict[str, list[int]] = {}  # engine -> per requirement the index of its reason in `words`, -1 if it is met
     words: dict[str, int] = {}
     for i, position in enumerate(POSITIONS):
         for j, force in enumerate(FORCES):
@@ -286,14 +298,21 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
 
 
 def _page_data(run: Run, x: Setting) -> dict[str, Any]:
-    """Return the data of a setting that the page prints; unknown numbers are left out."""
+    """Return the data of a setting that the page prints: engine, words and known numbers, with `estimated` only if it is true.
+
+    `until` is left out, because the page has that of the linkage.
+    """
     numbers = {k: to_json(getattr(x, k)) for k in (*NUMBERS, "estimated") if k != "until"}
-    known = {k: v for k, v in numbers.items() if v not in (None, False)}
+    known = {k: v for k, v in numbers.items() if v not in (None, False)}  # this leaves out zeros, too
     return {"engine": x.engine, "words": describe_setting(run, x)} | known
 
 
 def engines_short_of(run: Run, mechanism: str, position: float, force: float = math.inf) -> dict[str, Reach]:
-    """Return engine -> its reach, for all engines without a setting that holds the errors `position` [m] and `force` [N]."""
+    """Return a dictionary: engine -> why it does not meet a requirement, for all engines that have no setting that meets it.
+
+    Args:
+        position, force: largest allowed errors [m], [N]; infinity allows any error of forces.
+    """
     settings = all_settings(run).get(mechanism, [])
     hold = {x.engine for x in settings if x.holds(position, force)}
     engines = dict.fromkeys((*engines_of(run, mechanism), *sorted({x.engine for x in settings})))
@@ -301,7 +320,13 @@ def engines_short_of(run: Run, mechanism: str, position: float, force: float = m
 
 
 def answer_of(run: Run, mechanism: str, engine: str, position: float, force: float = math.inf) -> Reach:
-    """Return the reach of an engine from the trials of a search, or from its cases if the linkage was not searched."""
+    """Return whether an engine meets a requirement on a linkage and, if not, how close it comes.
+
+    The answer follows from the trials of a search, or from the cases of the accuracy suite if the linkage was not searched.
+
+    Args:
+        position, force: largest allowed errors [m], [N]; infinity allows any error of forces.
+    """
     wanted = [Requirement("position", position), *([] if math.isinf(force) else [Requirement("force", force)])]
     cases = [x for x in all_settings(run).get(mechanism, []) if x.engine == engine]
     if cases and engine not in engines_of(run, mechanism):
@@ -310,7 +335,7 @@ def answer_of(run: Run, mechanism: str, engine: str, position: float, force: flo
 
 
 def _answer_of_cases(cases: Sequence[Setting], wanted: Sequence[Requirement]) -> Reach:
-    """Return the reach of an engine from its cases of the accuracy suite."""
+    """Return whether an engine meets requirements by its cases of the accuracy suite; a second requirement is on joint forces."""
     if len(wanted) > 1 and not any(is_known(x.force) for x in cases):
         return Reach(Kind.NOT_TRIED, "joint forces were not compared here")
     variants = group_by(cases, lambda x: (x.settings, x.integrator, x.stabilization)).values()

@@ -1,4 +1,4 @@
-"""A page that draws the linkage in its own address, and the fragment of such an address: the text after its # sign.
+"""A page that draws the linkage encoded in the page's own address (URL), and the fragment of such an address: the text after #.
 
 The fragment is `v1.` and base64url of zlib of JSON. The JSON has the linkage file, the points of all links in their own frames, and
 sampled poses as whole numbers of `unit` [m] and 1/`ANGLES` rad. Poses are stored as second differences, which are small for smooth
@@ -36,7 +36,7 @@ LIMITS = {  # largest values that the page accepts
 
 
 class TooLarge(ValueError):
-    """A linkage does not fit into an address."""
+    """A linkage is too long to be encoded in an address (URL)."""
 
 
 def pack_view(text: str, mechanism: Mechanism, q: Array, end: float) -> tuple[str, int]:
@@ -56,12 +56,12 @@ def pack_view(text: str, mechanism: Mechanism, q: Array, end: float) -> tuple[st
     linkage = {key: name[: LIMITS["name"]] for key, name in named.items()} | {"title": mechanism.title, "file": text}
     shape = describe_shape(mechanism)
     if len(shape["links"]) > LIMITS["links"] or count_places(shape) > LIMITS["places"]:
-        raise TooLarge(f"a link to look at has at most {LIMITS['links']} links with {LIMITS['places']} points")
-    stride, last = 1, max(len(q) - 1, 0)
+        raise TooLarge(f"an address can hold a linkage of at most {LIMITS['links']} links and {LIMITS['places']} points")
+    stride, intervals = 1, max(len(q) - 1, 0)
     while True:
         kept = q[::stride]
-        passed = last // stride * stride  # intervals up to the last pose that is kept
-        motion = {"end": end * passed / last if last else 0.0} | pack_poses(kept)
+        covered = intervals // stride * stride  # intervals up to the last pose that is kept
+        motion = {"end": end * covered / intervals if intervals else 0.0} | pack_poses(kept)
         fragment = compress(linkage | shape | motion)
         if len(fragment) <= LIMITS["fragment"]:
             return fragment, len(kept)
@@ -80,7 +80,7 @@ def compress(content: dict[str, Any]) -> str:
     """
     packed = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode("utf-8")
     if len(packed) > LIMITS["unpacked"]:
-        raise TooLarge(f"the linkage takes {len(packed)} bytes; a link to look at holds {LIMITS['unpacked']}: share the file")
+        raise TooLarge(f"the linkage takes {len(packed)} bytes; an address can hold {LIMITS['unpacked']}: share the file")
     return VERSION + base64.urlsafe_b64encode(zlib.compress(packed, 9)).decode("ascii").rstrip("=")
 
 
@@ -125,12 +125,13 @@ def round_place(at: Array) -> list[float]:
 
 
 def pack_poses(q: Array) -> dict[str, Any]:
-    """Return `unit` and `poses` of a fragment from positions (k, n).
+    """Return `unit` [m] and `poses` of a fragment from positions (k, n).
 
-    `poses` has n lists of k second differences, one list for x, y and angle of each link, in whole numbers of units.
+    `poses` has n lists of k second differences, one list for x, y and angle of each link. They are whole numbers: places are
+    multiples of `unit`, and angles multiples of 1/ANGLES rad, a constant that the page knows.
     """
     at = places(q)
-    # a small drawing far from the origin has coarser units, so that its whole numbers stay below the limit of the page
+    # a small drawing far from the origin has coarser units, so that its whole numbers stay below LIMITS["number"]
     extent = max(float(np.ptp(at)), 1e-4 * float(np.abs(at).max()), 1e-6)
     unit = float(f"{extent / FINENESS:.3g}")
     units = np.empty_like(q)

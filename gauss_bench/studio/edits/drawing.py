@@ -1,8 +1,9 @@
 """The document that an edit changes, with the poses of its links. Every edit is a function of a `Drawing`.
 
 An edit changes the tables, and the poses of links that move; tables and poses determine the places of all points. After the edit,
-the sketch of the file is written anew, so that the file opens as it was drawn. Places are complex numbers x + i y [m]. A reference
-is the text "LINK.POINT".
+the file's sketch (`assembly.sketch`, places from which the joints are closed) is written anew, so that the file opens as it was
+drawn. Places are complex numbers x + i y [m]. A reference is the text "LINK.POINT". The id of a pin is the name of its joint, the
+reference of its point if there is no joint, or its name in the sketch if it joins nothing yet.
 """
 
 import math
@@ -32,7 +33,13 @@ BLOCK = {"mass": 0.1, "inertia": 5e-5}  # [kg], [kg m^2] of a sliding block, as 
 
 @dataclass(frozen=True)
 class Pin:
-    """A place `at` of the drawing; `members` are references of the points there, without any if the pin holds nothing yet."""
+    """A pin of the drawing.
+
+    Attributes:
+        id: as at the top of this file.
+        at: its place.
+        members: references of the points that it joins; empty if the pin joins nothing yet.
+    """
 
     id: str
     at: complex
@@ -55,12 +62,12 @@ def pair(x: complex, digits: int = DIGITS) -> list[float]:
 
 
 def owner(reference: str) -> str:
-    """Return the link of a reference."""
+    """Return the link of a reference "LINK.POINT", or what stands before the dot in any other text."""
     return reference.partition(".")[0]
 
 
 def tail(reference: str) -> str:
-    """Return the point of a reference."""
+    """Return the point of a reference "LINK.POINT", or what follows the first dot in any other text."""
     return reference.partition(".")[2]
 
 
@@ -75,6 +82,7 @@ class Drawing:
     """
 
     def __init__(self, document: Document, reading: Reading):
+        """Begin with the poses and pins of a reading."""
         self.document, self.reading = document, reading
         self.lay(reading.poses(reading.q))
         self.pins = {x["id"]: Pin(x["id"], complex(*x["at"]), tuple(x["members"])) for x in pins(reading, set())}
@@ -175,9 +183,10 @@ class Drawing:
     # names
 
     def fresh(self, word: str, *groups: str) -> str:
-        """Return a new name: a word with the smallest number that is free in some groups, by default joints and cylinders.
+        """Return a new name: the word followed by the smallest number for which no entry of the groups has this name.
 
-        Without a word, the name is a number that no pin and no point has.
+        The groups are tables of the file, by default joints and cylinders. If the word is empty, the name is a number alone that
+        no pin and no point of the file has as its name.
         """
         taken = {name for group in groups or ("joints", "cylinders") for name in table(self.document, group)}
         if not word:
@@ -235,8 +244,8 @@ class Drawing:
         wanted = self.joint_of(pin) or (tail(pin.members[0]) if pin.members else pin.id)
         return wanted if wanted not in taken and NAME.fullmatch(wanted) else self.fresh("")
 
-    def unsketch(self, pin: Pin) -> None:
-        """Remove a pin that holds nothing from the sketch."""
+    def remove_from_sketch(self, pin: Pin) -> None:
+        """Remove a pin that joins nothing from the sketch of the file."""
         table(table(self.document, "assembly"), "sketch").pop(pin.id, None)
 
     def attach(self, pin: Pin, link: str) -> Pin:
@@ -249,13 +258,17 @@ class Drawing:
             raise Refused(f"pin {pin.id} is on {link} already", (f"pins.{pin.id}",))
         name = self.name_at(pin, self.points(link))
         self.written_points(link)[name] = pair(self.local(link, pin.at))
-        return self.hold(pin, f"{link}.{name}")
+        return self.join_at_pin(pin, f"{link}.{name}")
 
-    def hold(self, pin: Pin, reference: str) -> Pin:
-        """Join a point that lies at a pin to the pin, and return the changed pin."""
+    def join_at_pin(self, pin: Pin, reference: str) -> Pin:
+        """Join a point "LINK.POINT" that lies at a pin to the points there, and return the changed pin, whose id may be new.
+
+        The document gets the point in the pin's joint, or a new joint if this is the pin's second point. A single point needs no
+        joint.
+        """
         del self.pins[pin.id]
         joint, joints = self.joint_of(pin), self.group("joints")
-        written = [x for x in pin.members if self.is_written(owner(x))]
+        written = [x for x in pin.members if self.is_written(owner(x))]  # a joint can name no point of a cylinder
         if joint is not None:
             joints[joint]["at"].append(reference)
             id = pin.id
@@ -265,8 +278,9 @@ class Drawing:
                 id = self.fresh("")
             joints[id] = {"type": "revolute", "at": [written[0], reference]}
         else:  # a single point is a pin without a joint
-            self.unsketch(pin)
+            self.remove_from_sketch(pin)
             id = reference
+        # if this edit has made the pin, list it under its new id
         self.made = [f"pins.{id}" if x == f"pins.{pin.id}" else x for x in self.made]
         self.pins[id] = Pin(id, pin.at, (*pin.members, reference))
         return self.pins[id]
@@ -289,12 +303,17 @@ class Drawing:
         raise Refused("two points of different links are needed", where, "b")
 
     def points_at(self, point: str) -> list[str]:
-        """Return references of the points at the pin with the id `point`, those of links first; or `point` if it is a reference."""
+        """Return references of the points at the pin with the id `point`, with points of the ground last; or `point` itself.
+
+        The second applies if `point` is no id of a pin, but a reference.
+        """
         members = self.pins[point].members if point in self.pins else (point,)
         return sorted(members, key=lambda reference: owner(reference) == "ground")
 
     def on_link(self, point: str) -> str:
-        """Return the reference of a point at the pin with the id `point`, of a link rather than of the ground.
+        """Return the reference of one of the points at the pin with the id `point`: of a point on a link if there is one.
+
+        If `point` is a reference itself, it is returned.
 
         Raises:
             Refused: there is no such point.
@@ -317,7 +336,10 @@ class Drawing:
         self.made.insert(0, f"links.{name}")
 
     def is_aligned(self, link: str) -> bool:
-        """Tell whether a link's frame lies along its first bar, and whether only points are given in that frame."""
+        """Tell whether a link's frame lies along its first bar, and nothing but points is given in that frame.
+
+        Only then can the frame be turned with the bar (`align`) without a change of anything else.
+        """
         given = {} if link == "ground" else self.link(link)
         bars, points = sequence(given, "bars"), self.points(link)
         welded = any(link in (x.get("link"), x.get("to")) for _, x in items(self.document, "welds"))
@@ -337,11 +359,16 @@ class Drawing:
         given["points"] = {key: pair(self.local(link, x)) for key, x in places.items()}
 
     def sketch(self) -> None:
-        """Write the sketch of the drawing into the table `assembly`: the places of pins, and points that place the other links."""
+        """Write the places of this drawing into the table `assembly`, from which the loader places the links.
+
+        `assembly.sketch` gets the places of pins and of points that place the other links, and `assembly.angles` or `angles_deg`
+        the angles of links whose points do not determine them.
+        """
         assembly = self.group("assembly")
         old, joints = table(assembly, "sketch"), [*items(self.document, "joints")]
         drawn: dict[str, list[float]] = {}  # the new sketch: joint or reference -> place
         pinned: set[str] = set()  # references of points that joints place
+        # pins that are not on the ground, and blocks of those slides that the file has sketched
         for name, joint in joints:
             at = [x for x in sequence(joint, "at") if isinstance(x, str) and owner(x) in self.poses]
             pinned.update(at)
@@ -349,19 +376,21 @@ class Drawing:
                 drawn[name] = pair(sum(map(self.place, at)) / len(at), PLACED)
             elif joint.get("type") == "prismatic" and name in old and owner(str(joint.get("block"))) in self.poses:
                 drawn[name] = pair(self.place(str(joint["block"])), PLACED)
-        angles = {name for key in ("angles", "angles_deg") for name in table(assembly, key)}
-        slid = {owner(str(x.get(end))) for _, x in joints for end in ("guide", "block")}
+        # links: points that place them; and an angle if neither the points nor a slide determine it
+        angles = {name for key in ("angles", "angles_deg") for name in table(assembly, key)}  # links with a given angle
+        slid = {owner(str(x.get(end))) for _, x in joints for end in ("guide", "block")}  # links with a slide
         for link in [x for x in self.group("links") if x in self.poses]:
             known, shows_angle = self._choose_points(link, pinned | old.keys())
             drawn |= {x: pair(self.place(x), PLACED) for x in known if x not in pinned}
             if not shows_angle and link not in angles and link not in slid:
                 angles.add(link)
-                assembly.setdefault("angles_deg", {})[link] = 0.0
+                assembly.setdefault("angles_deg", {})[link] = 0.0  # an entry, whose value is written below
+        # joints without a point of the ground in their `at`
         moving = {k for k, x in joints if not any(owner(str(y)) == "ground" for y in sequence(x, "at"))}
         # keep the old entries of joints and links that could not be read
         kept = {k: x for k, x in old.items() if k in moving or ("." in k and owner(k) not in self.poses)}
         assembly["sketch"] = kept | drawn | lone_pins(self.document)
-        for name in angles & self.poses.keys():
+        for name in angles & self.poses.keys():  # write the angles under the key that the file uses
             for key, unit in (("angles_deg", math.degrees(1.0)), ("angles", 1.0)):
                 if name in table(assembly, key):
                     assembly[key][name] = round_digits(self.poses[name][1] * unit)

@@ -25,7 +25,7 @@ TURN = math.radians(5.0)  # [rad] largest turn of a link before the joints are c
 
 
 def add_pin(d: Drawing, message: Message) -> None:
-    """Draw a pin at a place, on the ground or holding nothing."""
+    """Draw a pin at a place: a pivot on the ground, or a pin that joins nothing yet."""
     d.pin({"at": message.get("at"), "ground": message.get("ground", False)})
 
 
@@ -82,7 +82,7 @@ def add_point(d: Drawing, message: Message) -> None:
 
 
 def observe(d: Drawing, message: Message) -> None:
-    """Observe a point; with `on` false, observe it no longer."""
+    """Add a point to the observed points of the file (`observe.points`); with `on` false, remove it from them."""
     point, observed = d.on_link(str(message.get("point"))), d.group("observe")
     others = [x for x in sequence(observed, "points") if x != point]
     observed["points"] = [*others, point] if message.get("on", True) else others
@@ -152,16 +152,16 @@ def join(d: Drawing, message: Message) -> None:
     if joint is not None:
         del joints[joint]
     if not a.members:
-        d.unsketch(a)
+        d.remove_from_sketch(a)
     del d.pins[a.id]
-    if not b.members:  # the moved pin takes the place of a pin that held nothing
-        d.unsketch(b)
+    if not b.members:  # the moved pin takes the place of a pin that joined nothing
+        d.remove_from_sketch(b)
         if joint is not None:
             joints[joint] = {"type": "revolute", "at": [*a.members]}
         return
     for reference in a.members:
         if d.is_written(owner(reference)):
-            b = d.hold(b, reference)
+            b = d.join_at_pin(b, reference)
     kept = d.joint_of(b)
     if joint is not None and kept is not None:
         for _, force in items(d.document, "forces"):  # forces in the removed joint now act in the other
@@ -182,24 +182,28 @@ def ground(d: Drawing, message: Message) -> None:
 def _fix(d: Drawing, pin: Pin) -> None:
     """Fix a pin to a new point of the ground."""
     points, joints = d.written_points("ground"), d.group("joints")
-    d.unsketch(pin)
+    d.remove_from_sketch(pin)
     name = d.name_at(pin, points)
     points[name] = pair(pin.at)
     if pin.members:
-        joint = joints.get(d.hold(pin, f"ground.{name}").id, {})
+        joint = joints.get(d.join_at_pin(pin, f"ground.{name}").id, {})
         if "at" in joint:  # put the ground first, as in the linkages of the suite
             joint["at"] = [f"ground.{name}", *(x for x in joint["at"] if x != f"ground.{name}")]
 
 
 def _release(d: Drawing, pin: Pin) -> None:
-    """Release a pin from the ground, but keep points of the ground that a slide uses."""
+    """Release a pin from the ground, but keep points of the ground that a slide uses.
+
+    A pin without a joint is then a pin that joins nothing, which the file lists in `assembly.sketch`. A joint with a single point
+    left is removed.
+    """
     points, joints, joint = d.written_points("ground"), d.group("joints"), d.joint_of(pin)
     for reference in (x for x in pin.members if owner(x) == "ground"):
         name = tail(reference)
         is_used = any(reference in (x.get("guide"), x.get("block")) for _, x in items(d.document, "joints"))
         if not is_used:
             del points[name]
-        if joint is None:
+        if joint is None:  # the pin gets the name of the point, or a new name if a joint has this one
             d.group("assembly", "sketch")[name if name not in joints else d.fresh("")] = pair(pin.at)
     if joint is not None:
         joints[joint]["at"] = [x for x in joints[joint]["at"] if owner(x) != "ground"]
@@ -276,11 +280,11 @@ def set_angle(d: Drawing, message: Message) -> None:
     body, turn = reading.mechanism.find_body(name)  # a welded link is turned by `turn` in its body
     q, joints = reading.q, reading.joints
     first, row = float(angle_at(q, body)), gradient(Angle(GROUND, body), q)
-    way = math.remainder(math.radians(degrees) - float(turn) - first, 2 * math.pi)  # the shorter way to the angle [rad]
-    for goal in np.linspace(first, first + way, max(1, math.ceil(abs(way) / TURN)) + 1)[1:]:
+    change = math.remainder(math.radians(degrees) - float(turn) - first, 2 * math.pi)  # by the shorter turn to the angle [rad]
+    for goal in np.linspace(first, first + change, max(1, math.ceil(abs(change) / TURN)) + 1)[1:]:
 
         def residual(x: Array, goal: float = goal) -> tuple[Array, Array]:
-            """Return residual and Jacobian of the joints, and in the last row of the link's angle against `goal`."""
+            """Return residual and Jacobian of the joints, with one more row: the link's angle minus `goal`."""
             F, J = joints.residual(x)
             return np.append(F, angle_at(x, body) - goal), np.vstack([J, row])
 

@@ -113,7 +113,14 @@ def _rename_in(document: Document, group: str, old: str, new: str) -> None:
 
 
 def _rename_pin(d: Drawing, name: str, to: str) -> None:
-    """Rename a pin's joint, and the points of the joint's name at the pin if their links have no point of the new name."""
+    """Rename the pin with the id `name`: its joint, and the points at the pin that have the joint's name.
+
+    A point keeps its name if its link has a point with the new name already. A pin without a joint has a single point, which is
+    renamed, or no point, and then its entry in the sketch is renamed.
+
+    Raises:
+        Refused: the new name is taken.
+    """
     pin = d.pin(name)
     joint, where = d.joint_of(pin), (f"pins.{name}",)
     if to in {*d.group("joints"), *d.group("cylinders"), *lone_pins(d.document)} - {joint}:
@@ -148,19 +155,19 @@ def delete(d: Drawing, message: Message) -> None:
     if not isinstance(ids, list) or not all(isinstance(x, str) for x in ids):
         raise Refused("ids is a list of the ids of parts", field="ids")
     for id in ids[:1000]:
-        group, name = owner(id), tail(id)
-        if group in ("slides", "forces") and name in d.group("cylinders"):
+        group, name = owner(id), tail(id)  # of an id such as "links.crank"
+        if group in ("slides", "forces") and name in d.group("cylinders"):  # the page shows a cylinder as a slide and as a force
             group = "cylinders"
         if group == "pins" and name in d.pins:
             _delete_pin(d, name)
         elif group == "slides" and name in d.group("joints"):
             block = owner(str(d.group("joints").pop(name).get("block")))
-            if len(table(table(d.document, "links").get(block, {}), "points")) == 1:
+            if len(table(table(d.document, "links").get(block, {}), "points")) == 1:  # a block that is a link of its own goes too
                 del d.group("links")[block]
-        elif group in GROUPS and group != "joints" and name in d.group(group):  # else another part has taken it along already
+        elif group in GROUPS and group != "joints" and name in d.group(group):  # not there if it was deleted with another part
             del d.group(group)[name]
-            removed = {"links": {name}, "cylinders": {f"{name}_barrel", f"{name}_rod"}}.get(group, set())  # links
-            d.poses = {link: pose for link, pose in d.poses.items() if link not in removed}
+            removed_links = {"links": {name}, "cylinders": {f"{name}_barrel", f"{name}_rod"}}.get(group, set())
+            d.poses = {link: pose for link, pose in d.poses.items() if link not in removed_links}
     prune(d)
 
 
@@ -168,7 +175,7 @@ def _delete_pin(d: Drawing, name: str) -> None:
     """Delete a pin's points from all its links, and delete links that would have a single point left."""
     pin = d.pins[name]
     if not pin.members:
-        d.unsketch(pin)
+        d.remove_from_sketch(pin)
     for reference in pin.members:
         link, point = owner(reference), tail(reference)
         if link == "ground":
@@ -205,7 +212,7 @@ def prune(d: Drawing) -> None:
         del d.group("joints")[joint]
     sketched = table(table(d.document, "assembly"), "sketch")
     for joint in {*table(before, "joints")} - {*table(d.document, "joints")}:
-        sketched.pop(joint, None)  # otherwise its place would be read as a pin that holds nothing
+        sketched.pop(joint, None)  # otherwise its place would be read as a pin that joins nothing
     for name, scenario in [*items(d.document, "scenarios")]:
         if "driver" in table(before, "scenarios").get(name, {}) and not (scenario.get("driver") or scenario.get("drivers")):
             del d.group("scenarios")[name]
@@ -251,13 +258,14 @@ def _apart(d: Drawing, given: Mapping[str, Any]) -> float:
 
 
 def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
-    """Add a cylinder between two points; the file then needs the second edition of the format.
+    """Add a cylinder between two points; the file gets the second edition of the file format, because the first has no cylinders.
 
     Raises:
-        Refused: there are no two points, or a damper of the file has another meaning in the second edition.
+        Refused: there are not two points, or the file has a damper that would act differently in the second edition.
     """
     if len(sequence(given, "between")) != 2:
         raise Refused("a cylinder lies between two points", field="a")
+    # barrel and rod overlap by a fifth of the distance of the points
     part = {"length": round_digits(max(0.6 * _apart(d, given), 1e-3)), "kg_per_m": KG_PER_M}
     name = d.fresh("cylinder", "cylinders", "joints")
     if d.document.get("format") == FORMAT:
@@ -265,12 +273,12 @@ def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
         for damper, force in items(d.document, "forces"):
             joint = table(d.document, "joints").get(str(force.get("joint")), {})
             if force.get("type") == "joint_damping" and len(sequence(joint, "at")) > 2:
-                text = f"a file of the first edition has no cylinders, and in the second edition {damper} would damp otherwise"
+                text = f"a file of the first edition has no cylinders, and in the second edition {damper} would damp differently"
                 raise Refused(text, (f"forces.{damper}",))
     d.document["format"] = SECOND
     d.group("cylinders")[name] = {"between": given["between"], "barrel": dict(part), "rod": dict(part)}
     d.check()
-    d.made.append(f"forces.{name}")
+    d.made.append(f"forces.{name}")  # the page lists cylinders among the forces
 
 
 def lock_of(d: Drawing, message: Message) -> str:

@@ -63,7 +63,10 @@ def describe_connection(connection: Connection) -> dict[str, Any]:
 
 
 def synthesize(d: Drawing, message: Message) -> None:
-    """Draw the four-bar at the first pose, and observe the origin of the pose if it is no pin."""
+    """Draw the four-bar at the first pose.
+
+    The origin of the pose becomes an observed point of the coupler (in the file's table `observe`), unless it is a pin.
+    """
     found, (origin, _) = find_four_bar(message)
     first, second = (x.places[0] for x in found.connections)
     add_bar(d, {"from": {"at": pair(first)}, "to": {"at": pair(second)}})

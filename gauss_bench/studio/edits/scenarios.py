@@ -1,7 +1,7 @@
 """Write the scenarios of the studio: "driven", in which laws prescribe coordinates, and "released", which starts at rest.
 
-Both start where the linkage is drawn. A change of the drawing also changes their starts, and the starts of other scenarios that
-were at the drawing.
+Both start where the linkage is drawn. A change of the drawing also changes their starts, and those starts of other scenarios that
+were equal to the drawing.
 """
 
 import math
@@ -33,7 +33,7 @@ def drive(d: Drawing, message: Message) -> None:
     """Prescribe a coordinate in the scenario "driven", starting from the drawing; with `off`, prescribe it no longer."""
     scenarios = d.group("scenarios")
     scenario, coordinate = scenarios.get(DRIVEN, {}), _find_coordinate(d, message.get("coordinate"))
-    drivers = [x for x in drivers_of(scenario) if not coordinate.items() <= x.items()]
+    drivers = [x for x in drivers_of(scenario) if not coordinate.items() <= x.items()]  # without the driver of this coordinate
     if not message.get("off"):
         law = {k: x for k, x in message.items() if k not in ("id", "do", "coordinate", "off", "duration", "scenario")}
         if "link" in coordinate:
@@ -55,7 +55,7 @@ def drive(d: Drawing, message: Message) -> None:
 
 
 def _find_coordinate(d: Drawing, given: Any) -> dict[str, Any]:
-    """Return the key that names a coordinate in the table of a driver, link, joint or between, with its value.
+    """Return the entry that names a coordinate in a driver's table: {"link": name}, {"joint": name} or {"between": [a, b]}.
 
     Args:
         given: a value of a message: the name of a link or slide, `{"name": name}`, or `{"between": [a, b]}` for a distance.
@@ -109,11 +109,12 @@ def place_of(reading: Reading, driver: Mapping[str, Any]) -> float | None:
 
 
 def start_driven(document: Document, reading: Reading, only: Mapping[str, Any] | None = None) -> None:
-    """Let drivers of the scenario "driven" begin at the drawing, unless they give a start themselves.
+    """Give drivers of the scenario "driven" that have no start value the value of their coordinate in the drawing.
 
-    The coordinates that the drivers leave free are prescribed in the scenario's start.
+    The coordinates that the drivers leave free get their values in the drawing in the scenario's table `start`.
 
     Args:
+        reading: the reading of the drawing.
         only: entries, such as {"link": "crank"}, that a driver must contain to get a start; by default all drivers get one.
     """
     scenario = table(table(document, "scenarios"), DRIVEN)
@@ -136,7 +137,7 @@ def start_driven(document: Document, reading: Reading, only: Mapping[str, Any] |
 
 
 def free_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
-    """Return the table of a start at rest in the drawing.
+    """Return the table `start` of a scenario that starts at rest in the drawn position.
 
     The start prescribes as many coordinates as joints and drivers leave free: those that best determine the free motions.
     """
@@ -166,20 +167,24 @@ def release(document: Document, reading: Reading) -> None:
 
 
 def follow(document: Document, old: Reading, new: Reading) -> None:
-    """Move the starts of scenarios and drivers that were at the old drawing to the new drawing."""
+    """Set start values of scenarios and drivers that were equal to their coordinate in the old drawing to its value in the new one.
+
+    Whole turns between a start value and the drawing are kept.
+    """
     if old.mechanism is None or new.mechanism is None or not (old.closed and new.closed):
         return
     driven = table(table(document, "scenarios"), DRIVEN)
+    # with another number of degrees of freedom, other coordinates must be given in the start of "driven"
     has_other_freedom = old.mechanism.n - old.rank != new.mechanism.n - new.rank
     if drivers_of(driven) and "hold" not in driven and has_other_freedom:
         start_driven(document, new)
 
     def move(entry: dict[str, Any], key: str, coordinate: Mapping[str, Any], unit: float) -> None:
-        """Move a value of a table if it was at the old drawing.
+        """Set a start value to the coordinate in the new drawing if it was equal to it in the old one, up to whole turns.
 
         Args:
             entry, key: the table and the key of the value.
-            coordinate: the table of a driver of the coordinate.
+            coordinate: the entry that names the coordinate, as in a driver's table, such as {"link": "crank"}.
             unit: value of the key for 1 rad or 1 m.
         """
         before, after, x = place_of(old, coordinate), place_of(new, coordinate), entry.get(key)

@@ -27,7 +27,7 @@ def edit_document(session: Session, change: Callable[[Drawing], object], moves: 
     """Make a change as one step of the history, and return the ids of the parts that it made.
 
     Args:
-        moves: whether links may move by the change.
+        moves: whether the change may move links; if not, the sketch of the file stays as it is.
 
     Raises:
         Refused: the change cannot be made; the session is then unchanged.
@@ -37,14 +37,14 @@ def edit_document(session: Session, change: Callable[[Drawing], object], moves: 
     change(d)
     if moves:
         _check_locks(session.locks, d)
-        d.sketch()
+        d.sketch()  # writes the changed places into the document, from which `read` closes the joints
     else:
-        d.tidy()
+        d.tidy()  # removes empty tables, which `sketch` does too
     after = read(d.document, starts=False)
     if moves and after.closed:  # write the places that the links have with closed joints
         Drawing(d.document, after).sketch()
-        follow(d.document, before, after)
-    release(d.document, after)
+        follow(d.document, before, after)  # changes starts of scenarios that were equal to the drawing
+    release(d.document, after)  # writes the scenario "released"
     session.put(write_document(session.text, d.document), session.locks)
     return d.made
 
@@ -56,14 +56,14 @@ def edit(session: Session, message: Message) -> list[str]:
         Refused: the edit cannot be made.
     """
     verb = str(message.get("do"))
-    stays = verb in STAYING or (verb == "set" and not SHAPES.match(str(message.get("path"))))
+    moves_no_link = verb in STAYING or (verb == "set" and not SHAPES.match(str(message.get("path"))))
     if verb == "move":
         _check_pin(session.locks, message)
-    return edit_document(session, lambda d: EDITS[verb](d, message), not stays)
+    return edit_document(session, lambda d: EDITS[verb](d, message), moves=not moves_no_link)
 
 
 def try_move(session: Session, message: Message) -> Reading:
-    """Return the reading that the drawing would have after the move of a pin, without a change of the session.
+    """Return the drawing as it would be read after the move of a pin; the session does not change.
 
     Raises:
         Refused: the pin cannot be there.
@@ -72,7 +72,7 @@ def try_move(session: Session, message: Message) -> Reading:
     d = Drawing(session.document, session.reading)
     move(d, message)
     _check_locks(session.locks, d)
-    d.sketch()
+    d.sketch()  # writes the moved places into the document, from which `read` closes the joints
     return read(d.document, starts=False)
 
 
@@ -94,8 +94,8 @@ def _check_locks(locks: frozenset[str], d: Drawing) -> None:
     Raises:
         Refused: a locked length has changed.
     """
-    before = Drawing(d.reading.document, d.reading)
-    for lock in sorted(x for x in locks if x.startswith("links.") and ":" in x):
+    before = Drawing(d.reading.document, d.reading)  # the drawing as it was read before the edit
+    for lock in sorted(x for x in locks if x.startswith("links.") and ":" in x):  # a locked length: "links.LINK:A-B"
         link, _, ends = lock.removeprefix("links.").partition(":")
         a, b = ends.split("-")
         if link not in before.poses or link not in d.poses:  # the edit deletes the link
