@@ -267,7 +267,7 @@ def _asking_there(engine: str) -> Callable[..., Any]:
 Models = dict[Hashable, Any]  # linkage, engine, settings, integrator and stabilisation -> model
 
 
-def build_once(models: Models, engine: str, mechanism: Mechanism, choice: Choice) -> Any:
+def build_or_reuse(models: Models, engine: str, mechanism: Mechanism, choice: Choice) -> Any:
     """Build a model for a choice, and keep it in `models`; or return the model that is kept there.
 
     A kept model serves only if the engine is `resizable`, that is, if its models can take another step and tolerance. Then all
@@ -285,7 +285,7 @@ _models: Models = {}
 
 def make_there(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> tuple[int, float, int]:
     """Make a block in this process, on request of another; return its index in `_blocks`, its `count` and its `again`."""
-    _blocks.append(work(build_once(_models, engine, mechanism, choice)))
+    _blocks.append(work(build_or_reuse(_models, engine, mechanism, choice)))
     return len(_blocks) - 1, _blocks[-1].count, _blocks[-1].again
 
 
