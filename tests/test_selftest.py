@@ -36,7 +36,7 @@ def test_the_whole_suite_is_guarded_and_tells_how_small_a_fault_it_sees() -> Non
 def test_a_missed_fault_and_a_false_alarm_fail_and_are_named(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    blind = Planted("gate", "a fault that no check looks at", checks.check_guard, checks.check_guard)
+    blind = Planted("gate", "a fault that no check looks at", checks.check_gate, checks.check_gate)
     with monkeypatch.context() as patched:
         patched.setattr(selftest, "PLANTED", (blind,))
         assert main(["selftest", "--only", "gate"]) == 1

@@ -20,7 +20,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import joint_force_errors, state_errors
 from gauss_bench.reach import Trial
 from gauss_bench.runs.apart import Request, run_of
-from gauss_bench.runs.blocks import Block, Models, Work, block_elsewhere, build_once, leading, running, share_of, stepping
+from gauss_bench.runs.blocks import Block, Models, Work, block_elsewhere, build_or_reuse, leading, running, share_of, stepping
 from gauss_bench.runs.offers import Offer, offer
 from gauss_bench.runs.one_run import Run as Ended
 from gauss_bench.runs.one_run import Sampling
@@ -156,7 +156,7 @@ def block_of(run: Run, way: Way, models: Models, work: Work) -> Block:
     """
     choice = choice_of(way, is_adaptive(way), run.until)
     if environment_of(way.engine) is None:
-        return work(build_once(models, way.engine, run.mechanism, choice))
+        return work(build_or_reuse(models, way.engine, run.mechanism, choice))
     return block_elsewhere(way.engine, run.mechanism, choice, work)
 
 

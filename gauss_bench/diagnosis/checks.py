@@ -1,7 +1,8 @@
-"""Checks of the suite itself with known answers: a check returns None, or a sentence on the fault that it detects.
+"""Checks of the suite itself with known answers: each check returns None if all is correct, or a sentence on the fault it detects.
 
 The checks call the functions that judge engines, certify references, compare figures with the baseline and measure times. They use
-small linkages and short motions, so that all checks together take seconds.
+small linkages and short motions, so that all checks together take seconds. The gate (`bench/gate.py`) is the regression test that
+compares figures with those of a stored baseline.
 """
 
 import gc
@@ -60,11 +61,11 @@ def alter(
     """
 
     def scale(x: Any) -> Any:
-        """Return a link or force, with the factors if it is the named one."""
+        """Return a link or force, with its attributes times the factors if it has the given name, and unchanged otherwise."""
         return replace(x, **{key: getattr(x, key) * factor for key, factor in factors.items()}) if x.name == of else x
 
     def move_pin(x: Any) -> Any:
-        """Return a joint, displaced if it is the named pin."""
+        """Return a joint, displaced if it has the given name, and unchanged otherwise."""
         return replace(x, b=replace(x.b, local=x.b.local + np.array([by, 0.0]))) if x.name == joint else x
 
     return replace(
@@ -78,7 +79,7 @@ def alter(
 
 @cache
 def states(which: tuple[str, str]) -> TrueStates:
-    """Return random states of a linkage in a scenario with exact accelerations, which follow from the crank's angle alone."""
+    """Return random states of a linkage in a scenario with true accelerations, computed from the crank's angle alone."""
     return random_states(load(*which), count=16)
 
 
@@ -96,15 +97,19 @@ def shift(x: Trajectory, level: str, column: int, by: float) -> Trajectory:
 
 
 def off(figure: Any, expected: float, tolerance: float) -> bool:
-    """Tell whether a figure, or the largest of several, differs from its known value; NaN differs."""
+    """Tell whether a figure, or the largest of several, differs from its known value by more than the tolerance; NaN differs.
+
+    The tolerance is relative to the value if that is larger than 1, and else absolute.
+    """
     return not abs(float(np.max(figure)) - expected) <= tolerance * max(1.0, abs(expected))
 
 
 def ask_gate(figures: Figures, baseline: Figures) -> str | None:
-    """Return the first failure of a case's figures (name -> value) against those of a baseline, as the gate says it, or None."""
+    """Compare a case's figures (name -> value) with those of a baseline; return the gate's first complaint, or None."""
     key = dict(zip(KEY, ("linkage", "scenario", "engine", "default", "rk4", "none", 1e-3, 1.0), strict=True))
 
     def frame(some: Figures) -> pd.DataFrame:
+        """Return figures as the table that the gate reads, with one row for each figure."""
         texts = {k: x if isinstance(x, str) else f"{x:.15g}" for k, x in some.items()}
         return pd.DataFrame([key | {"metric": k, "value": x, "message": "", "accepted": ""} for k, x in texts.items()])
 
@@ -115,11 +120,15 @@ def ask_gate(figures: Figures, baseline: Figures) -> str | None:
 # models
 
 
-def model(which: tuple[str, str] = FOUR_BAR, alter: Mapping[str, Any] | None = None) -> str | None:
-    """Check by the gate the accelerations of an engine that models a linkage, or an altered one, at known states."""
+def check_model(which: tuple[str, str] = FOUR_BAR, alter: Mapping[str, Any] | None = None) -> str | None:
+    """Compare accelerations of an engine that models an altered linkage with the true ones at known states.
+
+    Return the complaint of the gate, whose baseline is the error of the unaltered linkage; None if it accepts the error.
+    `alter` has arguments of the function `alter`; without them the linkage is not altered.
+    """
 
     def error(altered: Mechanism) -> Figures:
-        """Return the relative error of the accelerations of an altered linkage, as a figure of the gate."""
+        """Return name -> value of the median relative error of the accelerations of an altered linkage."""
         x, engine = states(which), Interpreted("gauss").build(altered, Choice(integrator="rk4"))
         accelerations = np.array([engine.acceleration(float(t), q, v) for t, q, v in zip(x.t, x.q, x.v, strict=True)])
         return {"acceleration_error_median": float(np.median(metrics.relative_acceleration_error(accelerations, x.a)))}
@@ -133,13 +142,14 @@ def change(mechanism: Mechanism, how: Mapping[str, Any] | None) -> Mechanism:
     return alter(mechanism, **how) if how else mechanism
 
 
-def in_time(late: float) -> str | None:
-    """Check by the gate the errors of a correct motion that is sampled `late` [s] too late."""
+def check_sample_times(late: float) -> str | None:
+    """Return the complaint of the gate about a correct motion whose samples are `late` [s] too late, or None if it accepts them."""
     reference = truth(FOUR_BAR)
     sound = reference.samples
     moved = replace(sound, q=sound.q + late * sound.v + late**2 / 2 * sound.a, v=sound.v + late * sound.a)
 
     def figures(x: Trajectory) -> Figures:
+        """Return name -> value of the largest errors of a motion."""
         errors = metrics.state_errors(load(*FOUR_BAR), x, reference)
         return {"position_error": float(errors.position.max()), "velocity_error": float(errors.velocity.max())}
 
@@ -149,8 +159,8 @@ def in_time(late: float) -> str | None:
 # formulations and integrators
 
 
-def formulations() -> str | None:
-    """Check accelerations, multipliers and rank of every formulation at known states."""
+def check_formulations() -> str | None:
+    """Check accelerations, multipliers and rank of every formulation at known states; return the first fault or None."""
     for which in (FOUR_BAR, CRANK_SLIDER):
         x, evaluator = states(which), Evaluator(load(*which))
         for name, solve in FORMULATIONS.items():
@@ -163,16 +173,16 @@ def formulations() -> str | None:
                 if not np.abs(solution.a - x.a[k]).max() <= AGREES * scale:
                     return f"{name}: accelerations are not those of {which[0]}"
                 if solution.multipliers is not None:
-                    left = terms.M @ solution.a + terms.J.T @ solution.multipliers - terms.Q
-                    if not np.abs(left).max() <= AGREES * max(1.0, float(np.abs(terms.Q).max()), scale):
+                    residual = terms.M @ solution.a + terms.J.T @ solution.multipliers - terms.Q
+                    if not np.abs(residual).max() <= AGREES * max(1.0, float(np.abs(terms.Q).max()), scale):
                         return f"{name}: multipliers do not balance the forces"
                 if solution.rank != len(terms.J):
                     return f"{name}: rank {solution.rank} of {len(terms.J)} independent rows"
     return None
 
 
-def integrators() -> str | None:
-    """Check the order of convergence of every integrator with q'' = -q, whose solution is q = cos t."""
+def check_integrators() -> str | None:
+    """Check the order of convergence of every integrator with q'' = -q, whose solution is q = cos t; return a fault or None."""
 
     def error_of(step: Callable[..., tuple[Array, Array]], count: int) -> float:
         """Return the error at t = 1 after a number of steps."""
@@ -190,8 +200,8 @@ def integrators() -> str | None:
     return None
 
 
-def stabilizations() -> str | None:
-    """Check Baumgarte's terms and the projection at a state that violates its constraints."""
+def check_stabilizations() -> str | None:
+    """Check Baumgarte's terms and the projection at a state that violates its constraints; return the first fault or None."""
     evaluator, x = Evaluator(load(*FOUR_BAR)), states(FOUR_BAR)
     q = x.q[0].copy()
     q[0] += MOVED
@@ -211,14 +221,15 @@ def stabilizations() -> str | None:
 # metrics and judge
 
 
-def measures() -> str | None:
-    """Check the metrics of motions with known, planted errors."""
+def check_metrics() -> str | None:
+    """Check the metrics of motions with known, planted errors; return the first wrong metric or None."""
     mechanism, reference = load(*FOUR_BAR), truth(FOUR_BAR)
     evaluator, sound = Evaluator(mechanism), reference.samples
     x, y = SIZE, SIZE + 1  # columns of the second link's centre of mass
 
-    def errors(told: Trajectory) -> metrics.Errors:
-        return metrics.state_errors(mechanism, told, reference)
+    def errors(reported: Trajectory) -> metrics.Errors:
+        """Return the errors of reported samples against the reference."""
+        return metrics.state_errors(mechanism, reported, reference)
 
     for column in (x, y):
         moved = shift(sound, "q", column, MOVED)
@@ -243,8 +254,8 @@ def measures() -> str | None:
     return "rounding has an order" if np.isfinite(metrics.observed_order(steps, rounding, rounding)[1]) else None
 
 
-def forces() -> str | None:
-    """Check that the joint forces and the applied forces on each link balance its inertia (Newton's laws)."""
+def check_joint_forces() -> str | None:
+    """Check that the joint forces and applied forces on each link balance its inertia (Newton's laws); return a fault or None."""
     for which in (FOUR_BAR, CRANK_SLIDER, SHAPER):
         mechanism, reference = load(*which), truth(which)
         evaluator, sound = Evaluator(mechanism), reference.samples
@@ -264,14 +275,15 @@ def forces() -> str | None:
     return None
 
 
-def judge_case() -> str | None:
-    """Check the judge on a sound motion, and on invalid ones."""
+def check_judge() -> str | None:
+    """Check that the judge accepts a correct motion and rejects each of several invalid ones; return the first fault or None."""
     mechanism, reference = load(*FOUR_BAR), truth(FOUR_BAR)
     evaluator, sound = Evaluator(mechanism), reference.samples
     turned = sound.q.copy()
     angles(turned)[...] += 0.2
 
     def verdict(x: Trajectory, acceleration_error: float = 0.0) -> judging.Judgement:
+        """Judge a motion whose accelerations have a relative error."""
         return judging.judge(judging.examine(evaluator, x, reference, acceleration_error))
 
     if not verdict(sound).valid:
@@ -291,8 +303,8 @@ def judge_case() -> str | None:
     return "the judge accepts a state without its last coordinate" if short.valid else None
 
 
-def recipe() -> str | None:
-    """Check a run: its sample times, its number of steps, and the error of its accelerations."""
+def check_run() -> str | None:
+    """Check a run by `one_run`: its sample times, number of steps and acceleration error; return the first fault or None."""
     mechanism = load(*FOUR_BAR)
     wanted = one_run.sampling(1e-2, 0.1, [0.05])
     run = one_run.one_run(Interpreted("gauss"), mechanism, Choice(integrator="rk4", step=1e-2), wanted)
@@ -318,10 +330,10 @@ def recipe() -> str | None:
 # references
 
 
-def read_certified(
+def check_certificate(
     which: tuple[str, str] = FOUR_BAR, nudge: Mapping[str, float] | None = None, alter: Mapping[str, Any] | None = None
 ) -> str | None:
-    """Verify the first samples of a certificate against a linkage.
+    """Verify the first samples of a certificate against a linkage; return None if they pass, else a sentence on what fails.
 
     Args:
         which: linkage and scenario of the certificate.
@@ -358,25 +370,29 @@ def ticking() -> Iterator[Callable[[float], None]]:
     now = [0]  # [ns]
 
     def spend(seconds: float) -> None:
+        """Advance the clock."""
         now[0] += round(seconds * 1e9)
 
     with patch.multiple(time, process_time_ns=lambda: now[0], process_time=lambda: now[0] * 1e-9):
         yield spend
 
 
-def clocks() -> str | None:
-    """Check the measurement of times with an artificial clock, and the ratios of known times."""
+def check_clocks() -> str | None:
+    """Check the measurement of times with an artificial clock, and the ratios of known times; return the first fault or None."""
     with ticking() as spend:
         if off(one_run.measure_seconds(lambda: spend(1.0)), 1.0, 1e-9):
             return "a second is measured as another time"
-        block = blocks.Block("steps", lambda: spend(5.0), lambda: spend(0.5), 500, 2)
+        # preparation, 5 s, must not be timed; 500 steps in 0.5 s, done twice, are 1 ms each
+        block = blocks.Block("steps", ready=lambda: spend(5.0), go=lambda: spend(0.5), count=500, again=2)
         if off(block.seconds(), 1e-3, 1e-9):
             return "a thousand steps in a second take another time than a millisecond each"
-        for seconds, work in ((1e-7, 1), (3e-5, 40)):
-            repeated = blocks.lasting("call", lambda seconds=seconds: spend(seconds), work)  # type: ignore[misc]
+        # a block repeats a short call until it lasts some milliseconds; each call counts as `work` repetitions
+        for duration, work in ((1e-7, 1), (3e-5, 40)):
+            repeated = blocks.lasting("call", lambda duration=duration: spend(duration), work)  # type: ignore[misc]
             whole = one_run.measure_seconds(repeated.go)
-            if off(whole / repeated.count / seconds * work, 1.0, 1e-6) or not 1e-3 <= whole <= 5e-3:
+            if off(whole / repeated.count / duration * work, 1.0, 1e-6) or not 1e-3 <= whole <= 5e-3:
                 return "the time of a call is wrong, or its block is too short"
+        # four entries in eight rounds: each takes its turn in every round, in changing order, without the garbage collector
         turns = [blocks.Block(name, lambda: None, lambda: spend(0.2 if gc.isenabled() else 0.01), 1) for name in "abcd"]
         timed = [(block.entry, number, seconds) for block, number, seconds in clock.interleave(turns, 8)]
         orders = {tuple(entry for entry, number, _ in timed if number == k) for k in range(8)}
@@ -384,23 +400,27 @@ def clocks() -> str | None:
             return "blocks do not take turns in changing order"
         if any(off(seconds, 0.01, 1e-9) for _, _, seconds in timed):
             return "the garbage collector works while it is timed"
+    # a ratio compares the lower quartiles: 2 and 0.5
     samples = np.array([4.0, 1.0, 3.0, 2.0, 5.0])
     if off(clock.ratio(samples, np.full(5, 0.5))[0], 4.0, 1e-12):
         return "a ratio is not that of the lower quartiles"
+    # a delay that slows both entries in the same rounds leaves their ratio unchanged
     wandering = np.random.default_rng(3).uniform(1.0, 2.0, 40)
     if max(abs(x - 3.0) for x in clock.ratio(3.0 * wandering, wandering)) > 1e-12:
         return "a delay of both entries in one round counts as spread"
     n = 4000
     _, low, high = clock.ratio(np.random.default_rng(5).uniform(0.0, 1.0, n) + 1.0, np.ones(n))
-    expected = 2 * 1.645 * math.sqrt(3 / 16 / n)  # nine tenths of a normal quartile with variance p (1 - p) / n, p = 1/4
+    # The lower quartile of n uniform numbers is nearly normal with variance p (1 - p) / n, p = 1/4; 1.645 standard deviations to
+    # either side hold nine tenths of it.
+    expected = 2 * 1.645 * math.sqrt(3 / 16 / n)
     return "a spread does not hold nine tenths" if off((high - low) / expected, 1.0, 0.3) else None
 
 
 # gate
 
 
-def check_guard() -> str | None:
-    """Check the gate on unchanged figures, and on figures that must fail."""
+def check_gate() -> str | None:
+    """Check that the gate accepts unchanged figures and rejects each of several changed ones; return the first fault or None."""
     base: Figures = {"status": "ok", "valid": "True", "position_error": 1e-6, "position_drift": 1e-9}
     base |= {"observed_order": 4.0, "measured_t1": 12.0, "acceleration_error_median": 1e-10}
     if said := ask_gate(base, base):

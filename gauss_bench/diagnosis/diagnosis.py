@@ -4,9 +4,12 @@ The questions have an order in which no fault spoils the answer to a later quest
 the state jump? Do the samples belong to other times? How much of the error remains with smaller steps, how much of it violates the
 constraints, and which explanation predicts the wrong accelerations? A cause is named only if it accounts for most of the error.
 
+The samples of a run close around its checkpoints (one step before, at, and one step after each) are its burst. Accelerations are
+compared in two ways at the engine's own states: those that the engine reports, and those that its change of velocities implies.
+
 The verdict is "no dominant cause" if the largest error of a position is below SMALL or below BARS times the error bar of the
-reference, and if the reported accelerations are wrong by at most OFF_TOLD at the engine's own states. The small error is split into
-its parts nevertheless.
+reference, and if the reported accelerations are wrong by at most OFF_REPORTED at the engine's own states. The small error is split
+into its parts nevertheless.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,7 +33,7 @@ from gauss_bench.trajectory import Reference, States, Status
 BARS = 3.0  # errors below BARS times the error bar of the reference are not explained
 SMALL = 1e-6  # [m, rad] errors below it are not explained: drawings ask for no micrometre
 OFF_VELOCITIES = 0.1  # relative error of reported velocities; steps of a tenth of a period cause less
-OFF_TOLD = 1e-3  # relative error (median) of reported accelerations: a tenth of the limit of the judge
+OFF_REPORTED = 1e-3  # relative error (median) of reported accelerations: a tenth of the limit of the judge
 EXPLAINS = 0.9  # share of the squared acceleration error that a named cause must account for
 AS_GOOD = 3.0  # an explanation with a residual up to AS_GOOD times the smallest cannot be distinguished from the best
 MOST = 0.5  # share of an error from which a part is dominant
@@ -40,12 +43,14 @@ NOISE = 1e-9  # relative difference of accelerations at equal states above which
 SHORTER = 4.0  # factor by which a run is shortened that fails before its first checkpoint
 NAMED = 8  # most causes in a sentence; `candidates` has all of them
 OLD = 0.1  # [steps] least age of constraint data that is reported
-NOTHING, SOUND = 0.02, 1e-5  # negligible share of an error, and negligible relative error of accelerations
+NEGLIGIBLE, SOUND = 0.02, 1e-5  # negligible share of an error; relative error below which accelerations are correct
 ORDERS = {"rk4": 4.0, "dop853_fixed": 8.0}  # integrator -> order of convergence
 LEAST_LATE, MOST_LATE = 0.2, 20.0  # [steps] limits of a time shift found from the first step
-MEANT, MENDS = 0.2, 1 / 3  # drift: least share of the error that violates the constraints, most that is left after projection
+MIN_VIOLATING = 0.2  # share of the error that violates the constraints from which it may be drift
+MAX_PROJECTED = 1 / 3  # the error is drift if projection of the steps leaves less than this share
 BETTER = 10.0  # factor by which a second cause must reduce the squared residual
-FOLLOWS = 0.8  # correlation of gap and constraint force from which a constraint is compliant
+MIN_CORRELATION = 0.8  # correlation of gap and constraint force (`Closure.held`) from which a constraint is compliant
+TINY_GAP = SMALL / 10  # [m, rad] smaller gaps of loops are not explained
 WHOLE = (Cause.RESET, Cause.ORDER, Cause.START, Cause.STALE, Cause.LENGTH)  # causes that explain the whole error or none of it
 
 
@@ -144,7 +149,7 @@ def diagnose_runs(
     until: float,
     adaptive: bool = False,
     projected: Choice | None = None,
-    told: Callable[[str], object] = id,
+    told: Callable[[str], object] = lambda _: None,
 ) -> Verdict:
     """Diagnose an engine from its runs with several steps or tolerances.
 
@@ -175,7 +180,7 @@ def diagnose_runs(
         case = Case(run, own, TrueMotion(own, reference), bursts, choices, adaptive, projected)
         cause, sentence, explanations = case.verdict()
         failed = next((f" (a run ended early: {x.status}: {x.message})" for x in ended if x.status is not Status.OK), "")
-        alike = tuple(candidates([*explanations], case.noise))
+        alike = tuple(candidates([*explanations], case.noise))  # explanations that fit equally well
         return Verdict(cause, sentence + failed, case.parts(cause), case.numbers(), tuple(explanations), ended, alike)
 
 
@@ -183,17 +188,23 @@ class Case:
     """The measurements of one engine on one linkage, and the questions that lead to the verdict.
 
     Attributes:
-        first: bursts of the run with the requested choice.
+        run: function that runs the engine: (choice, sampling) -> Run.
+        own: the linkage's own equations of motion; truth: the reference at any time.
+        choices: the choice of every run; adaptive: whether they differ by tolerance instead of step.
+        projected: the first choice with projected steps, or None.
+        first: samples of the run with the requested choice around its checkpoints, its burst.
         true, off: reference states and position errors (k, n) at the checkpoints of this run.
-        bursts: bursts of every run at the checkpoints that all runs reached; errors: largest position error of every run.
-        error, bar: largest position error of the first run, and largest error bar of the reference.
-        steps: errors split by the step; limit, by_step: sizes of the error at step zero and of the error that the step adds.
-        whole: size of the first run's error; closure: gaps of the loops.
-        sound: bursts without checkpoints whose loops are wide open; local: errors of accelerations and steps there, None if there
-            are no such checkpoints.
-        start: the start, as often as `sound[-1]` has checkpoints.
+        bursts: bursts of every run at the checkpoints that all runs reached, the finest run last.
+        errors: largest position error of every run [m, rad].
+        error, bar: largest position error of the first run, and largest error bar of the reference [m, rad].
+        steps: errors split by the step. Its `horizon` is the number of checkpoints whose errors are small enough to be split.
+        limit, by_step: root mean square of the error at step zero, and of the error that the step adds [m, rad].
+        whole: root mean square of the first run's error [m, rad]; closure: gaps of the loops.
+        sound: bursts of every run without those checkpoints at which a loop is wide open.
+        local: errors of accelerations of every run at the checkpoints in `sound`, None if there are none.
+        start: the start state, repeated once for each checkpoint of `sound[-1]`.
         noise: relative error that correct accelerations may have.
-        map, jump_time: the time map and the time of a jump [s], once they are found.
+        map, jump_time: the map from reported times to times of the true motion, and the time of a jump [s], once they are found.
     """
 
     def __init__(
@@ -206,6 +217,10 @@ class Case:
         adaptive: bool,
         projected: Choice | None,
     ):
+        """Measure errors, gaps and single steps of all runs; the arguments are those of `diagnose_runs`.
+
+        `own` has the linkage's equations, `truth` its reference at any time, and `bursts` the samples of the runs.
+        """
         self.run, self.own, self.truth, self.choices, self.adaptive, self.projected = run, own, truth, choices, adaptive, projected
         self.first: Burst = bursts[0]
         self.true = truth.at(self.first.at.t)
@@ -227,7 +242,13 @@ class Case:
         self.jump_time = np.nan
 
     def verdict(self) -> Answer:
-        """Return the first answer that accounts for the error."""
+        """Return the first answer that accounts for the error.
+
+        The questions are asked in this order: is the error small, are samples or velocities wrong, does a fault reproduce the
+        accelerations exactly, is a pin displaced, do the samples belong to other times, and what does the step explain? The exact
+        reproduction is not the answer if the error mainly falls with the step; a later answer then lists the explanations of the
+        reproduction if it has none of its own.
+        """
         if self.error <= max(SMALL, BARS * self.bar):
             return self._explain_small_error()
         for question in (self._find_turns, self._find_order, self._find_standstill, self._find_jump, self._find_velocities):
@@ -250,42 +271,52 @@ class Case:
 
     def _explain(self, y: Array) -> list[Explained]:
         """Return the explanations of acceleration errors y (k, n) of the finest run, the best first."""
-        b = self.sound[-1]
-        tried = every_explanation(self.own, b.at, b.before, self.start)
-        found = explain(y, self.own.evaluator.mass, tried, self.own.accelerations(b.at), self.noise)
+        finest = self.sound[-1]
+        tried = every_explanation(self.own, finest.at, finest.before, self.start)
+        found = explain(y, self.own.evaluator.mass, tried, self.own.accelerations(finest.at), self.noise)
+        # all that fit within the noise, which come first, but at least NAMED
         return found[: max(NAMED, len(candidates(found, self.noise)))]
 
     def _reproduce(self) -> Answer | None:
-        """Find causes that reproduce the engine's accelerations, each with its fitted amount."""
-        last = self.local[-1]
-        if last is None or not last.relative_told > SEEN:
+        """Find causes that reproduce the accelerations that the engine reports, each with its fitted amount.
+
+        Return None if these accelerations are correct, or if no cause reproduces them within the noise.
+        """
+        last = self.local[-1]  # of the finest run
+        if last is None or not last.relative_reported > SEEN:
             return None
-        explanations = self._explain(last.told)
+        explanations = self._explain(last.reported)
         alike = candidates(explanations, self.noise)
         if not alike:
             return None
         named = ", or ".join(x.sentence for x in alike[:NAMED])
         more = f", or one of {len(alike) - NAMED} more" if len(alike) > NAMED else ""
-        size = f"accelerations are off by {last.relative_told:.1e} at the same states"
+        size = f"accelerations are off by {last.relative_reported:.1e} at the same states"
         each = "each of these" if len(alike) > 1 else "this"
         return Answer(alike[0].cause, f"{named}{more}: {size}, and {each} reproduces them to {self.noise:.0e}", explanations)
 
     def _explain_small_error(self) -> Answer:
-        """Explain a run whose positions are correct: a cause of wrong velocities or accelerations, or no dominant cause."""
+        """Explain a run whose positions are correct: a cause of wrong velocities or accelerations, or no dominant cause.
+
+        If no explanation fits wrong reported accelerations, the constraints are soft if the gaps of loops are proportional to the
+        constraint forces.
+        """
         if answer := self._find_velocities() or self._reproduce():
             return answer
         last = self.local[-1]
-        if last is None or not last.relative_told > OFF_TOLD:
+        if last is None or not last.relative_reported > OFF_REPORTED:
             sentence = (
                 f"no dominant cause: the largest error, {self.error:.1e} (m, rad), is below {max(SMALL, BARS * self.bar):.0e}"
             )
             falls = f"; it falls with the step by order {self.steps.order:.1f}" if self.steps.converges else ""
             return Answer(Cause.NONE, sentence + falls)
-        explanations = self._explain(last.told)
-        wrong = f"positions are right to {self.error:.1e} (m, rad), but reported accelerations are off by {last.relative_told:.1e}"
+        explanations = self._explain(last.reported)
+        wrong = (
+            f"positions are right to {self.error:.1e} (m, rad), but reported accelerations are off by {last.relative_reported:.1e}"
+        )
         if explanations and explanations[0].share >= EXPLAINS:
             return Answer(explanations[0].cause, f"{wrong}: {explanations[0].sentence}", explanations)
-        if self.closure.held > FOLLOWS:
+        if self.closure.held > MIN_CORRELATION:
             return Answer(Cause.SOFTNESS, f"{wrong}, as they are with soft constraints", explanations)
         return Answer(Cause.ACCELERATIONS, f"{wrong}, which no parameter explains", explanations)
 
@@ -294,7 +325,7 @@ class Case:
         turns = samples.whole_turns(self.off)
         if not turns.any():
             return None
-        k = int(turns.any(axis=1).argmax())
+        k = int(turns.any(axis=1).argmax())  # the first wrong checkpoint
         link = int(np.abs(turns[k]).argmax())
         by, name = turns[k, link], self.own.mechanism.links[link].name
         sentence = f"reported angles are off by whole turns: {name} by {by:+.0f} from t = {self.first.at.t[k]:.3g} s on"
@@ -308,13 +339,14 @@ class Case:
 
     def _find_velocities(self) -> Answer | None:
         """Detect velocities that disagree with the change of positions from step to step."""
-        b = self.bursts[-1]
-        moved = (b.after.q - b.before.q) / (b.after.t - b.before.t)[:, None]
-        off, factor, left = samples.other_velocities(moved, b.at.v)
-        if not (off > OFF_VELOCITIES and _largest(b.at.v - moved) * b.at.t[-1] > SMALL):
+        finest = self.bursts[-1]
+        implied = (finest.after.q - finest.before.q) / (finest.after.t - finest.before.t)[:, None]
+        error, factor, left = samples.other_velocities(implied, finest.at.v)
+        # a wrong velocity counts only if it would displace links by more than SMALL until the last checkpoint
+        if not (error > OFF_VELOCITIES and _largest(finest.at.v - implied) * finest.at.t[-1] > SMALL):
             return None
         what = f"they are {factor:.4g} times as large" if left <= samples.LEFT else "no factor explains the difference"
-        sentence = f"reported velocities differ by {off:.1e} from the rate at which reported positions change: {what}"
+        sentence = f"reported velocities differ by {error:.1e} from the rate at which reported positions change: {what}"
         return Answer(Cause.VELOCITIES, sentence)
 
     def _find_standstill(self) -> Answer | None:
@@ -324,7 +356,7 @@ class Case:
         last = self.local[-1]
         if self.own.mechanism.drivers and last is not None:
             # an engine that leaves out the second derivative of the drivers may stand still
-            best = next(iter(self._explain(last.told)), None)
+            best = next(iter(self._explain(last.reported)), None)
             if best and best.share >= EXPLAINS and best.cause is Cause.SECOND_RATE:
                 return Answer(Cause.SECOND_RATE, f"{best.sentence}, so that the linkage stands still")
         return Answer(Cause.STATIONARY, "the samples stand still while the linkage moves")
@@ -349,19 +381,21 @@ class Case:
     def _find_length(self) -> Answer | None:
         """Detect a pin at another place than in the file: its gap turns with its link and does not depend on the step."""
         opened = self.closure.closure[-1]
-        if len(self.bursts) < 2 or not opened > SMALL / 10:
+        if len(self.bursts) < 2 or not opened > TINY_GAP:
             return None
         pin = misplace(self.own, self.bursts[0].at, self.bursts[-1].at)
-        by_softness = self.closure.held**2  # share of the gaps that follows the closing forces: a correlation, squared
+        # The squared correlation of gap and force is the share of the squared gap that a compliant constraint would explain.
+        # The pin is named only if it explains more.
+        by_softness = self.closure.held**2
         if pin is None or by_softness >= pin.share:
             return None
         gap = f"with the file's dimensions loops stay open by {opened:.1e} (m, rad), whatever the step"
         return Answer(Cause.LENGTH, f"{pin.sentence}: {gap}; this explains {format_share(pin.share)} of the gaps")
 
     def _find_other_times(self) -> Answer | None:
-        """Detect samples of other times, or a wrong start; in both cases the steps themselves are correct."""
+        """Test whether the samples belong to shifted or scaled times or to a wrong start, while the steps themselves are right."""
         h = self.first.step
-        for stretch in (False, True):
+        for stretch in (False, True):  # first a shift alone, then a shift and a factor on time
             found = samples.time_map(self.truth, self.first.at, stretch)
             if found is None or not (self._scales_with_step(found, stretch) and self._steps_are_sound(found)):
                 continue
@@ -377,22 +411,27 @@ class Case:
             far, when = ("far", "later") if by > 0 else ("short", "earlier")
             sentence = f"only the first step leads {abs(by):.3g} s too {far}"
             return Answer(Cause.SHIFT, f"{sentence}: all other samples are those of {abs(by) / h:.3g} steps {when}")
-        start, known = self.first.start, self.own.mechanism
+        start, mechanism = self.first.start, self.own.mechanism
         # an error of velocities counts by the displacement that it causes until the last checkpoint
-        off = max(_largest(start.q - known.q0), _largest((start.v - known.v0) * self.first.at.t[-1]))
-        if off > MOST * self.error / 10 and off > SMALL:
-            return Answer(Cause.START, f"the run begins at another state, which displaces links by {off:.1e} (m, rad)")
+        displaced = max(_largest(start.q - mechanism.q0), _largest((start.v - mechanism.v0) * self.first.at.t[-1]))
+        # the error of a wrong start may grow during the run, so that a twentieth of the largest error suffices at the start
+        if displaced > MOST * self.error / 10 and displaced > SMALL:
+            return Answer(Cause.START, f"the run begins at another state, which displaces links by {displaced:.1e} (m, rad)")
         return None
 
     def _scales_with_step(self, time_map: samples.TimeMap, stretch: bool) -> bool:
-        """Tell whether a finer run is shifted by the same time or number of steps; an error of the integrator falls faster."""
+        """Tell whether the samples of a finer run are late by the same time or the same number of steps.
+
+        Then the fault lies in the sampling, since the delay by an integration error would fall faster with the step. With
+        `stretch` the factor on time is compared instead of the delay. True if no run has a smaller step.
+        """
         finest = self.bursts[-1]
         if self.adaptive or finest.step == self.first.step:
             return True
         again = samples.time_map(self.truth, finest.at, stretch)
         if again is None:
             return False
-        if stretch:
+        if stretch:  # a wrong factor on time does not depend on the step, while one that integration errors cause falls with it
             return abs(again.rate - 1) > abs(time_map.rate - 1) / 2
         # the same number of steps is a shift proportional to the step; 0.8 allows for errors of the fit
         return abs(again.shift) > 0.8 * abs(time_map.shift) * finest.step / self.first.step
@@ -400,35 +439,40 @@ class Case:
     def _shift_of_first_step(self) -> float:
         """Return the time shift [s] of all samples but the start, found from the first step of every run; 0 if there is none.
 
-        A first step that goes too far reveals a shift even if the integrator's error hides it from the time map.
+        A first step that is too long or too short reveals a shift even if integration errors hide it in the samples of all times.
         """
         shifts = []
         for b, x in zip(self.bursts, self.local, strict=True):
             if self.adaptive or x is None or not len(b.stepped):
                 return 0.0
             expected = self.own.flow(b.start, np.array([b.step]))
+            # change of the state (positions, and velocities times the step) in one step more, and its gap after the first step
             slope = np.concatenate([expected.v[0] * b.step, self.own.accelerations(expected)[0] * b.step**2])
-            off = np.concatenate([b.stepped.q[0] - expected.q[0], (b.stepped.v[0] - expected.v[0]) * b.step])
-            steps = float(off @ slope) / max(float(slope @ slope), 1e-300)
-            left = float(np.linalg.norm(off - steps * slope)) / max(float(np.linalg.norm(off)), 1e-300)
-            if not (LEAST_LATE < abs(steps) < MOST_LATE and left < MOST and x.relative_moved < abs(steps) / 5):
+            gap = np.concatenate([b.stepped.q[0] - expected.q[0], (b.stepped.v[0] - expected.v[0]) * b.step])
+            steps = float(gap @ slope) / max(float(slope @ slope), 1e-300)
+            unexplained = float(np.linalg.norm(gap - steps * slope)) / max(float(np.linalg.norm(gap)), 1e-300)
+            # a plausible shift that explains most of the gap, and is larger than the error of the later steps
+            if not (LEAST_LATE < abs(steps) < MOST_LATE and unexplained < MOST and x.relative_implied < abs(steps) / 5):
                 return 0.0
             shifts.append(steps * b.step)
+        # the same time or the same number of steps in all runs; an integration error falls faster with the step
         same = abs(shifts[-1]) > 0.8 * abs(shifts[0]) * self.bursts[-1].step / self.bursts[0].step
         return shifts[0] if same else 0.0
 
     def _steps_are_sound(self, time_map: samples.TimeMap) -> bool:
-        """Tell whether accelerations are correct, and steps differ from the linkage's flow only by the rate of the time map.
+        """Tell whether the accelerations are correct, both those that are reported and those that the steps imply.
 
-        A map that explains nearly the whole error is accepted without this test: if forces or drivers depend on time, samples of
-        other times have other accelerations, and the test would reject a correct map.
+        The implied ones may be wrong by the factor `rate` that the map puts on time.
         """
-        if time_map.left < NOTHING:  # share of the error that the map does not explain
+        # A map that explains nearly the whole error is accepted without this test: if forces or drivers depend on time, samples of
+        # other times have other accelerations, and the test would reject a correct map.
+        if time_map.left < NEGLIGIBLE:  # share of the error that the map does not explain
             return True
         last, by_rate = self.local[-1], abs(time_map.rate - 1)
         if last is None:
             return False
-        return last.relative_told < SOUND and (last.relative_moved < SOUND or abs(last.relative_moved - by_rate) < by_rate / 2)
+        implied = last.relative_implied
+        return last.relative_reported < SOUND and (implied < SOUND or abs(implied - by_rate) < by_rate / 2)
 
     def _explain_by_steps(self) -> Answer:
         """Attribute the error to round-off, to the step, or to a fault that remains with smaller steps."""
@@ -445,11 +489,12 @@ class Case:
     def step_exponent(self) -> float:
         """Return the exponent k of the error of one step, h^k, from the two smallest steps h; NaN if it cannot be determined."""
         pairs = zip(self.local[-2:], self.sound[-2:], strict=True)
-        found = [(split.size(x.moved) * b.step, b.step) for x, b in pairs if x is not None]
-        if self.adaptive or len(found) < 2 or not all(size for size, _ in found):
+        # (error of velocities in one step, the step); an entry of `local` is None if no state of that run could be compared
+        found = [(split.size(x.implied) * b.step, b.step) for x, b in pairs if x is not None]
+        if self.adaptive or len(found) < 2 or not all(error for error, _ in found):
             return np.nan
-        (one, h), (other, half) = found
-        return float(np.log(one / other) / np.log(h / half))
+        (coarse_error, coarse_step), (fine_error, fine_step) = found
+        return float(np.log(coarse_error / fine_error) / np.log(coarse_step / fine_step))
 
     def _is_round_off(self) -> bool:
         """Tell whether the error falls more slowly than by order 1, and the error of one step does not depend on the step."""
@@ -457,63 +502,73 @@ class Case:
 
     def _explain_remaining_error(self) -> Answer:
         """Explain an error that remains with smaller steps: wrong accelerations, or loops that are not kept closed."""
-        last, c = self.local[-1], self.closure
+        last, closure = self.local[-1], self.closure
         if last is None:
             return Answer(Cause.UNKNOWN, "the loops are wide open at all checkpoints: no state can be compared")
-        explanations = self._explain(last.told if last.relative_told > 0.3 * last.relative_moved else last.moved)
+        # the reported accelerations are explained, unless their error is much smaller than that of those that the steps imply
+        explanations = self._explain(last.reported if last.relative_reported > 0.3 * last.relative_implied else last.implied)
         if explanations and explanations[0].share >= EXPLAINS:
             best = explanations[0]
             sentence = f"{best.sentence}; this explains {format_share(best.share)} of the wrong accelerations"
-            left = AS_GOOD * max(1 - best.share, 1e-12)
+            left = AS_GOOD * max(1 - best.share, 1e-12)  # explanations that leave as little of the error are named as alternatives
             others = [x.sentence for x in explanations[1:] if 1 - x.share <= left][:3]
             alike = f" (in this motion it cannot be distinguished from: {'; '.join(others)})" if others else ""
             return Answer(best.cause, sentence + alike, explanations)
-        if c.closure_stays and c.closure[-1] > SMALL / 10:
-            gap = f"the loops stay open by {c.closure[-1]:.1e} (m, rad) at {c.closure_joint} however short the step is"
-            yields = f", with a compliance of {c.compliance:.1e} m/N" if c.held > FOLLOWS else ""
+        if closure.closure_stays and closure.closure[-1] > TINY_GAP:
+            gap = f"the loops stay open by {closure.closure[-1]:.1e} (m, rad) at {closure.closure_joint} however short the step is"
+            yields = f", with a compliance of {closure.compliance:.1e} m/N" if closure.held > MIN_CORRELATION else ""
             return Answer(Cause.SOFTNESS, f"soft constraints: {gap}{yields}", explanations)
         stays = f"an error of {self.limit:.1e} (m, rad) remains at any step"
-        off = f"accelerations are off by {max(last.relative_told, last.relative_moved):.1e} at the same states"
+        off = f"accelerations are off by {max(last.relative_reported, last.relative_implied):.1e} at the same states"
         return Answer(Cause.ACCELERATIONS, f"{stays}: {off}, which no parameter of the linkage explains", explanations)
 
     def _explain_step_error(self) -> Answer:
         """Explain an error that falls with the step: old constraint data, soft constraints, drift, or the integrator."""
         if old := self._find_stale_data():
             return Answer(Cause.STALE, old.sentence, [old])
-        c = self.closure
+        closure = self.closure
         falls = "falls with the tolerance" if self.adaptive else f"falls with the step by order {self.steps.order:.1f}"
         # constraints are soft if the gaps follow the closing forces, or if the accelerations show it. Solvers on velocities also
         # leave gaps that follow the forces, but these fall with the square of the step, and the error of the steps by order 1.
-        gap_is_elastic = c.held > FOLLOWS and c.closure_share > NOTHING and not c.grows and not c.falls_faster(self.steps.order)
+        follows_force = closure.held > MIN_CORRELATION and closure.closure_share > NEGLIGIBLE
+        gap_is_elastic = follows_force and not closure.grows and not closure.falls_faster(self.steps.order)
         if gap_is_elastic or self._constraints_yield():
-            gap = f"the loops open by {c.closure[0]:.1e} (m, rad) at {c.closure_joint}"
+            gap = f"the loops open by {closure.closure[0]:.1e} (m, rad) at {closure.closure_joint}"
             sentence = f"soft constraints, whose stiffness depends on the step: {gap}, in proportion to the force there"
-            return Answer(Cause.SOFTNESS, f"{sentence} ({c.compliance:.1e} m/N); the error {falls}")
-        may_drift = c.closure_share > MEANT and c.grows
+            return Answer(Cause.SOFTNESS, f"{sentence} ({closure.compliance:.1e} m/N); the error {falls}")
+        may_drift = closure.closure_share > MIN_VIOLATING and closure.grows
         left_share = self._share_after_projection() if may_drift else 1.0  # needs a further run, with projection
-        if left_share < MENDS:
-            gap = f"the loops open by {c.closure_early:.1e} early and by {c.closure_late:.1e} (m, rad) late"
+        if left_share < MAX_PROJECTED:
+            gap = f"the loops open by {closure.closure_early:.1e} early and by {closure.closure_late:.1e} (m, rad) late"
             left = f"with projected steps {left_share:.0%} of the error is left"
             return Answer(Cause.DRIFT, f"drift off the constraints: {gap}; {left}; the error {falls}")
         share = self.by_step / max(self.by_step, self.whole)  # by_step is extrapolated and may exceed the whole error
         return Answer(Cause.INTEGRATOR, f"the integrator: {share:.0%} of the error {falls}{self._name_hidden_fault()}")
 
     def _loses_order(self) -> bool:
-        """Tell whether the motion converges by a lower order than the integrator has."""
+        """Tell whether the motion converges with a lower order than that of the integrator; False if that order is not known."""
         return bool(self.steps.order < ORDERS.get(self.choices[0].integrator, np.nan) - 1)
 
     def _constraints_yield(self) -> bool:
-        """Tell whether compliant constraints cause the error: accelerations stay wrong, and the order is too low."""
-        first, last = self.local[0], self.local[-1]
+        """Tell whether compliant constraints cause the error.
+
+        They do if the order of convergence is too low, the error of the reported accelerations is not halved by the smaller steps,
+        and the gaps of the loops correlate at least weakly with the constraint forces.
+        """
+        first, last = self.local[0], self.local[-1]  # runs with the largest and the smallest step
         if first is None or last is None or not self._loses_order():
             return False
-        return last.relative_told > max(OFF_TOLD / 10, first.relative_told / 2) and self.closure.held > 0.5
+        stays_wrong = last.relative_reported > max(OFF_REPORTED / 10, first.relative_reported / 2)
+        return stays_wrong and self.closure.held > 0.5
 
     def _name_hidden_fault(self) -> str:
-        """Return the end of a sentence that names a fault behind the error of the step; an empty text if there is none."""
+        """Return a clause on a fault that the larger error of the step hides; an empty text if there is none.
+
+        It names the explanation of wrong reported accelerations, or else the error that remains at step zero.
+        """
         last = self.local[-1]
-        if last is not None and last.relative_told > SOUND:
-            best = next(iter(self._explain(last.told)), None)
+        if last is not None and last.relative_reported > SOUND:
+            best = next(iter(self._explain(last.reported)), None)
             if best and best.share >= EXPLAINS:
                 return f"; besides, {best.sentence}"
         stays = self.limit > max(SMALL, self.by_step / 10)
@@ -531,29 +586,35 @@ class Case:
         return split.size(projected.q - self.truth.at(projected.t).q) / self.whole
 
     def _find_stale_data(self) -> Explained | None:
-        """Detect constraint data older than the integrator's state."""
-        last, b, root = self.local[-1], self.sound[-1], np.sqrt(self.own.evaluator.mass)
+        """Detect constraint data older than the integrator's state, in the reported accelerations or in those that the steps imply.
+
+        The data are old if their effect, with an age of OLD to 5 steps, leaves less than 1 - EXPLAINS of the squared error, and
+        less than 1 / BETTER of what remains without this effect. From implied accelerations of a first-order method, the error of
+        a correct Euler step is taken away in both cases.
+        """
+        last, finest, root = self.local[-1], self.sound[-1], np.sqrt(self.own.evaluator.mass)
         if last is None or self.adaptive:
             return None
         euler = [] if self._loses_order() else [last.euler]  # the error of a correct first-order step
-        for y, relative, known in ((last.told, last.relative_told, []), (last.moved, last.relative_moved, euler)):
+        for error, relative, known in ((last.reported, last.relative_reported, []), (last.implied, last.relative_implied, euler)):
             if not relative > SEEN:
                 continue
-            _, alone = _fit(y, known, root)
-            whole = float(np.sum((y * root) ** 2))
-            for x in constraint_explanations(self.own, b.at, b.before, self.start):
+            _, residual_without = _fit(error, known, root)
+            whole = float(np.sum((error * root) ** 2))
+            for x in constraint_explanations(self.own, finest.at, finest.before, self.start):
                 if x.cause is not Cause.STALE or x.once:
                     continue
-                amount, left = _fit(y, [*known, x.effect_of(1.0)], root)
-                if left * BETTER < alone and OLD < amount < 5 and left < (1 - EXPLAINS) * whole:
-                    share = 1 - left / whole
-                    sentence = f"{tell(x.said, amount)}, which explains {format_share(share)} of the error of accelerations"
-                    return Explained(Cause.STALE, x.what, amount, share, sentence)
+                age, residual_with = _fit(error, [*known, x.effect_of(1.0)], root)  # age in steps
+                explains = residual_with * BETTER < residual_without and residual_with < (1 - EXPLAINS) * whole
+                if explains and OLD < age < 5:
+                    share = 1 - residual_with / whole
+                    sentence = f"{tell(x.template, age)}, which explains {format_share(share)} of the error of accelerations"
+                    return Explained(Cause.STALE, x.what, age, share, sentence)
         return None
 
     def numbers(self) -> Numbers:
-        """Return the measured figures."""
-        worst = int(np.abs(self.off).max(axis=1).argmax())
+        """Return the measured figures, whose meaning is given with the attributes of `Numbers`."""
+        worst = int(np.abs(self.off).max(axis=1).argmax())  # checkpoint with the largest position error of the first run
         return Numbers(
             **vars(self.closure),
             error=self.error,
@@ -566,8 +627,8 @@ class Case:
             horizon=float(self.first.at.t[self.steps.horizon - 1]),
             limit_error=self.limit,
             step_error=self.by_step,
-            told=tuple(np.nan if x is None else x.relative_told for x in self.local),
-            moved=tuple(np.nan if x is None else x.relative_moved for x in self.local),
+            told=tuple(np.nan if x is None else x.relative_reported for x in self.local),
+            moved=tuple(np.nan if x is None else x.relative_implied for x in self.local),
             step_exponent=self.step_exponent(),
             shift=self.map.shift,
             rate=self.map.rate,
@@ -575,24 +636,30 @@ class Case:
         )
 
     def parts(self, cause: Cause) -> dict[Part, float]:
-        """Return part -> size of the part of the error within the horizon [m, rad], for a cause that was found.
+        """Return the size of each part of the error [m, rad], given the cause that was found.
+
+        Sizes are root mean squares over the checkpoints whose errors are small enough to be split: `whole` of the first run's
+        error, `limit` of the error extrapolated to step zero, `by_step` of the error that the step adds.
 
         Of the error that falls with the step, the share that violates the constraints is drift, and the rest is the integrator's.
-        The error that remains belongs to softness if that is the cause, and else to the model. A cause in the sampling, round-off
-        or one of WHOLE accounts for the whole error.
+        The error that remains is attributed to soft constraints if they are the cause, and otherwise to the model. A cause in the
+        sampling, in round-off or listed in WHOLE accounts for the whole error.
         """
         by_part = dict.fromkeys(Part, 0.0)
         if cause.part in (Part.SAMPLING, Part.ROUND_OFF) or cause in WHOLE:
-            left = self.map.left if cause.part is Part.SAMPLING else 0.0
+            left = self.map.left if cause.part is Part.SAMPLING else 0.0  # share that the map of times does not explain
             return by_part | {cause.part or Part.MODEL: self.whole * (1 - left), Part.INTEGRATOR: self.whole * left}
         rest, soft = Part.MODEL, cause is Cause.SOFTNESS
         drift = 0.0 if self.closure.closure_stays else min(self.closure.closure_share * self.whole, self.by_step)
+        # drift leads off the constraints and the rest of the error along them: they are about perpendicular, and their squares add
         by_part |= {Part.DRIFT: drift, Part.INTEGRATOR: float(np.sqrt(max(0.0, self.by_step**2 - drift**2)))}
         if soft:
             rest = Part.SOFTNESS
             if self.by_step > self.limit:
                 by_part |= {Part.SOFTNESS: self.by_step, Part.INTEGRATOR: 0.0, Part.DRIFT: 0.0}
-        resolved = max(BARS * self.bar, self.by_step / 4)  # error of the reference and of Richardson's extrapolation
+        # a remaining error counts if it is larger than that of the reference, and than that of Richardson's extrapolation, for
+        # which by_step / 4 is taken
+        resolved = max(BARS * self.bar, self.by_step / 4)
         if cause not in (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT) or self.limit > resolved:
             by_part[rest] += self.limit
         return by_part

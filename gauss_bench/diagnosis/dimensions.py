@@ -1,12 +1,13 @@
 """Detect a pin that an engine has at another place in its link than the linkage file: its gap turns with the link.
 
-If an engine has a pin of link a displaced by d (2,) in the frame of that link, and closes its own loops, its states leave a gap
-with the dimensions of the file:
+Suppose that an engine has a pin of link a displaced by d (2,) in the frame of that link, and closes its loops with that pin. If the
+gap of this joint is computed from the engine's states with the dimensions of the file, it is
 
     phi(t) = R(theta_a(t)) d + c
 
-R is the rotation by the link's angle. c is 0 if the engine closes its loops, and -R(theta_a(0)) d if it starts from the state of
-the file and does not close them. Neither depends on the step or on a force. A constant gap c alone belongs to a pin of the ground.
+R is the rotation by the link's angle. c is 0 if the engine closes its loops at the start too, and -R(theta_a(0)) d if it starts
+from the state of the file and keeps the error of closure that it has there. Neither d nor c depends on the step or on a force. A
+displaced pin of the ground causes a constant gap, which is not detected here.
 """
 
 from dataclasses import dataclass
@@ -41,12 +42,16 @@ class Misplaced:
 
     @property
     def sentence(self) -> str:
+        """The displaced pin in words."""
         off = ", ".join(f"{x:.2e}" for x in self.off)
         return f"the pin {self.joint} of {self.link} is elsewhere than the file says, by [{off}] m in the frame of {self.link}"
 
 
 def misplace(own: OwnMotion, coarse: States, fine: States) -> Misplaced | None:
-    """Return the displaced pin that explains all gaps of two runs with different steps; None if there is none."""
+    """Return the displaced pin that explains all gaps of two runs with different steps; None if there is none.
+
+    Both runs must give the same pin and about the same displacement, because the cause does not depend on the step.
+    """
     first, second = (_explain(own, x) for x in (coarse, fine))
     if first is None or second is None or (first.joint, first.link) != (second.joint, second.link):
         return None
@@ -54,7 +59,7 @@ def misplace(own: OwnMotion, coarse: States, fine: States) -> Misplaced | None:
 
 
 def _explain(own: OwnMotion, x: States) -> Misplaced | None:
-    """Return the pin that explains the gaps at states x best, if it explains at least FITS of their squares."""
+    """Return the displaced pin that best explains the gaps at states x, if it explains the share FITS of their squared sum."""
     mechanism, gaps = own.mechanism, own.gaps(x)  # (k, rows)
     squares = float((gaps**2).sum())
     found: list[Misplaced] = []
@@ -77,7 +82,8 @@ def _explain(own: OwnMotion, x: States) -> Misplaced | None:
 def _fit_turning(gap: Array, theta: Array) -> tuple[Array, float]:
     """Fit gap (k, 2) = R(theta) d + c at angles (k,) [rad]; return d (2,) [m] and the squared residual [m^2].
 
-    If the link hardly turns, d cannot be distinguished from c and is zero.
+    If the link hardly turns, d cannot be distinguished from c. Then nothing is fitted: d is zero, and the residual is the whole
+    squared gap.
     """
     cosine, sine, one, none = np.cos(theta), np.sin(theta), np.ones_like(theta), np.zeros_like(theta)
     # (2 k, 4): first the rows of x, then those of y, with the unknowns d_x, d_y, c_x, c_y
@@ -86,5 +92,5 @@ def _fit_turning(gap: Array, theta: Array) -> tuple[Array, float]:
     if np.ptp(theta) < TURNS:
         return np.zeros(2), float(b @ b)
     solution = np.linalg.lstsq(A, b, rcond=None)[0]
-    left = b - A @ solution
-    return solution[:2], float(left @ left)
+    residual = b - A @ solution
+    return solution[:2], float(residual @ residual)

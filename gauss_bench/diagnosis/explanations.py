@@ -31,6 +31,7 @@ from gauss_bench.trajectory import States
 
 SMALL = 1e-4  # relative change of a parameter by which its effect is measured
 REFINEMENTS = 8
+LEAST_AMOUNT, MOST_AMOUNT = -0.95, 20.0  # limits of a relative change of a mass or inertia
 SCREENED = 0.5  # an exact explanation is considered only if its linear fit leaves at most this share of |y|^2
 NUMBERS = ("value", "k", "c", "rest")  # of forces
 ONCE = 0.15  # largest |c - 1| of a fault without an amount; errors of the integrator disturb the fit
@@ -52,20 +53,20 @@ class Explanation:
         cause: cause of the error.
         what: the fault in words, such as "inertia of crank".
         effect: (k, n) change of the accelerations by an amount of 1, or a function amount -> (k, n) if it is not proportional.
-        said: sentence on the fault, with {is}, {are} or {amount} in the place of the amount.
-        once: whether the fault has no amount, such as a missing joint.
+        template: sentence on the fault, with {is}, {are} or {amount} in the place of the amount, which `tell` fills in.
+        once: whether the fault has no amount, such as a missing joint: its fitted amount must be about 1.
         exact: whether only a fit within the noise counts; with very many candidates, one always fits a part of the error.
     """
 
     cause: Cause
     what: str
     effect: Array | Callable[[float], Array]
-    said: str
+    template: str
     once: bool = False
     exact: bool = False
 
     def effect_of(self, amount: float) -> Array:
-        """Return the change (k, n) of the accelerations by an amount."""
+        """Return the change (k, n) of the accelerations that a fault of this amount causes."""
         return self.effect(amount) if callable(self.effect) else amount * self.effect
 
 
@@ -88,8 +89,11 @@ class Explained:
     residual: float = np.nan
 
 
-def tell(said: str, amount: float) -> str:
-    """Return a sentence with the amount filled in, as a number for {amount}, and as a relative change for {is} or {are}."""
+def tell(template: str, amount: float) -> str:
+    """Return a sentence with the amount filled in, as a number for {amount}, and as a relative change for {is} or {are}.
+
+    A relative change of -1 means that the term is left out, and -2 that it has the wrong sign.
+    """
     off = f"{abs(100 * amount):.3g} % too {'large' if amount > 0 else 'small'}"
     words = {"amount": f"{amount:.2g}"}
     for be, have in (("is", "has"), ("are", "have")):
@@ -98,14 +102,14 @@ def tell(said: str, amount: float) -> str:
             words[be] = f"{be} left out"
         elif abs(amount + 2) < EXACTLY:
             words[be] = f"{have} the wrong sign"
-    return said.format(**words)
+    return template.format(**words)
 
 
 def explain(y: Array, mass: Array, tried: Iterator[Explanation], a: Array | None = None, noise: float = 0.0) -> list[Explained]:
     """Return the fits of explanations to errors y (k, n) of accelerations, the best first.
 
-    Explanations without effect are left out, and so are exact ones that leave more than the noise. Those that leave no more than
-    the noise cannot be distinguished, and keep the order in which they were tried.
+    Explanations without effect are left out, and so are those marked `exact` whose residual exceeds the noise. Explanations with a
+    residual within the noise cannot be distinguished: they come first, in the order in which they were tried.
 
     Args:
         mass: (n,) diagonal of the mass matrix, by which errors are weighted.
@@ -121,6 +125,7 @@ def explain(y: Array, mass: Array, tried: Iterator[Explanation], a: Array | None
         fit = _fit(explanation, target, root, whole)
         if fit is not None and (fit.residual <= noise or not explanation.exact):
             found.setdefault(fit.sentence, fit)
+    # equal keys keep their order; beyond the noise the largest share comes first
     return sorted(found.values(), key=lambda x: -np.inf if x.residual <= noise else -x.share)
 
 
@@ -137,41 +142,51 @@ def _fit(x: Explanation, target: Array, root: Array, size_of_all: float) -> Expl
     """
 
     def effect(amount: float) -> Array:
+        """Return the weighted effect (k n,) of an amount."""
         return np.asarray((x.effect_of(amount) * root).ravel())
 
     unit = SMALL if callable(x.effect) else 1.0
-    column = effect(unit) / unit
-    size, whole = float(column @ column), float(target @ target)
-    if not (np.isfinite(size) and size > 0 and whole > 0):
+    column = effect(unit) / unit  # the effect of an amount of 1 if the effect is proportional; else its derivative at zero
+    square, whole = float(column @ column), float(target @ target)
+    if not (np.isfinite(square) and square > 0 and whole > 0):
         return None
-    amount = float(column @ target) / size
-    left = target - column * amount
-    if x.exact and float(left @ left) > SCREENED * whole:  # saves the refinement of most of the many exact explanations
+    amount = float(column @ target) / square
+    residual = target - column * amount
+    if x.exact and float(residual @ residual) > SCREENED * whole:  # saves the refinement of most of the many exact explanations
         return None
     if callable(x.effect):
-        amount, left = _refine(effect, target, float(np.clip(amount, -0.9, 9.0)))
-    share = 1.0 - float(left @ left) / whole
+        amount, residual = _refine(effect, target, float(np.clip(amount, -0.9, 9.0)))
+    share = 1.0 - float(residual @ residual) / whole
     if not np.isfinite(share) or (x.once and abs(amount - 1.0) > ONCE):
         return None
-    residual = float(np.linalg.norm(target - effect(1.0 if x.once else amount))) / size_of_all
-    return Explained(x.cause, x.what, amount, share, tell(x.said, amount), residual)
+    relative_residual = float(np.linalg.norm(target - effect(1.0 if x.once else amount))) / size_of_all
+    return Explained(x.cause, x.what, amount, share, tell(x.template, amount), relative_residual)
 
 
 def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> tuple[float, Array]:
-    """Refine an amount by Gauss-Newton steps that keep the parameter positive; return the amount and the residual (k n,)."""
-    left = target - effect(amount)
+    """Refine the amount of a fault by Gauss-Newton steps; return the amount and the residual (k n,).
+
+    The faulty parameter is 1 + amount times the correct one: the limits of the amount keep it positive.
+
+    Args:
+        effect: amount -> predicted error (k n,); target: error (k n,) that is to be explained; amount: first guess.
+    """
+    residual = target - effect(amount)
     for _ in range(REFINEMENTS):
         slope = (effect(amount + SMALL) - effect(amount - SMALL)) / (2 * SMALL)
-        better = float(np.clip(amount + (slope @ left) / max(float(slope @ slope), 1e-300), -0.95, 20.0))
+        better = float(np.clip(amount + (slope @ residual) / max(float(slope @ slope), 1e-300), LEAST_AMOUNT, MOST_AMOUNT))
         after = target - effect(better)
-        if not float(after @ after) < float(left @ left):
+        if not float(after @ after) < float(residual @ residual):
             break
-        amount, left = better, after
-    return amount, left
+        amount, residual = better, after
+    return amount, residual
 
 
 def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield explanations by wrong parameters of links, gravity and forces, at states x."""
+    """Yield the possible faults that are a wrong parameter of links, gravity or forces, with their effects at states x (k, n).
+
+    The effect of a mass or inertia is a function of its relative change, and that of a force or of gravity is proportional to it.
+    """
     mechanism, parts = own.mechanism, own.parts(x)
 
     def change_by(**changes: Any) -> Array:
@@ -180,15 +195,16 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
         return parts.effect(mass=changed.mass, Q=changed.applied.generalised(x.q, x.v, x.t))
 
     def scale_links(names: Sequence[str], keys: Sequence[str]) -> Callable[[float], Array]:
-        """Return amount c -> effect of a factor 1 + c on attributes of links."""
+        """Return the function c -> change (k, n) of the accelerations if attributes `keys` of the links are multiplied by 1 + c."""
 
         def scale(link: Link, c: float) -> Link:
+            """Return a link, with the factor 1 + c if its name is among the names."""
             return replace(link, **{key: getattr(link, key) * (1 + c) for key in keys}) if link.name in names else link
 
         return lambda c: change_by(links=tuple(scale(link, c) for link in mechanism.links))
 
     def with_force(at: int, **changes: Any) -> Array:
-        """Return the effect of other values in fields of the force with this index."""
+        """Return the change (k, n) of the accelerations if fields of the force with this index have other values."""
         return change_by(forces=tuple(replace(f, **changes) if k == at else f for k, f in enumerate(mechanism.forces)))
 
     names = [link.name for link in mechanism.links]
@@ -198,7 +214,7 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     for what, cause, keys in SCALED:
         yield Explanation(cause, what, scale_links(names, keys), f"{what} {{are}}")
     yield from force_explanations(own, x)
-    for i, j in combinations(range(len(names)), 2):
+    for i, j in combinations(range(len(names)), 2):  # two links with exchanged masses and inertias
         links, both = list(mechanism.links), f"{names[i]} and {names[j]}"
         for k, other in ((i, mechanism.links[j]), (j, mechanism.links[i])):
             links[k] = replace(links[k], mass=other.mass, inertia=other.inertia)
@@ -212,8 +228,8 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     else:
         directions = {"along x": np.array([GIVEN, 0.0]), "along y": np.array([0.0, GIVEN])}
     for name, vector in directions.items():
-        said = f"gravity has a part {name} that it should not have, {{amount}} times {float(np.hypot(*vector)):.3g} m/s^2"
-        yield Explanation(Cause.GRAVITY, f"gravity {name}", change_by(gravity=g + vector), said)
+        template = f"gravity has a part {name} that it should not have, {{amount}} times {float(np.hypot(*vector)):.3g} m/s^2"
+        yield Explanation(Cause.GRAVITY, f"gravity {name}", change_by(gravity=g + vector), template)
     for at, force in enumerate(mechanism.forces):
         for key in NUMBERS:
             value = getattr(force, key, 0.0)
@@ -222,54 +238,59 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
                 yield Explanation(Cause.FORCE, what, doubled, f"{key} of the force {force.name} {{is}}")
         if isinstance(force, Torque):
             for k in {*range(len(names))} - {force.link}:
-                said = f"the torque {force.name} acts on {names[k]} instead of {mechanism.link_name(force.link)}"
-                yield Explanation(Cause.ORDER, f"link of torque {force.name}", with_force(at, link=k), said, once=True)
+                template = f"the torque {force.name} acts on {names[k]} instead of {mechanism.link_name(force.link)}"
+                yield Explanation(Cause.ORDER, f"link of torque {force.name}", with_force(at, link=k), template, once=True)
         if isinstance(force, PointForce):
             turned = with_force(at, value=np.array([-force.value[1], force.value[0]]))
-            said = f"the force {force.name} has another direction"
-            yield Explanation(Cause.FORCE, f"direction of force {force.name}", turned, said)
+            template = f"the force {force.name} has another direction"
+            yield Explanation(Cause.FORCE, f"direction of force {force.name}", turned, template)
 
 
 def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield explanations by a wrong factor or sign of one force, of all forces of a kind, or of all forces, at states x.
+    """Yield the possible faults that are a wrong factor or sign of one force, of all forces of a kind, or of all forces.
 
-    The effect of an amount of 1 is that the force counts twice.
+    The amount is the relative change of the force: 1 counts it twice, -1 leaves it out. The effects are those at states x (k, n).
+    `exact`: so many sums of forces are tried that one would always fit a part of the error.
     """
     mechanism, parts = own.mechanism, own.parts(x)
 
     def force_of(*forces: Force) -> Array:
-        """Return the generalised force (k, n) of some forces without gravity."""
+        """Return the generalised force (k, n) of these forces alone, without gravity."""
         alone = Evaluator(replace(mechanism, forces=forces, gravity=0 * np.asarray(mechanism.gravity)))
         return alone.applied.generalised(x.q, x.v, x.t)
 
     angular = [f for f in mechanism.forces if all(isinstance(getattr(y, "coordinate", None), Angle) for y in f.to_loads())]
     moments = np.zeros_like(parts.Q)
-    angles(moments)[...] = angles(parts.Q)
+    angles(moments)[...] = angles(parts.Q)  # the entries of Q that belong to angles
     sums = {"all angular forces": force_of(*angular), "all moments on links": moments}
     sums |= {"all forces but gravity": force_of(*mechanism.forces), "all forces and gravity": parts.Q}
     sums |= {f"all of the force {f.name}": force_of(f) for f in mechanism.forces}
     for what, Q in sums.items():
-        yield Explanation(Cause.FORCE, what, parts.effect(Q=parts.Q + Q), f"{what} {{are}}", exact=True)
+        yield Explanation(Cause.FORCE, what, parts.effect(Q=parts.Q + Q), f"{what} {{are}}", exact=True)  # {are}: see `tell`
 
 
 def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield explanations by a wrong factor of entries, rows or velocity terms of the constraints, at states x."""
+    """Yield the possible faults that are a wrong factor on entries, rows or velocity terms of the constraints.
+
+    The amount is the relative change: -1 leaves the entries out. The effects are those at states x (k, n). `exact`: so many entries
+    are tried that one would always fit a part of the error.
+    """
     mechanism, parts = own.mechanism, own.parts(x)
     # names of the rows of J, in the order of the evaluator
     names = [f"{joint.name}, {part}" for joint in mechanism.joints for part in ("first row", "second row")]
-    names += [x.name for x in mechanism.couplings for _ in x.held]
+    names += [coupling.name for coupling in mechanism.couplings for _ in coupling.held]
     names += [driver.name for driver in mechanism.drivers] + [edge.name for edge in mechanism.knife_edges]
     columns = [f"{coordinate} of {link.name}" for link in mechanism.links for coordinate in COORDINATES]
     bias = parts.gamma - own.second_rates(x)  # (k, m) velocity terms -J' v
     rows = {"the velocity terms of the constraints (J' v)": slice(None)}
     rows |= {f"the velocity terms (J' v) of {name}": slice(k, k + 1) for k, name in enumerate(names)}
-    for what, some in rows.items():
-        more = parts.gamma.copy()
-        more[:, some] += bias[:, some]
-        yield Explanation(Cause.VELOCITY_TERMS, what, parts.effect(gamma=more), f"{what} {{are}}", exact=True)
+    for what, selected in rows.items():
+        gamma = parts.gamma.copy()
+        gamma[:, selected] += bias[:, selected]  # the velocity terms count twice: an amount of 1
+        yield Explanation(Cause.VELOCITY_TERMS, what, parts.effect(gamma=gamma), f"{what} {{are}}", exact=True)
 
     def scale_entries(row: int, column: Any, c: float) -> Array:
-        """Return the effect of a factor 1 + c on entries of J."""
+        """Return the change (k, n) of the accelerations by a factor 1 + c on the entries of J in one row."""
         J = parts.J.copy()
         J[:, row, column] *= 1 + c
         return parts.effect(J=J)
@@ -278,23 +299,26 @@ def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
         places: list[tuple[Any, str]] = [(slice(None), f"row of {name}")]
         places += [(k, f"entry ({name}; {columns[k]})") for k in np.flatnonzero(parts.J[:, row].any(axis=0))]
         for column, what in places:
-            said = f"the Jacobian's {what} {{is}}"
-            yield Explanation(Cause.JACOBIAN, f"Jacobian's {what}", partial(scale_entries, row, column), said, exact=True)
+            template = f"the Jacobian's {what} {{is}}"
+            yield Explanation(Cause.JACOBIAN, f"Jacobian's {what}", partial(scale_entries, row, column), template, exact=True)
 
 
 def constraint_explanations(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
-    """Yield explanations by constraints that are left out, lack their velocity terms, or belong to an earlier state.
+    """Yield the possible faults that constraints are left out, lack their velocity terms, or belong to an earlier state.
+
+    A fault with `once` has no amount: its fitted amount must be about 1. The amount of old data is their age in steps.
 
     Args:
-        x: states at which the accelerations are compared; before: states one step earlier; start: the start, as often.
+        x: states at which the accelerations are compared; before: states one step earlier.
+        start: the start state, repeated once for each state of `x`.
     """
     mechanism, parts = own.mechanism, own.parts(x)
     rows = own.evaluator.constraints
 
-    def with_gamma(some: Any, value: Array | float) -> Array:
-        """Return the effect of another value of some columns of gamma."""
+    def with_gamma(columns: Any, value: Array | float) -> Array:
+        """Return the change (k, n) of the accelerations if these columns of gamma have another value."""
         gamma = parts.gamma.copy()
-        gamma[:, some] = value
+        gamma[:, columns] = value
         return parts.effect(gamma=gamma)
 
     rows_of: dict[str, list[int]] = {}  # name of a joint -> its rows; a pin through several links is several joints of one name
@@ -303,27 +327,28 @@ def constraint_explanations(own: OwnMotion, x: States, before: States, start: St
         rows_of.setdefault(joint.joint, []).extend(range(at, at + len(joint.held)))
         at += len(joint.held)
     closing = sorted(row for joint in spanning_tree(mechanism).closures for row in rows_of[joint.joint])
-    dropped = [(f"the joint {name}", "is", some) for name, some in rows_of.items()]
+    dropped = [(f"the joint {name}", "is", indices) for name, indices in rows_of.items()]
     dropped += [("the loops' closing joints", "are", closing), ("all constraints", "are", list(range(rows.m)))]
-    for what, be, some in dropped:
-        free = parts.without(some).accelerations() - parts.unaltered
-        yield Explanation(Cause.IGNORED, what, free, f"{what} {be} left out", once=True)
-    second = own.second_rates(x)
+    for what, be, indices in dropped:
+        effect = parts.without(indices).accelerations() - parts.unaltered
+        yield Explanation(Cause.IGNORED, what, effect, f"{what} {be} left out", once=True)
+    second = own.second_rates(x)  # (k, m), zero but for drivers
     for row, driver in enumerate(mechanism.drivers, rows.joint_rows):
         effect = with_gamma(row, parts.gamma[:, row] - second[:, row])
-        said = f"the second time derivative of what {driver.name} prescribes is left out"
-        yield Explanation(Cause.SECOND_RATE, f"second derivative of {driver.name}", effect, said, once=True)
+        template = f"the second time derivative of what {driver.name} prescribes is left out"
+        yield Explanation(Cause.SECOND_RATE, f"second derivative of {driver.name}", effect, template, once=True)
     position = slice(0, rows.holonomic)
     terms = {"all constraints": ("the constraints (J' v)", with_gamma(position, second[:, position]))}
-    terms |= {f"joint {name}": (f"the joint {name} (J' v)", with_gamma(some, 0.0)) for name, some in rows_of.items()}
+    terms |= {f"joint {name}": (f"the joint {name} (J' v)", with_gamma(indices, 0.0)) for name, indices in rows_of.items()}
     for what, (whose, effect) in terms.items():
-        said = f"the velocity terms of {whose} are left out"
-        yield Explanation(Cause.VELOCITY_TERMS, f"velocity terms of {what}", effect, said, once=True)
+        template = f"the velocity terms of {whose} are left out"
+        yield Explanation(Cause.VELOCITY_TERMS, f"velocity terms of {what}", effect, template, once=True)
+    # {amount} in a sentence is filled in by `tell`
     for when, then, age in (("the start", start, "stays that of the start"), ("earlier steps", before, "is {amount} steps old")):
         old = own.parts(then)
         for what, effect in (("Jacobian", parts.effect(J=old.J)), ("Jacobian and bias", parts.effect(J=old.J, gamma=old.gamma))):
-            said = f"the constraints' {what.lower()} {age}"
-            yield Explanation(Cause.STALE, f"{what} of {when}", effect, said, once=then is start)
+            template = f"the constraints' {what.lower()} {age}"
+            yield Explanation(Cause.STALE, f"{what} of {when}", effect, template, once=then is start)
 
 
 def every_explanation(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:

@@ -73,6 +73,7 @@ class FaultyModel(InterpretedModel):
     """
 
     def __init__(self, fault: Fault, mechanism: Mechanism, choice: Choice):
+        """Model the linkage as the fault alters it; `mechanism` is the true one."""
         super().__init__(FORMULATION, fault.linkage(mechanism), choice)
         self.fault, self.true, self.running = fault, mechanism, False
         self.first = self.rows(0.0, self.mechanism.q0, self.mechanism.v0)
@@ -83,33 +84,40 @@ class FaultyModel(InterpretedModel):
         return found.J, found.gamma
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the accelerations (n,) that follow from the faulty terms."""
         return self._solve(t, self.fault.terms(self.evaluator.terms(t, q, v), self, t, q, v)).a
 
     def stabilized(self, t: float, q: Array, v: Array) -> Array:
+        """Return the accelerations (n,) of a stage of a step, which are not stabilised here."""
         self.evaluations += 1
         return self.acceleration(t, q, v)
 
     def _solve(self, t: float, terms: Terms) -> Solution:
+        """Return the solution of the terms, as the fault alters it."""
         return self.fault.solved(super()._solve(t, terms), terms, self)
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Prepare a run that samples the faulty times, but reports the requested ones."""
         self.asked, self.reset, self.recent = times, False, [self.first, self.first]
         super().prepare(self.fault.times(times, self.choice.step), native)
 
     def run(self) -> None:
+        """Run, and let faults know that the run is under way."""
         self.running = True
         super().run()
         self.running = False
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> State:
+        """Advance `count` steps of length h one by one, so that the fault can change the state after each of them."""
         for i in range(count):
             t = begin + i * h
-            self.recent = [self.recent[1], self.rows(t, x, dx)]
+            self.recent = [self.recent[1], self.rows(t, x, dx)]  # J and gamma at the beginnings of the last two steps
             x, dx = super()._advance(t, x, dx, h, 1, last)
             x, dx = self.fault.stepped((x, dx), self, t + h)
         return x, dx
 
     def read(self) -> Trajectory:
+        """Return the samples at the requested times, as the fault alters them."""
         trajectory = replace(super().read(), t=self.asked)
         return self.fault.read(trajectory, self.true)
 
@@ -118,10 +126,12 @@ class Faulty(Interpreted):
     """An engine with one fault."""
 
     def __init__(self, fault: Fault):
+        """Make an engine with the name of its fault."""
         super().__init__(FORMULATION)
         self.fault, self.name = fault, fault.name
 
     def build(self, mechanism: Mechanism, choice: Choice) -> FaultyModel:
+        """Build a model with the fault."""
         return FaultyModel(self.fault, mechanism, choice)
 
 
@@ -149,10 +159,12 @@ def soft_loop(terms: Terms, model: FaultyModel, *_: object) -> Terms:
 
 
 def ignore_joint(terms: Terms, model: FaultyModel, *_: object) -> Terms:
+    """Leave out the last pin."""
     return without(terms, last_pin(model.mechanism))
 
 
 def ignore_constraints(terms: Terms, *_: object) -> Terms:
+    """Leave out all constraints."""
     return without(terms, list(range(len(terms.J))))
 
 
@@ -168,6 +180,7 @@ def keep_first_jacobian(terms: Terms, model: FaultyModel, *_: object) -> Terms:
 
 
 def without_velocity_terms(terms: Terms, *_: object) -> Terms:
+    """Set gamma, the right-hand side of J a = gamma, to zero."""
     return replace(terms, gamma=0 * terms.gamma)
 
 
@@ -205,6 +218,7 @@ def reset(state: State, model: FaultyModel, t: float) -> State:
 
 
 def single_precision(state: State, *_: object) -> State:
+    """Round the state to single precision after every step."""
     q, v = (x.astype(np.float32).astype(float) for x in state)
     return q, v
 
@@ -218,16 +232,19 @@ def resample(times: Array, step: float, late: float = 0.0, rate: float = 1.0) ->
 
 
 def standing_still(trajectory: Trajectory, *_: object) -> Trajectory:
+    """Report the first position at all times, at rest."""
     return replace(trajectory, q=0 * trajectory.q + trajectory.q[0], v=0 * trajectory.v, a=0 * trajectory.a)
 
 
 def within_a_turn(trajectory: Trajectory, *_: object) -> Trajectory:
+    """Report angles without whole turns, within -pi..pi."""
     q = trajectory.q.copy()
     angles(q)[...] = (angles(q) + np.pi) % (2 * np.pi) - np.pi
     return replace(trajectory, q=q)
 
 
 def backwards(trajectory: Trajectory, *_: object) -> Trajectory:
+    """Report velocities with the wrong sign."""
     return replace(trajectory, v=-trajectory.v)
 
 
@@ -239,7 +256,10 @@ def links_in_another_order(trajectory: Trajectory, mechanism: Mechanism) -> Traj
 
 
 def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
-    """Read joint coordinates that are listed by their depth in the tree as if they were listed branch by branch."""
+    """Plant a fault: read joint coordinates that are listed by their depth in the tree as if they were listed branch by branch.
+
+    If both orders are equal, the joint coordinates are reversed. Reported accelerations are those of joints that do not accelerate.
+    """
     tree = spanning_tree(mechanism)
     depth = {-1: 0}
     for branch in tree.branches:
@@ -255,7 +275,12 @@ def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajec
 def read_engine(name: str, sentence: str, cause: str, where: Any = FOUR_BAR, **spoils: Any) -> Fault:
     """Return the fault of one [[engine]] table of `planted.toml`.
 
-    An entry of `spoils` names a function of this file, or has arguments of `alter` or `resample`.
+    Args:
+        name, sentence: name and description of the fault.
+        cause: the cause that the diagnosis must name, a value of `Cause`.
+        where: linkage and scenario in which the fault shows.
+        spoils: attribute of `Fault` -> name of the function of this file that plants the fault; or arguments of `alter`, which
+            changes the linkage, or of `resample`, which changes the times.
     """
     functions: Any = {key: globals()[x] for key, x in spoils.items() if key not in ("alter", "resample")}
     if "alter" in spoils:

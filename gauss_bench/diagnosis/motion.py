@@ -9,7 +9,7 @@ contradict each other slightly, and the tolerance is large enough that they stil
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -85,12 +85,13 @@ class OwnMotion:
     """
 
     def __init__(self, mechanism: Mechanism):
+        """Prepare the equations of a mechanism."""
         self.mechanism, self.evaluator = mechanism, Evaluator(mechanism)
         self.absolute = AbsoluteCoordinates(mechanism)
         self.tolerance = RANK_TOLERANCE if mechanism.redundant else DEPENDENT
 
     def parts(self, x: States) -> Parts:
-        """Return the terms at states without friction, which depends on the multipliers."""
+        """Return the terms of the equations of motion at states x, without dry friction, which would need the multipliers."""
         rows = self.evaluator.constraints(x.t, x.q, x.v)
         Q = self.evaluator.applied.generalised(x.q, x.v, x.t)
         return Parts(self.evaluator.mass, rows.J, rows.gamma, Q, self.tolerance)
@@ -115,26 +116,29 @@ class OwnMotion:
         return self.parts(x).accelerations()
 
     def flow(self, x: States, by: Array) -> States:
-        """Return the states that the linkage reaches from states x after times `by` (k,) [s], which may be negative or zero."""
+        """Return the states that the linkage reaches from states x after times `by` (k,) [s], which may be negative or zero.
+
+        All states move at once, each with its own substep h (k, 1) [s]; s runs from 0 to 1 in every substep.
+        """
         steps = max(1, int(np.ceil(np.abs(by).max(initial=0.0) / SUBSTEP)))
         k, n = x.q.shape
         h = (by / steps)[:, None]
+        dt_ds = np.where(h == 0, 1.0, h)  # states with h = 0 do not move; 1 avoids division by zero
 
-        def rate(s: float, q: Array, v: Array) -> Array:
-            """Return d2q/ds2 (k n,), where s runs from 0 to 1 in every substep; the argument v is dq/ds."""
-            here = States(x.t + (number + s) * h[:, 0], q.reshape(k, n), v.reshape(k, n) / speed)
+        def rate(number: int, s: float, q: Array, dq_ds: Array) -> Array:
+            """Return d2q/ds2 (k n,) in the substep with this number."""
+            here = States(x.t + (number + s) * h[:, 0], q.reshape(k, n), dq_ds.reshape(k, n) / dt_ds)
             return np.asarray((self.accelerations(here) * h**2).reshape(-1))
 
-        speed = np.where(h == 0, 1.0, h)  # ds/dt = 1 / h; states with h = 0 do not move
         q: Array = x.q.reshape(-1)
-        v: Array = (x.v * h).reshape(-1)
-        for number in range(steps):  # noqa: B007 - `rate` reads it
-            q, v = dop853_fixed(rate, 0.0, q, v, 1.0)
-        v = np.where(h == 0, x.v, v.reshape(k, n) / speed)
+        dq_ds: Array = (x.v * h).reshape(-1)
+        for number in range(steps):
+            q, dq_ds = dop853_fixed(partial(rate, number), 0.0, q, dq_ds, 1.0)
+        v = np.where(h == 0, x.v, dq_ds.reshape(k, n) / dt_ds)
         return States(x.t + by, q.reshape(k, n), v)
 
     def project(self, x: States) -> States:
-        """Return the nearest states on the constraints."""
+        """Return the states x projected on the constraints."""
         pairs = [self.evaluator.project(float(t), q, v) for t, q, v in zip(x.t, x.q, x.v, strict=True)]
         return States(x.t, np.array([q for q, _ in pairs]), np.array([v for _, v in pairs]))
 
@@ -148,6 +152,7 @@ class TrueMotion:
     """
 
     def __init__(self, motion: OwnMotion, reference: Reference):
+        """Continue the samples of a reference by the equations of motion."""
         self.motion, self.reference, self.until = motion, reference, float(reference.t[-1])
 
     def at(self, t: Array) -> States:

@@ -1,6 +1,7 @@
 """Plant the faults of `planted.toml`: each alters a function, a limit, a linkage or a sample while its check runs.
 
-No file is changed. The functions of a module run code that is compiled from its altered source, and then their own code again.
+No file is changed. While a fault is planted, the functions of a module run code that is compiled from its altered source;
+afterwards they run their own code again.
 """
 
 import tomllib
@@ -73,11 +74,19 @@ def plant(file: str, text: str, mutant: str) -> Iterator[None]:
 
 
 def read_fault(kind: str, sentence: str, check: str, where: tuple[str, str] = checks.FOUR_BAR, **fault: Any) -> Planted:
-    """Return the fault of one [[fault]] table: an altered file, or arguments `fault` of the check."""
+    """Return the fault of one [[fault]] table of `planted.toml`.
+
+    Args:
+        kind, sentence: place and description of the fault.
+        check: name of the function of `checks` that must detect it.
+        where: linkage and scenario that are checked.
+        fault: arguments of `plant` if it has the entry `file`, and else further arguments of the check, which plant the fault.
+    """
     sound: Any = getattr(checks, check)
     if "file" in fault:
 
         def spoilt() -> str | None:
+            """Run the check while the file is altered."""
             with plant(**fault):
                 return sound()  # type: ignore[no-any-return]
 
@@ -89,11 +98,12 @@ PLANTED = tuple(read_fault(**x) for x in TABLES["fault"])
 
 
 def smallest(check: Callable[[float], str | None], sound: float = 1e-17, seen: float = 1e-2, factor: float = 1.05) -> float:
-    """Return the smallest size of a fault that a check detects, at most a `factor` too large, by bisection of its logarithm.
+    """Return the smallest size of a fault that a check detects, by bisection on a logarithmic scale.
 
     Args:
-        check: function of the size, as in `Planted`.
+        check: function of the size, which returns a sentence if it detects the fault, and else None.
         sound: a size that the check does not detect; seen: a size that it detects.
+        factor: the result is at most this factor larger than the smallest detected size.
 
     Raises:
         ValueError: `seen` is not detected, or `sound` is.
@@ -111,8 +121,8 @@ def smallest(check: Callable[[float], str | None], sound: float = 1e-17, seen: f
 
 # kind of fault -> unit of its size, and check of a fault of this size
 SIZES: dict[str, tuple[str, Callable[[float], str | None]]] = {
-    "inertia": ("of the crank's inertia", lambda x: checks.model(alter={"of": "crank", "inertia": 1 + x})),
-    "length": ("m of the coupler's length", lambda x: checks.model(alter={"joint": "B", "by": x})),
-    "damping": ("of the brake's damping", lambda x: checks.model(alter={"of": "brake", "c": 1 + x})),
-    "time": ("s of every sample's time", checks.in_time),
+    "inertia": ("of the crank's inertia", lambda x: checks.check_model(alter={"of": "crank", "inertia": 1 + x})),
+    "length": ("m of the coupler's length", lambda x: checks.check_model(alter={"joint": "B", "by": x})),
+    "damping": ("of the brake's damping", lambda x: checks.check_model(alter={"of": "brake", "c": 1 + x})),
+    "time": ("s of every sample's time", checks.check_sample_times),
 }

@@ -39,13 +39,14 @@ class TimeMap:
 
 
 def _state(x: States, pace: float) -> Array:
-    """Return positions and velocities (k, 2 n) in equal units, the velocities times a pace [s]."""
+    """Return positions and velocities (k, 2 n) in equal units: velocities are multiplied by the time `pace` [s]."""
     return np.hstack([x.q, x.v * pace])
 
 
 def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | None:
-    """Fit a time map to reported samples by Gauss-Newton steps; return None if it leaves more than LEFT of the error.
+    """Fit true time = shift + rate * reported time to reported samples by Gauss-Newton steps.
 
+    The error is the distance of a reported state from the true one. Return None if the map leaves more than the share LEFT of it.
     The rate is fitted if `stretch`, and is 1 otherwise.
     """
     reference = truth.reference
@@ -59,16 +60,16 @@ def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | No
     if len(x) < 3:
         return None
     state, best = _state(x, pace), TimeMap(shift, rate, np.inf)
-    before = np.linalg.norm(state - _state(truth.at(x.t), pace), axis=1)
+    before = np.linalg.norm(state - _state(truth.at(x.t), pace), axis=1)  # errors without a map
     for _ in range(ITERATIONS):
-        there = truth.at(np.clip(shift + rate * x.t, -0.05 * truth.until, 1.05 * truth.until))
-        off = state - _state(there, pace)
-        left = float(np.median(np.linalg.norm(off, axis=1) / np.maximum(before, 1e-9 * before.max(initial=1e-300))))
-        if not left < 0.99 * best.left:
+        mapped = truth.at(np.clip(shift + rate * x.t, -0.05 * truth.until, 1.05 * truth.until))
+        off = state - _state(mapped, pace)
+        remaining_share = float(np.median(np.linalg.norm(off, axis=1) / np.maximum(before, 1e-9 * before.max(initial=1e-300))))
+        if not remaining_share < 0.99 * best.left:
             break
-        best = TimeMap(shift, rate, left)
-        slope = np.hstack([there.v, truth.motion.accelerations(there) * pace])
-        columns = [slope, slope * x.t[:, None]] if stretch else [slope]
+        best = TimeMap(shift, rate, remaining_share)
+        slope = np.hstack([mapped.v, truth.motion.accelerations(mapped) * pace])  # derivative of the state by time
+        columns = [slope, slope * x.t[:, None]] if stretch else [slope]  # derivatives by shift and rate
         change = np.linalg.lstsq(np.array([c.ravel() for c in columns]).T, off.ravel(), rcond=None)[0]
         change = np.clip(change, -pace, pace)
         shift, rate = shift + float(change[0]), rate + (float(change[1]) if stretch else 0.0)
@@ -76,7 +77,11 @@ def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | No
 
 
 def _first_rate(truth: TrueMotion, reported: States, pace: float) -> float:
-    """Return an estimate of the rate of time, from the reference's samples that are nearest to the reported ones."""
+    """Estimate the ratio of true time to reported time (1 if the times are right), within 0.2 to 5.
+
+    The true time of a reported state is that of the nearest state among the reference's samples; the median of the ratios counts.
+    `pace` [s] is the factor that makes velocities comparable with positions.
+    """
     r = truth.reference
     true = _state(States(r.t, r.q, r.v), pace)
     nearest = np.array([r.t[np.linalg.norm(true - x, axis=1).argmin()] for x in _state(reported, pace)])
@@ -92,20 +97,21 @@ def stands_still(truth: States, reported: States) -> bool:
 
 def whole_turns(off: Array) -> Array:
     """Return the whole turns (k, links) by which angles are wrong, from errors (k, n); zeros if they do not explain all errors."""
-    left, turns = off.copy(), np.round(angles(off) / (2 * np.pi))
-    angles(left)[...] -= 2 * np.pi * turns
-    return turns if float(np.abs(left).max(initial=0.0)) <= BESIDE_TURNS else np.zeros_like(turns)
+    rest, turns = off.copy(), np.round(angles(off) / (2 * np.pi))
+    angles(rest)[...] -= 2 * np.pi * turns
+    return turns if float(np.abs(rest).max(initial=0.0)) <= BESIDE_TURNS else np.zeros_like(turns)
 
 
 def other_velocities(moved: Array, reported: Array) -> tuple[float, float, float]:
     """Compare reported velocities `reported` with the rates `moved` at which positions change, both (k, n).
 
-    Return the relative error, the factor between both that fits best, and the share of the error that this factor leaves.
+    Return the relative error of the reported velocities, the factor c that fits reported = c moved best, and the share of the error
+    that remains with this factor.
     """
-    off, true = float(np.sum((reported - moved) ** 2)), float(np.sum(moved**2))
+    error, true = float(np.sum((reported - moved) ** 2)), float(np.sum(moved**2))  # squares
     factor = float(np.sum(reported * moved)) / max(true, 1e-300)
     left = float(np.sum((reported - factor * moved) ** 2))
-    return float(np.sqrt(off / max(true, 1e-300))), factor, float(np.sqrt(left / max(off, 1e-300)))
+    return float(np.sqrt(error / max(true, 1e-300))), factor, float(np.sqrt(left / max(error, 1e-300)))
 
 
 @dataclass(frozen=True)
@@ -122,13 +128,14 @@ def order(mechanism: Mechanism, truth: States, reported: States) -> Order | None
 
     best: Order | None = None
     for words, reported_columns, true_columns, names in _columns(mechanism, truth, reported):
+        # cost[i, j]: difference of reported column i from true column j, root mean square over the samples
         cost = np.array([[np.sqrt(np.mean((x - y) ** 2)) for y in true_columns] for x in reported_columns])
-        _, assigned = linear_sum_assignment(cost)
-        straight, left = float(np.trace(cost)), float(cost[np.arange(len(cost)), assigned].sum())
+        _, assigned = linear_sum_assignment(cost)  # the true column of each reported one, with the least sum of costs
+        as_reported, reordered = float(np.trace(cost)), float(cost[np.arange(len(cost)), assigned].sum())
         wrong = [k for k, x in enumerate(assigned) if x != k]
-        if wrong and left <= LEFT * straight and (best is None or left / straight < best.left):
+        if wrong and reordered <= LEFT * as_reported and (best is None or reordered / as_reported < best.left):
             listed = ", ".join(f"{names[k]} holds {names[assigned[k]]}" for k in wrong)
-            best = Order(f"{words} are in another order: {listed}", left / straight)
+            best = Order(f"{words} are in another order: {listed}", reordered / as_reported)
     return best
 
 
@@ -143,7 +150,7 @@ def _columns(mechanism: Mechanism, truth: States, reported: States) -> Iterator[
     for words, one, other in (("links", reported.q, truth.q), ("velocities of links", reported.v, truth.v)):
         yield words, links(one), links(other), names
         yield f"angles in {words}", angles(one).T, angles(other).T, names
-    for shallow in (False, True):
+    for shallow in (False, True):  # trees of long chains and trees of least depth have other joint coordinates
         tree = spanning_tree(mechanism, shallow)
         named = [""] * tree.n
         for b in tree.branches:
@@ -180,16 +187,20 @@ class Jump:
 
 
 def jump(own: OwnMotion, dense: States) -> Jump | None:
-    """Return the step in which the state jumped, or None; `dense` has the start, and then samples at every step."""
+    """Return the step in which the state jumped, or None; `dense` has the start, and then samples at every step.
+
+    A jump is a displacement in one step that the mean of the velocities does not explain. It leads back to the start if the state
+    after it is nearer to the start than a tenth of the jump.
+    """
     x = dense[1:]
     h = np.diff(x.t)[:, None]
     off = np.abs(np.diff(x.q, axis=0) - h / 2 * (x.v[1:] + x.v[:-1])).max(axis=1)  # displacement less that of mean velocities
-    allowed = (h * np.maximum(np.abs(x.v[1:]), np.abs(x.v[:-1]))).max(axis=1)
+    allowed = (h * np.maximum(np.abs(x.v[1:]), np.abs(x.v[:-1]))).max(axis=1)  # displacement that the velocities allow
     if not len(off):
         return None
     usual, k = float(np.median(off)), int(off.argmax())
     # a jump is much larger than in other steps, and also much larger than the velocity allows or larger than SUSPICIOUS
     if off[k] <= max(JUMP * usual, min(JUMP * (allowed[k] + usual), SUSPICIOUS)):
         return None
-    back = float(np.abs(x.q[k + 1] - own.mechanism.q0).max())
-    return Jump(float(x.t[k + 1]), float(off[k]), back <= 0.1 * off[k])
+    from_start = float(np.abs(x.q[k + 1] - own.mechanism.q0).max())
+    return Jump(t=float(x.t[k + 1]), size=float(off[k]), to_start=from_start <= 0.1 * off[k])

@@ -95,6 +95,7 @@ def diagnose_fault(fault: Fault, where: tuple[str, str] | None = None) -> Verdic
     mechanism, engine = load(*which), Faulty(fault)
 
     def run(choice: Choice, wanted: Sampling) -> Run:
+        """Run the faulty engine."""
         return one_run(engine, mechanism, choice, wanted)
 
     chosen = Choice(integrator="rk4", step=STEP)
@@ -108,13 +109,13 @@ def diagnose_sound(where: tuple[str, str]) -> str | None:
     return None if verdict.cause in SOUND else f"an engine without a fault: {verdict.sentence}"
 
 
-def name_choice(fault: Fault) -> Finding:
-    """Diagnose an engine with a fault, and return whether the verdict names the fault."""
+def diagnose_planted(fault: Fault) -> Finding:
+    """Diagnose an engine with a fault; the finding tells whether the verdict names the cause of the fault."""
     verdict = diagnose_fault(fault)
     return Finding(ADAPTERS, fault.sentence, verdict.cause is fault.cause, f"{verdict.cause}: {verdict.sentence}")
 
 
-def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> SelfTest:
+def selftest(only: Sequence[str] = (), told: Callable[[str], object] = lambda _: None) -> SelfTest:
     """Plant every fault of some kinds, and run every check on the unaltered suite too.
 
     Args:
@@ -135,7 +136,7 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> Se
             sentence = _ask(fault.check)
             findings.append(Finding(kind, fault.sentence, sentence is not None, sentence or "the check detects nothing"))
         if kind == ADAPTERS:
-            findings += map(name_choice, ENGINES)
+            findings += map(diagnose_planted, ENGINES)
     sizes: tuple[Smallest, ...] = ()
     if "models" in kinds:
         told("the smallest faults that are seen")

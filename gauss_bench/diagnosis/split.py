@@ -41,7 +41,7 @@ class Steps:
     Attributes:
         order: order of convergence; NaN if the runs do not converge or there are fewer than three.
         limit: (k, n) error extrapolated to step zero; by_step: (k, n) error that the step of the first run adds.
-        horizon: number k of checkpoints that count.
+        horizon: number k of checkpoints that count; the errors at later ones are too large to be split.
     """
 
     order: float
@@ -51,6 +51,7 @@ class Steps:
 
     @property
     def converges(self) -> bool:
+        """Whether the error falls with the step."""
         return bool(self.order > CONVERGES)
 
 
@@ -62,11 +63,19 @@ def horizon_of(errors: list[Array]) -> int:
 
 
 def by_steps(bursts: tuple[Burst, ...], true: States, adaptive: bool) -> Steps:
-    """Return the effect of the step, from runs with smaller and smaller steps and the true states at their checkpoints."""
+    """Split the errors of runs with smaller and smaller steps into the limit at step zero and the error that the step adds.
+
+    The limit is Richardson's extrapolation of the last two of three runs. Without three runs, or if they do not converge
+    (`order` <= CONVERGES), it is the last run.
+
+    Args:
+        bursts: samples of each run at its checkpoints; true: reference states at these checkpoints.
+        adaptive: whether the integrator chooses its own steps, so that there is no order.
+    """
     k = min(len(b.at) for b in bursts)
     horizon = horizon_of([b.at.q[:k] - true.q[:k] for b in bursts])
     x, order = [b.at.q[:horizon] for b in bursts], np.nan
-    limit = x[-1]  # (horizon, n)
+    limit = x[-1]  # (horizon, n) positions at step zero
     if len(x) > 2 and not adaptive:
         first_change, second_change = size(x[0] - x[1]), size(x[1] - x[2])
         if first_change > 0:
@@ -86,7 +95,8 @@ class Closure:
         closure_stays: whether the gap is independent of the step.
         closure_joint: name of the joint with the largest gap.
         closure_share: share of the error that violates the constraints.
-        held: correlation of gaps with the constraint forces, from 0 to 1; compliance: gap over force [m/N].
+        held: correlation of the largest gap with its constraint force, from 0 to 1: near 1 the constraint yields like a spring.
+        compliance: gap over force [m/N].
     """
 
     closure: tuple[float, ...]
@@ -100,33 +110,48 @@ class Closure:
 
     @property
     def grows(self) -> bool:
+        """Whether the largest gap of the last third of the run is much larger than that of the first third."""
         return self.closure_late > GROWS * self.closure_early
 
     def falls_faster(self, order: float) -> bool:
-        """Tell whether the gap falls with the step by a clearly higher order than the error has; it then cannot cause the error."""
+        """Tell whether the gap falls with the step by a clearly higher order than the error; it then cannot cause the error."""
         if len(self.closure) < 2 or self.closure[-2] == 0.0:
             return False
         return bool(self.closure[-1] < self.closure[-2] / 2.0 ** (order + HALF))
 
 
 def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Closure:
-    """Return the gaps in runs with smaller and smaller steps; `errors` (k, n) are those of the first run within the horizon."""
-    gaps = [np.abs(own.gaps(b.at)) for b in bursts]
+    """Return how far loops and drivers are open in runs with smaller and smaller steps, and what the gaps depend on.
+
+    Args:
+        bursts: samples of each run; errors: (k, n) errors of the first run at those checkpoints where they can be split.
+    """
+    gaps = [np.abs(own.gaps(b.at)) for b in bursts]  # each (checkpoints, rows)
     opened = tuple(float(g.max(initial=0.0)) for g in gaps)
     sizes, third = gaps[0].max(axis=1, initial=0.0), max(1, len(gaps[0]) // PERIODS)
     at = bursts[0].at[slice(0, len(errors))]
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # the part of the error that leads off the constraints, which projection would remove
         share = size(at.q - own.project(at).q) / max(size(errors), 1e-300)
-    worst = int(gaps[-1].max(axis=0).argmax()) if gaps[-1].shape[1] else 0
+    worst = int(gaps[-1].max(axis=0).argmax()) if gaps[-1].shape[1] else 0  # the row with the largest gap
     rows = [x.name for x in (*own.mechanism.joints, *own.mechanism.couplings) for _ in x.held]
     name = [*rows, *(x.name for x in own.mechanism.drivers), ""][worst]
     stays = len(opened) > 1 and opened[-1] >= STAYS * opened[-2]
     early, late = float(sizes[:third].max()), float(sizes[-third:].max())
-    return Closure(opened, early, late, stays, name, min(share, 1.0), *_hold(own, bursts[-1], worst))
+    held, compliance = _compare_gap_with_force(own, bursts[-1], worst)
+    return Closure(
+        closure=opened,
+        closure_early=early,
+        closure_late=late,
+        closure_stays=stays,
+        closure_joint=name,
+        closure_share=min(share, 1.0),
+        held=held,
+        compliance=compliance,
+    )
 
 
-def _hold(own: OwnMotion, b: Burst, worst: int) -> tuple[float, float]:
-    """Return the correlation of the gap with the constraint force in the row `worst`, and gap over force [m/N]."""
+def _compare_gap_with_force(own: OwnMotion, b: Burst, worst: int) -> tuple[float, float]:
+    """Return the correlation of gap and constraint force in the row `worst`, and gap over force [m/N]; zeros if either is zero."""
     phi = own.gaps(b.at)
     if not phi.shape[1]:
         return 0.0, 0.0
@@ -142,28 +167,31 @@ class Local:
     """Errors of an engine's accelerations and steps at its own states, on which earlier errors of the motion have no influence.
 
     Attributes:
-        told: (k, n) error of the reported accelerations.
-        moved: (k, n) error of the mean accelerations in a step, which follow from the change of velocities.
+        reported: (k, n) error of the accelerations that the engine reports.
+        implied: (k, n) error of the mean accelerations in a step, which the change of velocities implies.
         euler: (k, n) error of such a mean if the step were an explicit Euler step.
-        relative_told, relative_moved: median over the states of both errors, relative to the largest acceleration of each state.
+        relative_reported, relative_implied: both errors relative to the largest acceleration of each state, median over the states.
     """
 
-    told: Array
-    moved: Array
+    reported: Array
+    implied: Array
     euler: Array
-    relative_told: float
-    relative_moved: float
+    relative_reported: float
+    relative_implied: float
 
 
 def local(own: OwnMotion, b: Burst) -> Local:
-    """Return the errors of a run, from single steps."""
+    """Compare reported accelerations, and mean accelerations over one step, with the linkage's own.
+
+    Every comparison starts at a state of the engine itself, at the checkpoints of the run `b`.
+    """
     h = b.after.t - b.at.t  # (k,)
     true = own.accelerations(b.at)
     true_mean = (own.flow(b.at, h).v - b.at.v) / h[:, None]  # mean accelerations of the linkage's flow in a step
     mean = (b.after.v - b.at.v) / h[:, None]
-    relative_told = float(np.median(relative_acceleration_error(b.a, true)))
-    relative_moved = float(np.median(relative_acceleration_error(mean, true_mean)))
-    return Local(b.a - true, mean - true_mean, true - true_mean, relative_told, relative_moved)
+    relative_reported = float(np.median(relative_acceleration_error(b.a, true)))
+    relative_implied = float(np.median(relative_acceleration_error(mean, true_mean)))
+    return Local(b.a - true, mean - true_mean, true - true_mean, relative_reported, relative_implied)
 
 
 def usable(own: OwnMotion, b: Burst, most: float) -> Array:

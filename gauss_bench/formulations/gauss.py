@@ -42,11 +42,15 @@ def gauss(terms: Terms) -> Solution:
     if indefinite:
         raise np.linalg.LinAlgError("the mass matrix is not positive definite")
 
-    def least_constraint(Q: Array, gamma: Array) -> Array:
-        """Return the a (n,) with J a = gamma for which |L^T (a - M^-1 Q)| is least."""
-        a: Array = Y @ least_squares(R.T, gamma[order])
+    def least_constraint(load: Array, rhs: Array) -> Array:
+        """Return the a (n,) with J a = rhs for which |L^T (a - M^-1 load)| is least, by the factors above.
+
+        J^T[:, order] = Y R, the columns of N span the null space of J, and M = L L^T. First a = Y y satisfies the constraints;
+        then N h, which leaves J a unchanged, makes the norm least.
+        """
+        a: Array = Y @ least_squares(R.T, rhs[order])
         if N.shape[1]:
-            a = a + N @ least_squares(L.T @ N, dtrtrs(L, Q, lower=True)[0] - L.T @ a)
+            a = a + N @ least_squares(L.T @ N, dtrtrs(L, load, lower=True)[0] - L.T @ a)
         return a
 
     a = least_constraint(Q, gamma)
@@ -56,13 +60,14 @@ def gauss(terms: Terms) -> Solution:
         r = Y.shape[1]
         multipliers = np.zeros(0)  # LAPACK takes no system without unknowns
         if r:
-            multipliers = dtrtrs(R[:, :r], Y.T @ (Q - M @ a))[0]  # of the first r rows in the order P; those of others are zero
+            # of the first r rows in the order `order`; the multipliers of the others are zero
+            multipliers = dtrtrs(R[:, :r], Y.T @ (Q - M @ a))[0]
         a = a + least_constraint(Q - M @ a - J[order[:r]].T @ multipliers, gamma - J @ a)
     return Solution(a, None, Y.shape[1])
 
 
 def subspaces(J: Array) -> tuple[Array, Array, Array, Array]:
-    """Return Y (n, r), N (n, n - r), R (r, m) and the order P (m,) of the rows of J, with J^T P = Y R and Y^T N = 0."""
+    """Return Y (n, r), N (n, n - r), R (r, m) and the order (m,) of the rows of J, with J^T[:, order] = Y R and Y^T N = 0."""
     m, n = J.shape
     factors, pivots, tau, _, _ = dgeqp3(J.T)
     R = np.where(_below(min(m, n), m), 0.0, factors[: min(m, n)])

@@ -5,7 +5,7 @@
     h = A^- b                                                                                               (12), (13)
 
 The paper prints M^(-1/2) in A and in the second term of b. Substituting (8) into (2) gives M^(+1/2), which is used here. The next
-step of the paper, eqs (15) and (16), is wrong; `yuan_ge_eq16.py` has it.
+step of the paper, eqs (15) and (16), is wrong; `yuan_ge_eq16.py` computes eq. (16) as it is printed.
 """
 
 import numpy as np

@@ -4,9 +4,9 @@
     [ J   0  ] [ lambda ] = [ gamma ]
 
 It is solved by LU with partial pivoting. Redundant rows make the matrix singular, and its reciprocal condition number small. Masses
-that differ by 1e8 and more make this number small too, although no row is redundant. If it is small, rows and columns are scaled,
-masses to about 1 and then rows of J to about 1, and the number of the scaled matrix decides. The factors are powers of two, which
-cause no rounding.
+that differ by 1e8 and more make this number small too, although no row is redundant. If it is small, rows and columns are scaled so
+that first the masses and then the rows of J are about 1. If the reciprocal condition number of the scaled matrix is small too, rows
+are redundant. The factors are powers of two, which cause no rounding.
 Sources: Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), eq. (6.3.18); Golub and Van Loan, Matrix
 Computations (4th ed.), section 3.5.2 (scaling).
 """

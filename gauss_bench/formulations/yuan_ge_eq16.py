@@ -15,7 +15,11 @@ RANK_TOLERANCE = 1e-10  # of the largest singular value, as in `gauss`
 
 
 def yuan_ge_eq16(terms: Terms) -> Solution:
-    """Return wrong accelerations (n,) that satisfy every constraint."""
+    """Return accelerations (n,) by eq. (16) as printed, which are wrong, although they satisfy every constraint.
+
+    The formula projects the free acceleration M^-1 Q without regard to the mass, so that the equations of motion are violated. It
+    is kept as an error that tests of the constraints cannot detect.
+    """
     J_pinv = np.linalg.pinv(terms.J, rcond=RANK_TOLERANCE)
     free = np.linalg.solve(terms.M, terms.Q)
     a = J_pinv @ terms.gamma + free - J_pinv @ (terms.J @ free)

@@ -43,6 +43,7 @@ def dop853(
         last = np.inf if end == finish else np.nextafter(end, begin)
 
         def rate(t: float, y: Array, last: float = last) -> Array:
+            """Return v and a (2 n,) at y = [q, v]; forces are evaluated no later than `last` [s]."""
             return np.concatenate([y[n:], acceleration(min(t, last), y[:n], y[n:])])
 
         solver = DOP853(rate, begin, y, end, rtol=rtol, atol=atol)
@@ -60,7 +61,7 @@ def dop853(
 
 
 def _sample_step(solver: "DOP853", times: Array) -> list[Array]:
-    """Return the states (2 n,) at the times that the last step has reached, of the increasing times that are still to come."""
+    """Return the states (2 n,) at those sample times that the last step has passed; `times` are increasing and not yet sampled."""
     passed = times[: np.searchsorted(times, solver.t, side="right")]
     # the interpolation inside the step costs evaluations: take it only for times before its end
     inside = solver.dense_output() if len(passed) and passed[0] < solver.t else None

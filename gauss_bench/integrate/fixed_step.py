@@ -172,18 +172,22 @@ class Equal(NamedTuple):
 
 
 def equal_runs(times: Array, step: float) -> list[Equal]:
-    """Return the groups of consecutive samples at `times` (k,) with equal counts and sizes of steps, none longer than `step`."""
-    runs: list[Equal] = []
+    """Group consecutive intervals between samples at `times` (k,) [s] that have the same number and size of steps.
+
+    Every interval is divided into equal steps, none longer than `step` [s].
+    """
+    groups: list[Equal] = []
     row = 0
+    # sizes are rounded to 1e-15 s, so that those of equally long intervals are equal
     for (count, size), group in groupby((count, round(size, 15)) for count, size in step_counts(times, step)):
         samples = len(list(group))
-        runs.append(Equal(row, count, size, samples))
+        groups.append(Equal(row, count, size, samples))
         row += samples
-    return runs
+    return groups
 
 
 class Stretch(NamedTuple):
-    """Equal steps without a kink in them.
+    """Consecutive equal steps between two times at which a force or motion law may have a kink or jump; there is none between them.
 
     Attributes:
         begin: start time [s].
@@ -209,11 +213,12 @@ def stretches(times: Array, step: float, kinks: Sequence[float] = ()) -> Iterato
         nodes = np.array([begin, *ends])
         for k, (count, size) in enumerate(step_counts(nodes, step)):
             at_sample = k == len(ends) - 1
-            kink = nodes[k + 1] - (near if at_sample else 0.0)  # a kink at a sample may differ from it by rounding
-            last = np.inf if at_sample and not jumps else np.nextafter(kink, nodes[k])
-            yield Stretch(float(nodes[k]), count, size, float(last), row if at_sample else None)
+            boundary = nodes[k + 1] - (near if at_sample else 0.0)  # a kink at a sample may differ from it by rounding
+            # no force is evaluated after `last`, so that the new value after a jump at the boundary belongs to the next stretch
+            last = np.inf if at_sample and not jumps else np.nextafter(boundary, nodes[k])
+            yield Stretch(begin=float(nodes[k]), steps=count, size=size, last=float(last), row=row if at_sample else None)
 
 
 def held_back(acceleration: Acceleration, last: float) -> Acceleration:
-    """Return an acceleration that is evaluated no later than `last` [s], so that a force that jumps after it has its old value."""
+    """Return an acceleration evaluated no later than `last` [s]: a force that jumps after it keeps its value before the jump."""
     return acceleration if last == np.inf else lambda t, q, v: acceleration(min(t, last), q, v)

@@ -1,4 +1,4 @@
-"""Equal steps of compiled code past times at which an acceleration has a kink or jumps.
+"""Divide equal steps, which compiled code takes, at times at which an acceleration has a kink or jumps.
 
     | h | h | a b | h | h |          a kink inside a step: the step is taken in two parts a + b = h
 
@@ -14,7 +14,7 @@ from gauss_bench.integrate.fixed_step import ROUNDING
 
 @dataclass(frozen=True)
 class Leg:
-    """Equal steps without a kink in them.
+    """A part of a run: consecutive equal steps, inside which no acceleration has a kink or jumps.
 
     Attributes:
         t: start time [s].
@@ -32,7 +32,7 @@ class Leg:
 
     @property
     def middle(self) -> float:
-        """A time within the leg; the values of open parameters at this time hold for all of its steps."""
+        """A time within this part of the run; the values that open parameters have at this time are used in all of its steps."""
         return self.t + self.h * self.n / 2
 
 
@@ -46,7 +46,8 @@ def legs(t0: float, h: float, n: int, every: int, kinks: Sequence[float]) -> Ite
             ends = [t0 + step * h, *inside, t0 + (step + 1) * h]
             for k, (begin, end) in enumerate(pairwise(ends)):
                 last = k == len(inside)
-                yield Leg(begin, end - begin, 1, 1, (_slots(step, every, n), _slots(step + last, every, n)))
+                slots = _slots(step, every, n), _slots(step + last, every, n)
+                yield Leg(t=begin, h=end - begin, n=1, every=1, slots=slots)
             at += 1
     yield from _yield_undivided(t0, h, at, n, every, n)
 
@@ -66,13 +67,17 @@ def _find_divided_steps(t0: float, h: float, n: int, kinks: Sequence[float]) -> 
 
 
 def _yield_undivided(t0: float, h: float, begin: int, end: int, every: int, n: int) -> Iterator[Leg]:
-    """Yield the legs of undivided steps from `begin` to `end`: up to the next sample, between samples, and after the last one."""
+    """Yield the steps with the indices `begin` to `end` - 1, all of size h, as at most three legs.
+
+    These are the steps up to the next sample, those between samples, and those after the last sample. A sample follows after each
+    `every` steps of the run, which has n steps and begins at t0 [s].
+    """
     first = min(-(-begin // every) * every, end)  # rounded up to a sample
     last = max(first, end // every * every)  # rounded down to a sample
     for a, b in ((begin, first), (first, last), (last, end)):
         if a < b:
             spacing = every if (a, b) == (first, last) else b - a
-            yield Leg(t0 + a * h, h, b - a, spacing, (_slots(a, every, n), _slots(b, every, n)))
+            yield Leg(t=t0 + a * h, h=h, n=b - a, every=spacing, slots=(_slots(a, every, n), _slots(b, every, n)))
 
 
 def _slots(step: int, every: int, n: int) -> int:

@@ -22,11 +22,17 @@ class AbsoluteCoordinates:
     """Accelerations of one mechanism for a batch of states (k, n)."""
 
     def __init__(self, mechanism: Mechanism):
+        """Prepare the terms of a mechanism, and the roots (n,) of its masses."""
         self.evaluator = Evaluator(mechanism)
         self.root = np.sqrt(mechanism.mass)
 
     def acceleration(self, t: Array, q: Array, v: Array) -> Array:
-        """Return accelerations (k, n) at times (k,) and states q, v (k, n)."""
+        """Return accelerations (k, n) at times (k,) and states q, v (k, n).
+
+        With b = M^(1/2) a and J M^(-1/2) = U1 S1 V1^T without singular values of rounding size,
+
+            b = V1 S1^-1 U1^T gamma + (1 - V1 V1^T) M^(-1/2) (Q + friction)
+        """
         rows = self.evaluator.constraints(t, q, v)
         Q = self.evaluator.applied.generalised(q, v, t)
         U, s, Vt = np.linalg.svd(rows.J / self.root, full_matrices=False)

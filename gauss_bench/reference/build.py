@@ -54,11 +54,11 @@ def build_reference(mechanism: Mechanism, t_end: float) -> Reference:
 
 
 def build_driven(mechanism: Mechanism, times: Array) -> Reference:
-    """Build the reference of a linkage with a driven angle from its geometry at the times."""
+    """Build the reference of a linkage with a driven angle: solve its geometry at the given times (k,) [s]."""
     motion = MinimalCoordinate(mechanism)
     levels = _join(motion.state_at(t) for t in times)
-    q, v, a = (ROUNDING * (1 + np.abs(x).max(axis=-1)) for x in levels)
-    return _with_bars(times, levels, (q, v, a), "closure of the driven loop by Newton's method")
+    bar_q, bar_v, bar_a = (ROUNDING * (1 + np.abs(x).max(axis=-1)) for x in levels)  # rounding errors
+    return _with_bars(times, levels, (bar_q, bar_v, bar_a), "closure of the driven loop by Newton's method")
 
 
 def _join(parts: Iterable[Levels]) -> Levels:
@@ -76,7 +76,7 @@ def integrate_twice(mechanism: Mechanism, times: Array, minimal: bool) -> Refere
     first, second = (motion(mechanism, grid, integrate) for integrate in (_adaptive, _collocation))
 
     def bar(x: Array, y: Array) -> Array:
-        """Return the error bar (k,) of one level of both motions."""
+        """Return the error bar (k,) at the samples, from the positions, velocities or accelerations x and y of both motions."""
         gap = np.abs(x - y).max(axis=-1) + ROUNDING * (1 + np.abs(x).max(axis=-1))
         # a bar never shrinks with time: an error made earlier is still there when the two motions happen to cross
         return np.asarray(np.maximum.accumulate(gap)[kept])
@@ -87,7 +87,10 @@ def integrate_twice(mechanism: Mechanism, times: Array, minimal: bool) -> Refere
 
 
 def _with_bars(times: Array, levels: Levels, bars: Levels, method: str) -> Reference:
-    """Return a reference with these levels (k, n) and error bars (k,), whose floor is not known."""
+    """Return a reference with these positions, velocities and accelerations (k, n) and their error bars (k,).
+
+    Its floor, the error that the rounding of the file's numbers causes, is not known and stored as zero.
+    """
     no_floor = np.zeros(len(times))
     return Reference(times, *levels, *bars, no_floor, no_floor, no_floor, method)
 
@@ -105,7 +108,7 @@ def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Arra
 
     def rate(t: float, y: Array) -> Array:
         """Return v and a (2n,); if a force jumps at the end of an interval, its value before the jump counts."""
-        before = min(t, last)
+        before = min(t, last)  # `last`: just before the end of the present interval; the loop below sets it
         return np.concatenate([y[n:], acceleration(np.array([before]), y[None, :n], y[None, n:])[0]])
 
     last = np.inf
@@ -130,6 +133,7 @@ def minimal_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _
     k = sampled.crank
 
     def rate(t: Array, q: Array, v: Array) -> Array:
+        """Return the crank acceleration (k, 1) at crank angles and speeds (k, 1)."""
         return integrated.acceleration(q[:, 0], v[:, 0])[:, None]
 
     theta, w = integrate(rate, times, mechanism.q0[k : k + 1], mechanism.v0[k : k + 1])
@@ -165,6 +169,7 @@ def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, 
     rng, minimal = np.random.default_rng(seed), is_minimal(mechanism)
 
     def random_times() -> Array:
+        """Return increasing random times (count,) [s] within the scenario's duration."""
         return np.sort(rng.uniform(0.0, max(mechanism.duration, INTERVAL), count))
 
     if minimal and mechanism.driver is not None:

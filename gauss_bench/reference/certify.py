@@ -161,7 +161,10 @@ def disagreement(truth: Motion, other: Motion) -> dict[str, Array]:
 
 
 def relative(motion: Motion, level: str, bars: Array) -> Array:
-    """Return error bars (k,) of a level relative to its largest value up to each time, or to 1 if that is larger."""
+    """Return error bars (k,) of a motion's level "q", "v" or "a", divided by its largest value up to each time.
+
+    The bars are divided by 1 instead where that value is smaller than 1.
+    """
     largest = np.abs(split(getattr(motion, level)[: len(bars)]).high).max(axis=-1, initial=0.0)
     return np.asarray(bars / np.maximum(1.0, np.maximum.accumulate(largest)))
 
@@ -174,9 +177,14 @@ def state_errors(truth: Motion, bars: dict[str, Array]) -> Array:
 def _collocate(
     document: dict[str, Any], mechanism: Mechanism, first: Motion, truth: Motion, report: Report
 ) -> tuple[Motion, float]:
-    """Run pipeline B with shorter and shorter steps, and return its best motion and the step [s] of that.
+    """Integrate by collocation with shorter and shorter steps; return the best motion and its step [s].
 
-    Steps are halved until the disagreement is rounding, or no longer falls to a quarter.
+    Steps are halved until the disagreement with `truth` is rounding, or no longer falls to a quarter.
+
+    Args:
+        first: motion of the other pipeline, by Taylor series, whose end sets the first step.
+        truth: the certified motion, with which the collocation is compared.
+        report: called with the name of a stage and the time [s] that it has reached.
     """
     step, before = min(float(SPACING), max(float(first.times[-1]), 1e-9) / STEPS), np.inf
     best, best_step = None, step
@@ -185,7 +193,7 @@ def _collocate(
         progress = partial(report, f"collocation at {step:.2g} s")
         other = extend_motion(document, mechanism.scenario, truth.times, step, progress)
         worst = float(state_errors(truth, disagreement(truth, other)).max())
-        longer = best is None or len(other.times) > len(best.times)
+        longer = best is None or len(other.times) > len(best.times)  # it got further in time: the errors cannot be compared
         if longer or worst < before:
             best, best_step = other, step
         if worst <= ENOUGH or (worst > before / 4 and not longer):
@@ -196,7 +204,7 @@ def _collocate(
 
 
 class _Part(NamedTuple):
-    """The certified part of a motion: its number of samples, its largest relative error bar, and the reason of its end or empty."""
+    """The certified part of a motion: number of samples, largest relative error bar, and the reason why it ends early, or ""."""
 
     kept: int
     worst: float
@@ -223,7 +231,12 @@ def _certified_part(truth: Motion, bars: dict[str, Array], pipelines: Sequence[M
 
 
 def _facts(truth: Motion, exact: Motion | None, first: Motion, second: Motion, step: float) -> dict[str, Any]:
-    """Return methods, drifts, steps and versions of a certificate as plain data."""
+    """Return methods, drifts, steps and versions of a certificate as plain data.
+
+    Args:
+        truth: the certified motion; exact: the closed form, or None if there is none.
+        first, second: motions of both pipelines; step: step of the collocation, the second one [s].
+    """
     pipelines = []
     for motion in (first, second):
         entry = {"method": motion.method, "until": float(motion.times[-1]), "drift": list(motion.drift), "stopped": motion.stopped}
@@ -241,14 +254,16 @@ def _facts(truth: Motion, exact: Motion | None, first: Motion, second: Motion, s
 def write_certificate(certificate: Certificate, path: Path) -> None:
     """Write the file atomically; the same certificate gives the same bytes."""
     header = {x.name: getattr(certificate, x.name) for x in fields(certificate) if x.name not in ARRAYS}
-    text = json.dumps({"format": FORMAT, **header}, sort_keys=True)
+    header_text = json.dumps({"format": FORMAT, **header}, sort_keys=True)
 
-    def write(part: Path) -> None:
-        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
-            arrays = {"header": np.array(text)} | {name: getattr(certificate, name) for name in ARRAYS}
+    def write(temporary: Path) -> None:
+        """Write the header and all arrays in numpy's format .npz."""
+        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+            arrays = {"header": np.array(header_text)} | {name: getattr(certificate, name) for name in ARRAYS}
             for name, array in arrays.items():
                 content = io.BytesIO()
                 np.save(content, array, allow_pickle=False)
+                # unlike in a file by np.savez, the entry's date is fixed, so that the bytes do not depend on the time of writing
                 archive.writestr(zipfile.ZipInfo(f"{name}.npy"), content.getvalue(), zipfile.ZIP_DEFLATED)
 
     atomically(path, write)

@@ -55,14 +55,16 @@ class Tableau:
 
 @lru_cache
 def gauss_tableau(stages: int, dtype: Any = np.float64) -> Tableau:
-    """Return the method with `stages` stages in a type of numpy's floating numbers."""
+    """Return Gauss-Legendre collocation on 0..1 with `stages` stages, in a type of numpy's floating numbers."""
     x = legendre_roots(stages, dtype)
     P = legendre_values(x, stages + 1)
     degrees = 2 * np.arange(stages, dtype=dtype) + 1
     b = 1 / (degrees @ P[:-1] ** 2)
     below = np.concatenate([-np.ones_like(P[:1]), P[:-2]])  # P_-1 = -1 makes x + 1 the integral of P_0 from -1
+    # A_ij is the integral of the Lagrange polynomial l_j from the beginning to the node i, half of that on -1..1:
+    # b_j / 2 sum_k (2 k + 1) P_k(x_j) int P_k, with (2 k + 1) int P_k = P_k+1 - P_k-1
     A = (P[1:] - below).T @ P[:-1] * (b / 2)
-    return Tableau((1 + x) / 2, b, A, A @ A, b @ A, degrees[:, None] * P[:-1] * b)
+    return Tableau(c=(1 + x) / 2, b=b, A=A, AA=A @ A, bA=b @ A, expansion=degrees[:, None] * P[:-1] * b)
 
 
 def legendre_values(x: Array, count: int) -> Array:

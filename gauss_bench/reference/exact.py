@@ -1,7 +1,8 @@
 """Motions that are known in closed form, to forty digits: a third source of certificates, besides the two pipelines.
 
-A pendulum and the N-four-bar move by elliptic functions, Chaplygin's sleigh by hyperbolic functions and a quadrature, and a free
-body on a parabola. Each form belongs to one linkage of the suite, which is recognised by its name and its digest.
+The motion of a pendulum and that of the N-four-bar are elliptic functions of time. That of Chaplygin's sleigh has hyperbolic
+functions and a quadrature, and a free body moves on a parabola. Each closed form belongs to one linkage of the suite, which is
+recognised by its name and its digest.
 """
 
 from collections.abc import Callable, Sequence
@@ -65,7 +66,7 @@ def stack_bodies(bodies: Sequence[tuple[Any, Any]]) -> Numbers:
 def rotor_angle(k: Any, t: Any, speed: Any) -> Any:
     """Return phi at time t, the angle from upright with phi'' = k sin(phi), for a motion that turns over, from phi = 0 at `speed`.
 
-    With s^2 = speed^2 + 4 k and m = 4 k / s^2 the half angle, turned by a quarter, is Jacobi's amplitude of s t / 2 - K(m).
+    With s^2 = speed^2 + 4 k, m = 4 k / s^2 and Jacobi's amplitude am, phi / 2 = pi / 2 + am(s t / 2 - K(m), m).
     """
     import mpmath
 
@@ -86,11 +87,12 @@ def _n_four_bar(name: str, t: list[Any]) -> States:
     k = (mpmath.mpf(count + 1) / 2 + count) * gravity / ((mpmath.mpf(count + 1) / 3 + count) * length)
     speed = mpmath.mpf(str(generate.SPEED)) / length
 
-    def coordinates(x: Any) -> Numbers:
-        theta = mpmath.pi / 2 - rotor_angle(k, x, speed)
-        top, still = length * mpmath.expj(theta), mpmath.mpf(0)
+    def coordinates(time: Any) -> Numbers:
+        """Return the coordinates of count + 1 uprights at the angle theta, and of the count horizontal bars on them."""
+        theta = mpmath.pi / 2 - rotor_angle(k, time, speed)
+        top, zero = length * mpmath.expj(theta), mpmath.mpf(0)  # top of the first upright, and the angle of a horizontal bar
         uprights = [(top / 2 + i * length, theta) for i in range(count + 1)]
-        return stack_bodies(uprights + [(top + (i + 0.5) * length, still) for i in range(count)])
+        return stack_bodies(uprights + [(top + (i + 0.5) * length, zero) for i in range(count)])
 
     return sample(coordinates, t)
 
@@ -110,8 +112,9 @@ def _pendulum(name: str, t: list[Any]) -> States:
     reach = mpmath.pi / 2 + mpmath.radians(mpmath.mpf(str(start_of(name)["crank_deg"])))
     w0, k = mpmath.sqrt(3 * gravity / (2 * length)), mpmath.sin(reach / 2)
 
-    def coordinates(x: Any) -> Numbers:
-        theta = 2 * mpmath.asin(k * mpmath.ellipfun("cd", w0 * x, m=k**2)) - mpmath.pi / 2
+    def coordinates(time: Any) -> Numbers:
+        """Return the coordinates of the bar, whose angle is phi - pi / 2."""
+        theta = 2 * mpmath.asin(k * mpmath.ellipfun("cd", w0 * time, m=k**2)) - mpmath.pi / 2
         return stack_bodies([(length / 2 * mpmath.expj(theta), theta)])
 
     return sample(coordinates, t)
@@ -148,26 +151,31 @@ def _sleigh(name: str, t: list[Any]) -> States:
     kappa, c = lead * V / b**2, mpmath.atanh(speed / V)
 
     def angle(x: Any) -> Any:
+        """Return the angle of the sleigh [rad] at a time x [s]."""
         return 2 * b / lead * (mpmath.atan(mpmath.tanh((kappa * x + c) / 2)) - mpmath.atan(mpmath.tanh(c / 2)))
 
     def velocity(x: Any) -> Any:
+        """Return the velocity of the edge in the world, a complex number, at a time x [s]."""
         return V * mpmath.tanh(kappa * x + c) * mpmath.expj(angle(x))
 
     def from_edge(x: Any) -> Numbers:
-        """Return the coordinates of the sleigh relative to the edge."""
+        """Return the coordinates (3,) of the sleigh at a time x [s], with its place relative to the edge."""
         return stack_bodies([(lead * mpmath.expj(angle(x)), angle(x))])
 
     def edge_rate(x: Any) -> Numbers:
-        """Return the velocity of the edge, in the form of coordinates."""
+        """Return the rates (3,) of the coordinates at a time x [s] if the sleigh moved with the edge and did not turn."""
         return stack_bodies([(velocity(x), mpmath.mpf(0))])
 
     q, v, a = sample(from_edge, t)
-    edge, acceleration, _ = sample(edge_rate, t)
+    edge_velocity, edge_acceleration, _ = sample(edge_rate, t)
     places, place, last = [], mpmath.mpc(0), mpmath.mpf(0)
     for x in t:
-        place, last = place + mpmath.quad(velocity, [last, x]) if x > last else place, x
+        if x > last:
+            place += mpmath.quad(velocity, [last, x])
+        last = x
         places.append(stack_bodies([(place, mpmath.mpf(0))]))
-    return q + np.array(places), v + edge, a + acceleration
+    # the motion of the centre of mass is that of the edge plus that relative to the edge
+    return q + np.array(places), v + edge_velocity, a + edge_acceleration
 
 
 FORMS: dict[tuple[str, str], Callable[[str, list[Any]], States]] = {

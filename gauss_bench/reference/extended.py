@@ -70,7 +70,7 @@ def extend_motion(
     try:
         for t, (q, v) in zip(grid, collocate_states(linkage, grid, q0, v0, step), strict=True):
             if t in samples:
-                states.append((q, v, *linkage.loads(t, q, v)))
+                states.append((q, v, *linkage.accelerations_and_multipliers(t, q, v)))
                 if progress:
                     progress(float(t))
     except ArithmeticError as error:
@@ -103,7 +103,7 @@ class Step:
 def collocate_states(linkage: Linkage, times: list[Any], q: Array, v: Array, step: float) -> Iterator[tuple[Array, Array]]:
     """Yield q, v (n,) at each of the times, integrated from q, v at the first."""
     method = gauss_tableau(STAGES, LONG)
-    a, _ = linkage.loads(times[0], q, v)
+    a, _ = linkage.accelerations_and_multipliers(times[0], q, v)
     state = Step(q, v, np.tile(a, (STAGES, 1)), LONG(step))
     yield q, v
     for begin, end in pairwise(times):
@@ -113,7 +113,8 @@ def collocate_states(linkage: Linkage, times: list[Any], q: Array, v: Array, ste
 
 def _interval(linkage: Linkage, method: Tableau, begin: Any, end: Any, state: Step, count: int) -> Step:
     """Integrate from one sample to the next in `count` equal steps, which are halved until they resolve the motion."""
-    # if the last coefficients were very small, steps twice as long are tried first
+    # Very small last coefficients of the accelerations' Legendre expansion, `tail`, show that the steps of the interval before were
+    # shorter than necessary: then steps twice as long are tried first.
     first = state.halvings - 1 if state.tail < SMOOTH else state.halvings
     for halvings in range(max(0, first), HALVINGS + 1):
         try:
@@ -123,8 +124,8 @@ def _interval(linkage: Linkage, method: Tableau, begin: Any, end: Any, state: St
                 tail = max(tail, moved.tail)
             return replace(moved, halvings=halvings, tail=tail)
         except (NoConvergence, Unsolved) as error:
-            last = error
-    raise last
+            last_error = error
+    raise last_error
 
 
 def _step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Step:
@@ -177,11 +178,16 @@ def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Ar
 
 
 def _sample(linkage: Linkage, times: Sequence[str], states: list[tuple[Array, ...]], stopped: str, step: float) -> Motion:
-    """Return the motion with the states (q, v, a, multipliers) at the first of the times."""
+    """Return the motion with k states (q, v, a, multipliers), which belong to the first k of the times.
+
+    Args:
+        times: all requested times, decimal texts [s]; stopped: why the motion ends before the last of them, or empty.
+        step: longest step [s].
+    """
     q, v, a, multipliers = (np.array([state[k] for state in states]) for k in range(4))
     rows = linkage.rows(np.array([LONG(x) for x in times[: len(q)]]), q, v)
     rate = (rows.J @ v[..., None])[..., 0] + rows.phi_t
-    value, when = linkage.nearest
+    value, when = linkage.nearest  # the nearest approach to a singular position
     near = f"; nearest to a singular position at {when:.4g} s (relative singular value {value:.1e})" if value < NEAR else ""
     return Motion(
         times=tuple(times[: len(q)]),

@@ -1,7 +1,8 @@
 """A linkage in long double: its start, and at any state its accelerations, multipliers and the nearest state on the constraints.
 
-All numbers come from the decimals of the file. The assembly in double precision is only the first guess. `refinement.py` solves all
-systems, with an inverse in double precision at the same position or near it.
+All numbers are converted from the decimal texts of the file to long double without a detour by double. The assembly in double
+precision is only the first guess. `refinement.py` solves all systems, with an inverse in double precision at the same position or
+near it.
 """
 
 from dataclasses import dataclass, replace
@@ -52,7 +53,9 @@ class Linkage:
         return self.evaluator.constraints(t, q, v)
 
     def inverse(self, t: Any, J: Array) -> SaddleInverse:
-        """Return the inverse of the equations of motion in double precision, for rows J (..., m, n) at the time t.
+        """Return the inverse, in double precision, of the matrix [M J^T; J 0] of the equations of motion.
+
+        The rows J (..., m, n) are those at the times t [s].
 
         Raises:
             Unsolved: the position is singular.
@@ -68,16 +71,21 @@ class Linkage:
         rows = self.rows(t, q, v)
         return saddle_residual(self.evaluator.mass, rows.J, self.evaluator.applied.generalised(q, v), rows.gamma, x)
 
-    def loads(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return accelerations (n,) and multipliers (m,) at one state.
+    def accelerations_and_multipliers(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return accelerations (n,) and multipliers (m,) at one state, the solution of [M J^T; J 0] x = [Q; gamma].
 
         Raises:
             Unsolved: the position is singular.
         """
         rows = self.rows(t, q, v)
         mass, Q = self.evaluator.mass, self.evaluator.applied.generalised(q, v)
-        x = np.zeros(len(q) + len(rows.phi), dtype=LONG)
-        x = solve_by_chord(lambda x: -saddle_residual(mass, rows.J, Q, rows.gamma, x), self.inverse(t, rows.J).inverse, x)
+
+        def residual(x: Array) -> Array:
+            """Return [M J^T; J 0] x - [Q; gamma] in long double."""
+            return -saddle_residual(mass, rows.J, Q, rows.gamma, x)
+
+        zero = np.zeros(len(q) + len(rows.phi), dtype=LONG)
+        x = solve_by_chord(residual, self.inverse(t, rows.J).inverse, zero)
         return x[: len(q)], x[len(q) :]
 
     def project(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
@@ -100,7 +108,10 @@ class Linkage:
 
 
 def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Array]:
-    """Return the linkage, and q and v (n,) at its start.
+    """Return the linkage in long double, and q and v (n,) at its start.
+
+    The positions satisfy the loops and the values of coordinates that the scenario prescribes; the velocities satisfy the loops,
+    the knife edges and the prescribed rates.
 
     Raises:
         ArithmeticError: dry friction acts, or the start is singular.
@@ -109,9 +120,9 @@ def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Arra
     mechanism = build_mechanism(document, scenario, "", "", LONG)
     if mechanism.has_friction:
         raise ArithmeticError("dry friction in joints: the second pipeline has no equations for it")
-    free = replace(mechanism, drivers=())
-    close = Constraints(replace(free, knife_edges=())).residual
-    held = list_held(mechanism, document["scenarios"][scenario], LONG)
+    free = replace(mechanism, drivers=())  # the scenario's prescribed values, `held`, stand for the drivers at the start
+    close = Constraints(replace(free, knife_edges=())).residual  # knife edges restrict no positions
+    held = list_held(mechanism, document["scenarios"][scenario], LONG)  # prescribed coordinates, with target values and rates
 
     def gap(q: Array) -> Array:
         """Return the residuals of the loops, and the distances from the values that the start prescribes."""
@@ -122,5 +133,6 @@ def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Arra
     A = np.vstack([Constraints(free)(0.0, q, np.zeros_like(q)).J, held.of(q)[1]])
     b = np.concatenate([np.zeros(len(A) - len(held.rate)), held.rate])
     v = solve_by_chord(lambda v: A @ v - b, pseudo_inverse(A), guess.v0.astype(LONG))
+    # the number of independent rows: `dof` counts the freedom of the loops without drivers and knife edges
     rank = mechanism.n - guess.dof + len(mechanism.drivers) + len(mechanism.knife_edges)
     return Linkage(mechanism, Evaluator(mechanism), rank), q, v

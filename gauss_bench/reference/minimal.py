@@ -1,8 +1,9 @@
 """A linkage with one degree of freedom in one coordinate, the crank angle.
 
-The crank's angle has a row of its own, that of a driver whose time is the angle. With the closed position q(theta), its derivatives
-d = dq/dtheta and e = d2q/dtheta2 follow from J d = 0, d_crank = 1 and J e = gamma(q, d), e_crank = 0. Then v = d w,
-a = d w' + e w^2, and the virtual work of M a - Q along d vanishes:
+The crank's angle theta takes the place of time: a driver prescribes that the angle of the crank is theta, and adds a row of its own
+to J. With the closed position q(theta), the derivatives d = dq/dtheta and e = d2q/dtheta2 follow from J d = 0, d_crank = 1 and
+J e = gamma(q, d), e_crank = 0. With the crank's speed w = theta', v = d w and a = d w' + e w^2, and the virtual work of M a - Q
+along d vanishes:
 
     w' = d . (Q - M e w^2) / (d . M d)
 
@@ -48,11 +49,17 @@ class MinimalCoordinate:
 
     Attributes:
         crank: index of the angle in q.
-        constraints: the linkage's rows, and as the last one that of a driver of the angle, whose time is the angle.
+        constraints: the rows of the linkage, followed by that of a driver that prescribes the angle. The angle takes the place of
+            time.
         last: the last closed position with its derivatives, from which the next closure starts.
     """
 
     def __init__(self, mechanism: Mechanism):
+        """Prepare the equation of a mechanism in the angle of its driven link or crank.
+
+        Raises:
+            ValueError: it has neither.
+        """
         link = mechanism.driver.link if mechanism.driver else mechanism.crank
         if link is None:
             raise ValueError(f"{mechanism.name} has neither crank nor driven link")
@@ -98,7 +105,11 @@ class MinimalCoordinate:
         return q, d, e
 
     def _close(self, q: Array, theta: Array) -> Closed:
-        """Close the linkage at crank angles (k,) by Newton's method from q (k, n)."""
+        """Close the linkage at crank angles (k,) by Newton's method from q (k, n); return q, dq/dtheta and d2q/dtheta2 (k, n).
+
+        Raises:
+            LostClosure: Newton does not converge.
+        """
         still = np.zeros_like(q)
         rows = self.constraints(theta, q, still)
         for _ in range(NEWTON_STEPS):
@@ -140,12 +151,16 @@ class MinimalCoordinate:
         return np.asarray((d * force).sum(-1) / (d * d * self.mass).sum(-1))
 
     def _friction(self, q: Array, d: Array, v: Array, force: Array) -> Array:
-        """Return the friction W N(lambda) (k, n), given all other forces `force` = Q - M e w^2."""
+        """Return the generalised friction W N(lambda) (k, n), given all other forces `force` = Q - M e w^2.
+
+        The columns of W (k, n, joints) are the directions of friction, N are the loads of the joints. d = dq/dtheta (k, n).
+        """
         W = self.friction.directions(q, v)
-        parts = np.concatenate([force[..., None], W], axis=-1)
-        inertia = d * self.mass / (d * d * self.mass).sum(-1, keepdims=True)
-        residual = parts - inertia[..., None] * (d[:, None, :] @ parts)
+        loads = np.concatenate([force[..., None], W], axis=-1)  # all forces but friction, and friction of unit load in each joint
+        inertia = d * self.mass / (d * d * self.mass).sum(-1, keepdims=True)  # M d / (d . M d)
+        residual = loads - inertia[..., None] * (d[:, None, :] @ loads)  # Q - M a for each, which the constraints must balance
         J = self.constraints(q[:, self.crank], q, v).J
+        # J^T lambda = residual; the last multiplier is that of the crank's row, which is zero
         solution = np.linalg.solve(np.swapaxes(J, -1, -2), residual)[:, :-1]
         multipliers = self.friction.consistent(solution[..., 0], solution[..., 1:])
         return np.asarray((W @ self.friction.loads(multipliers)[..., None])[..., 0])

@@ -44,12 +44,15 @@ class SaddleInverse:
 
 
 def invert_saddle(mass: Array, J: Array, rank: int) -> SaddleInverse:
-    """Return the inverse for masses (n,) and rows J (..., m, n) of the given rank."""
+    """Return the inverse of [M J^T; J 0] for masses (n,) and rows J (..., m, n), by the singular values of J M^(-1/2).
+
+    Only the `rank` largest singular values count; if rows are redundant, the inverse is a pseudo-inverse.
+    """
     n, m = J.shape[-1], J.shape[-2]
     root = np.sqrt(mass.astype(float))
     U, s, Vt = np.linalg.svd(J.astype(float) / root, full_matrices=False)
-    U, s, Vt = U[..., :rank], s[..., :rank], Vt[..., :rank, :] / root
-    scaled = U / s[..., None, :]
+    U, s, Vt = U[..., :rank], s[..., :rank], Vt[..., :rank, :] / root  # U, S and V^T M^(-1/2)
+    scaled = U / s[..., None, :]  # U S^-1
     lift = np.swapaxes(scaled @ Vt, -1, -2)
     P = np.empty((*J.shape[:-2], n + m, n + m))
     P[..., :n, :n] = np.diag(1.0 / root**2) - np.swapaxes(Vt, -1, -2) @ Vt

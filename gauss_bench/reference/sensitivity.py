@@ -27,45 +27,50 @@ STARTS = ("start", "driver", "drivers")  # tables of a scenario with parameters
 
 
 def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str]) -> dict[str, Array]:
-    """Return level -> (k,) the floor up to each of the times; NaN after the last time that all motions reach.
+    """Return level "q", "v" or "a" -> (k,) the floor: the largest change up to each time that rounding of the parameters causes.
 
-    If rows are redundant the geometry is not changed: a parallelogram with unequal bars cannot be assembled.
+    It is found by DRAWS motions with parameters changed by up to DELTA, and scaled to changes of ROUNDING. It is NaN at times that
+    no changed motion reaches.
     """
     rng = np.random.default_rng(SEED)
     base = taylor_motion(document, mechanism.scenario, times, double=True)
     levels = {level: np.full(len(times), np.nan) for level in ("q", "v", "a")}
     for _ in range(DRAWS):
         try:
-            moved = taylor_motion(perturb(document, mechanism, rng), mechanism.scenario, base.times, double=True)
+            perturbed = taylor_motion(perturb(document, mechanism, rng), mechanism.scenario, base.times, double=True)
         except (AssemblyError, ArithmeticError):
             continue  # a neighbour of a motion at its limit may be impossible to assemble or to start
-        k = min(len(base.times), len(moved.times))
+        k = min(len(base.times), len(perturbed.times))
         for level, floor in levels.items():
-            change = np.abs(getattr(moved, level)[:k] - getattr(base, level)[:k]).max(axis=-1, initial=0.0)
+            change = np.abs(getattr(perturbed, level)[:k] - getattr(base, level)[:k]).max(axis=-1, initial=0.0)
             floor[:k] = np.fmax(floor[:k], np.maximum.accumulate(change) * (ROUNDING / DELTA))
     return levels
 
 
 def perturb(document: dict[str, Any], mechanism: Mechanism, rng: np.random.Generator) -> dict[str, Any]:
-    """Return a copy of the document with every parameter scaled by 1 + DELTA xi, xi random in -1..1."""
-    moved = copy.deepcopy(document)
-    scenario = moved["scenarios"][mechanism.scenario]
-    rigid = mechanism.redundant > 0
+    """Return a copy of the document with every parameter scaled by 1 + DELTA xi, xi random in -1..1.
 
-    def move(item: Any, key: str) -> Any:
-        """Return a copy of an item of the document, which stands under a key, with its numbers scaled."""
+    If rows are redundant, only masses and forces change, and neither the geometry nor the start: a parallelogram with unequal bars
+    cannot be assembled.
+    """
+    perturbed = copy.deepcopy(document)
+    scenario = perturbed["scenarios"][mechanism.scenario]
+    keep_geometry = mechanism.redundant > 0
+
+    def perturb_item(item: Any, key: str) -> Any:
+        """Return a copy of the document's item at a key, each number in it scaled by a random factor of its own."""
         if isinstance(item, dict):
-            return {k: move(v, k) for k, v in item.items()}
+            return {k: perturb_item(v, k) for k, v in item.items()}
         if isinstance(item, list):
-            return [move(v, key) for v in item]
-        if isinstance(item, (str, bool)) or (rigid and key not in DYNAMIC):
+            return [perturb_item(v, key) for v in item]
+        if isinstance(item, (str, bool)) or (keep_geometry and key not in DYNAMIC):
             return item
         return float(item) * (1.0 + DELTA * rng.uniform(-1.0, 1.0))
 
     for table in TABLES:
-        if table in moved:
-            moved[table] = move(moved[table], table)
+        if table in perturbed:
+            perturbed[table] = perturb_item(perturbed[table], table)
     for table in STARTS:
-        if table in scenario and not rigid:
-            scenario[table] = move(scenario[table], table)
-    return moved
+        if table in scenario and not keep_geometry:
+            scenario[table] = perturb_item(scenario[table], table)
+    return perturbed

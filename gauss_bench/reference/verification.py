@@ -63,19 +63,24 @@ def verify(certificate: Certificate, mechanism: Mechanism) -> Verification:
 
 
 def _integrate_windows(certificate: Certificate, mechanism: Mechanism) -> tuple[int, float]:
-    """Return the number of windows, and the largest relative error at the end of a window."""
+    """Integrate again from samples of the certificate, over short intervals of time (windows).
+
+    Return the number of windows, and the largest difference from the certificate at the end of a window, relative to the largest
+    value of the positions or velocities.
+    """
     t = certificate.t
-    starts = np.unique(np.linspace(0, max(len(t) - 2, 0), WINDOWS).astype(int))
+    starts = np.unique(np.linspace(0, max(len(t) - 2, 0), WINDOWS).astype(int))  # indices of samples
     integrate = minimal_motion if is_minimal(mechanism) and not mechanism.drivers else absolute_motion
     worst, done = 0.0, 0
     for k in starts:
         length = min(WINDOW, t[-1] - t[k])
         end = int(np.searchsorted(t, t[k] + length * (1 + 1e-9), side="right")) - 1
-        if end <= k:
+        if end <= k:  # samples are farther apart than a window: it ends at the next sample
             end = min(k + 1, len(t) - 1)
         if end == k:
             continue
         here = replace(mechanism, q0=certificate.q[k], v0=certificate.v[k])
+        # only drivers depend on time; without them every window begins at time 0
         q, v, _ = integrate(here, t[[k, end]] - (0.0 if mechanism.drivers else t[k]))
         for found, level in ((q, certificate.q), (v, certificate.v)):
             worst = max(worst, float(np.abs(found[-1] - level[end]).max() / max(1.0, np.abs(level).max())))

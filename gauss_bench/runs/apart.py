@@ -97,35 +97,37 @@ def perform_there(request: Request, mechanism: Mechanism, again: bool) -> dict[s
 def _run(request: Request, mechanism: Mechanism, again: bool) -> Run:
     """Carry out a request in this process.
 
-    With `again`, the kept model runs if only step, tolerance or samples of the request are new. Another model is built and kept.
+    With `again`, this process keeps one model for the next request, if the engine is `resizable`. The kept model runs if the
+    request differs from that for which it was built only in step, tolerance or samples; otherwise a new model is built and replaces
+    it.
     """
     engine, choice, mechanism = get(request.engine), request.choice, request.alter(mechanism)
     place = request.linkage, request.scenario, mechanism.sha256, request.alter
     key = (*place, request.engine, choice.settings, choice.integrator, choice.stabilization)
 
     def build(mechanism: Mechanism, choice: Choice) -> Model:
-        """Return the kept model, with the choice of this run."""
-        if _again.key != key:
-            _again.model = engine.build(mechanism, choice)
-            _again.key = key
-        _again.model.choice = choice
-        return cast(Model, _again.model)
+        """Return the kept model with the choice of this run; it is built anew if the linkage or the settings have changed."""
+        if _kept.key != key:
+            _kept.model = engine.build(mechanism, choice)
+            _kept.key = key
+        _kept.model.choice = choice
+        return cast(Model, _kept.model)
 
     keeps = again and ask(engine, "resizable")
     run = one_run(engine, mechanism, choice, request.wanted, request.ask, request.shortest, build if keeps else None)
     if keeps and run.status is not Status.OK:  # a model may be unusable after a failure
-        _again.key = ()
+        _kept.key = ()
     return run
 
 
-class _Again:
-    """The model that this process keeps, and the key of the request that it was built for."""
+class _Kept:
+    """The model that this process keeps, and the key of the request that it was built for: linkage, engine and settings."""
 
     key: tuple[Any, ...] = ()
     model: Any = None
 
 
-_again = _Again()
+_kept = _Kept()
 
 
 def plain_run(run: Run) -> dict[str, Any]:

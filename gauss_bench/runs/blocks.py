@@ -1,7 +1,8 @@
-"""Blocks of timed work: steps, whole runs or calls, which a race times in turn.
+"""Blocks of timed work: some milliseconds of steps, whole runs or calls, which a race times in turn.
 
-A block is timed inside the process that does the work. The blocks of an engine of another environment are in one process there, and
-the race asks this process to time one block at a time. It may have no package but numpy, so that this file imports no other.
+A block is timed inside the process that does the work. All blocks of engines in another environment are in one process there, and
+the race asks that process to time one block at a time. That environment possibly has no package except numpy, so that this file
+imports no other.
 """
 
 import gc
@@ -37,7 +38,7 @@ class Block:
         entry: key of the entry; a race sets it.
         ready: prepares the work, and is not timed.
         go: does the work, and is timed.
-        count: number of repetitions in a call of `go`, or the part of one.
+        count: number of repetitions of the work in one call of `go`; a fraction if the call does only a part of the work.
         again: number of calls of `ready` and `go` in one block.
         facts: returns further columns of the entry, after the race.
     """
@@ -59,11 +60,12 @@ class Block:
 
 
 def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
-    """Return a block that repeats a call without preparation for BLOCK seconds; each call counts as `work` repetitions."""
+    """Return a block that repeats a call for about BLOCK seconds, without preparation; each call counts as `work` repetitions."""
     call()  # code may be generated or cached in the first call
     count = max(1, math.ceil(BLOCK / max(min(measure_seconds(call) for _ in range(3)), 1e-8)))
 
     def calls() -> None:
+        """Call as often as BLOCK seconds need."""
         for _ in range(count):
             call()
 
@@ -73,7 +75,8 @@ def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Blo
 def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
     """Return a block of steps of a model, in its own loop (`native`) or called from Python.
 
-    The block lasts BLOCK seconds. Its motion covers MOTION seconds at most; if that takes less time, the block repeats the motion.
+    The motion has as many steps as take BLOCK seconds, but lasts at most MOTION seconds. If such a motion is computed in less time
+    than BLOCK, the block repeats it.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
@@ -91,12 +94,14 @@ def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
 
 
 def accelerating(entry: Hashable, q: Array, v: Array, model: Model) -> Block:
-    """Return a block of accelerations of a model at one state q, v (n,), each called from Python."""
+    """Return a block that computes the accelerations of a model at one state q, v (n,) again and again, by calls from Python."""
     return lasting(entry, partial(model.acceleration, 0.0, q, v))
 
 
 def running(entry: Hashable, choice: Choice, times: Array, share: float, model: Any) -> Block:
-    """Return a block of runs over sample times (k,) [s] that lasts BLOCK seconds; a run is the part `share` of a repetition.
+    """Return a block that repeats a run over sample times (k,) [s] until it has taken about BLOCK seconds.
+
+    `share` is the fraction of the whole run that these sample times cover: the block's time is that of the whole run.
 
     Raises:
         RunFailure: the run fails.
@@ -110,11 +115,14 @@ def running(entry: Hashable, choice: Choice, times: Array, share: float, model: 
 
 
 def leading(entry: Hashable, choice: Choice, until: float, steps: int, lead: float, model: Any) -> Block:
-    """Return a block as `running` does, of the first part of a run until `until` [s] that takes `lead` [s].
+    """Return a block as `running` does, but only for the first part of the run: as much of it as takes about `lead` seconds.
 
-    The length of this part is estimated from the time of the first of the run's equal `steps`.
+    The length of this part is estimated from the time of the first steps.
+
+    Args:
+        until: end of the whole run [s]; steps: number of its equal steps; lead: processor time of one run of the first part [s].
     """
-    first = min(steps, FIRST) / steps  # part of the run
+    first = min(steps, FIRST) / steps  # fraction of the run
     block = _run_once(entry, choice, np.array([0.0, first * until]), first, model)
     block.ready()
     share = share_of(max(measure_seconds(model.run), 1e-9) / first, lead, steps)
@@ -137,16 +145,21 @@ class TimedCall:
 
 
 def prepare_call(asked: Callable[[Mechanism, Array, Array], LibraryCall], mechanism: Mechanism, q: Array, v: Array) -> TimedCall:
-    """Return the calls, timed as one block, of a library's function at a state q, v (n,).
+    """Prepare calls of a library's function at a state q, v (n,), to be timed as one block.
+
+    Args:
+        asked: prepares the function for a mechanism at a state.
 
     Raises:
         RunFailure: the library cannot model the mechanism.
     """
     start = time.perf_counter()
-    made = asked(mechanism, q, v)
+    prepared = asked(mechanism, q, v)
     seconds = time.perf_counter() - start
-    block = lasting(None, made.call) if made.count == 1 else Block(None, made.ready, made.call, made.count)
-    return TimedCall(block, np.asarray(made.acceleration, dtype=float), seconds)
+    # a short call is repeated; one that does several repetitions itself may need preparation. The race sets the key, here None.
+    several = prepared.count != 1
+    block = Block(None, prepared.ready, prepared.call, prepared.count) if several else lasting(None, prepared.call)
+    return TimedCall(block, np.asarray(prepared.acceleration, dtype=float), seconds)
 
 
 def call_of(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) -> TimedCall:
@@ -168,17 +181,18 @@ def call_of(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) ->
 
 
 def share_of(seconds: float, lead: float, steps: int) -> float:
-    """Return the part of a run at equal steps, in whole steps, that takes `lead` [s], or 1 if the run takes no longer.
+    """Return the fraction of a run that takes about `lead` seconds, rounded to whole steps; 1 if the whole run takes no longer.
 
-    `seconds` is the time of the run, and `steps` the number of its steps.
+    `seconds` is the time that the whole run takes, and `steps` the number of its equal steps.
     """
     return max(1, round(lead / seconds * steps)) / steps if seconds > lead else 1.0
 
 
 def _run_once(entry: Hashable, choice: Choice, times: Array, share: float, model: Any) -> Block:
-    """Return a block of one run over sample times (k,) [s]; the run is the part `share` of a repetition."""
+    """Return a block of one run over sample times (k,) [s]; `share` is the fraction of the whole run that they cover."""
 
     def ready() -> None:
+        """Prepare the run; another block may have left another choice in the model."""
         model.choice = choice
         model.prepare(times)
 
@@ -190,7 +204,7 @@ Work = Callable[[Model], Block]  # one of the functions above with all arguments
 
 @dataclass
 class BlockElsewhere(Block):
-    """A block in a process of another environment.
+    """A timed block whose work is done in a process of another environment.
 
     Attributes:
         timed: asks that process for the time of one repetition [s].
@@ -211,7 +225,10 @@ class BlockElsewhere(Block):
 
 
 def block_elsewhere(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> BlockElsewhere:
-    """Return the block of some work of an engine, in the process of the engine's environment that serves this process's races.
+    """Return a timed block of work of an engine that runs in the engine's own environment.
+
+    The work is done in a process of that environment, which is kept for all races of this process. `work` makes the block of a
+    model there.
 
     Raises:
         RunFailure: the engine cannot run the mechanism, or the process gave no answer.
@@ -221,19 +238,24 @@ def block_elsewhere(engine: str, mechanism: Mechanism, choice: Choice, work: Wor
 
 
 def _block_there(ask_there: Callable[..., Any], number: int, count: float, again: int) -> BlockElsewhere:
-    """Return the block with a number in the process that `ask_there` asks; `count` and `again` are those of that block."""
+    """Return a block that stands for a block of the process that `ask_there` calls.
+
+    `number` is the index of the block in that process; `count` and `again` are its attributes there.
+    """
     return BlockElsewhere(None, dict, dict, count, again, timed=partial(ask_there, time_there, number))
 
 
 def _asking_there(engine: str) -> Callable[..., Any]:
-    """Return a function that calls a function with arguments in the process of an engine's environment.
+    """Return a function that calls a given function with arguments in the process of an engine's environment.
 
-    It raises RunFailure if that process gives no answer. The environment has one such process for all races of this process.
+    The returned function raises RunFailure if that process gives no answer. The environment has one such process for all races of
+    this process.
     """
     interpreter = interpreter_of(engine)
     worker = keep(f"races in {interpreter.python}").under(interpreter)
 
     def ask_there(function: Callable[..., Any], *arguments: Any) -> Any:
+        """Return function(*arguments), called in the process of the environment."""
         try:
             return worker.call(function, arguments, LONGEST)
         except WorkerFailure as failure:
@@ -245,10 +267,11 @@ def _asking_there(engine: str) -> Callable[..., Any]:
 Models = dict[Hashable, Any]  # linkage, engine, settings, integrator and stabilisation -> model
 
 
-def build_once(models: Models, engine: str, mechanism: Mechanism, choice: Choice) -> Any:
-    """Return the model of a choice, and keep it in `models`.
+def build_or_reuse(models: Models, engine: str, mechanism: Mechanism, choice: Choice) -> Any:
+    """Build a model for a choice, and keep it in `models`; or return the model that is kept there.
 
-    If the engine is `resizable`, choices that differ in step or tolerance alone share a model.
+    A kept model serves only if the engine is `resizable`, that is, if its models can take another step and tolerance. Then all
+    choices that differ in step or tolerance alone share a model. Otherwise a model is built at every call.
     """
     adapter, key = get(engine), (mechanism.sha256, engine, choice.settings, choice.integrator, choice.stabilization)
     if key not in models or not ask(adapter, "resizable"):
@@ -261,16 +284,20 @@ _models: Models = {}
 
 
 def make_there(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> tuple[int, float, int]:
-    """Make a block in this process; return its number, its `count` and its `again`."""
-    _blocks.append(work(build_once(_models, engine, mechanism, choice)))
+    """Make a block in this process, on request of another; return its index in `_blocks`, its `count` and its `again`."""
+    _blocks.append(work(build_or_reuse(_models, engine, mechanism, choice)))
     return len(_blocks) - 1, _blocks[-1].count, _blocks[-1].again
 
 
 def make_call_there(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) -> tuple[Any, ...]:
-    """Make the block of a library's call in this process; return the same as `make_there`, the acceleration and the seconds."""
-    made = prepare_call(ask(get(engine), "library_calls")[name], mechanism, q, v)
-    _blocks.append(made.block)
-    return len(_blocks) - 1, made.block.count, made.block.again, made.acceleration, made.seconds
+    """Make the block of a library's call in this process, on request of another.
+
+    Return its index in `_blocks`, its `count` and its `again`, as `make_there` does; then the acceleration (n,) that the call finds
+    and the elapsed time of its preparation [s].
+    """
+    timed = prepare_call(ask(get(engine), "library_calls")[name], mechanism, q, v)
+    _blocks.append(timed.block)
+    return len(_blocks) - 1, timed.block.count, timed.block.again, timed.acceleration, timed.seconds
 
 
 def time_there(number: int) -> float:

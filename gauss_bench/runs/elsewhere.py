@@ -2,7 +2,7 @@
 
 The interpreter finds this package by the path of this file. It sees the packages of its own environment, and none that is installed
 beside this package. An unfit interpreter prints the reason in one sentence and exits with EX_CONFIG. Old interpreters must be able
-to parse this file, so that it uses nothing newer than Python 3.6.
+to parse this file; therefore it uses nothing newer than Python 3.6.
 """
 
 import importlib.util

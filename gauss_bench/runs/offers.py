@@ -1,7 +1,8 @@
-"""Offers of engines, and checks of the durations, steps and budgets of runs.
+"""The settings and integrators that engines offer, and checks of the durations, steps and budgets of runs.
 
-Adapters of this package describe themselves in this process, plug-ins in a worker. If an engine aborts, hangs, cannot be imported
-or lacks a member, its offer has the reason, and no exception is raised.
+The description that an engine gives of itself is its `Offer`. Adapters of this package describe themselves in this process,
+plug-ins in a worker. If an engine aborts, hangs, cannot be imported or lacks a member, its description contains the reason, and no
+exception is raised.
 """
 
 import math
@@ -124,7 +125,7 @@ class Offer:
         return replace(choice, tolerance=tolerance)
 
     def resolve_settings(self, text: str) -> dict[str, Any]:
-        """Return option -> value of the settings or variant with a name, or of options that are given one by one.
+        """Return option -> value for a text: the name of settings or of a variant, options KEY=VALUE, or a name and then options.
 
         Raises:
             ChoiceError: the engine does not know them; the message names the settings and options that it knows.
@@ -185,12 +186,12 @@ def interpreter_of(name: str) -> Interpreter:
     return Interpreter(environment.python, environment.memory or MEMORY)
 
 
-_known: dict[str, Offer] = {}  # offers of engines that this process has asked
+_known: dict[str, Offer] = {}  # name of an engine that this process has asked -> its description
 _asking = threading.Lock()
 
 
 def offer(name: str) -> Offer:
-    """Return the offer of the engine of that name; a process asks each engine once.
+    """Return the description of an engine, or the reason why it cannot be used; a process asks each engine only once.
 
     Raises:
         KeyError: there is no such engine.
@@ -199,7 +200,7 @@ def offer(name: str) -> Offer:
 
 
 def offers(wanted: list[str] | None = None) -> list[Offer]:
-    """Return the offers of the engines of these names, or of all.
+    """Return the descriptions of the engines of these names, or of all engines.
 
     Raises:
         KeyError: there is no such engine.
@@ -223,12 +224,12 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
 
 
 def offers_from_outside() -> list[Offer]:
-    """Return the offers of plug-ins and of engines of other environments; this imports no library of this package's adapters."""
+    """Return the descriptions of plug-ins and of engines of other environments, without importing libraries of other engines."""
     return offers([name for name in all_names() if name not in SAFE])
 
 
 def _ask(worker: Worker, name: str) -> Offer:
-    """Ask an engine for its offer in a worker; a crash is an offer with the reason."""
+    """Ask an engine in a worker to describe itself; if the worker crashes, the description contains the reason."""
     try:
         return _read_offer(name, worker.under(interpreter_of(name)).call(_describe, (name,), LIMIT))
     except WorkerFailure as failure:
@@ -244,7 +245,7 @@ def _describe(name: str) -> dict[str, Any]:
 
 
 def _read_offer(name: str, answer: object) -> Offer:
-    """Return the offer in the answer of a worker; an answer that is no offer becomes the offer of an unusable engine."""
+    """Return the description in the answer of a worker; if the answer is no description, return that of an unusable engine."""
     from pydantic import TypeAdapter, ValidationError  # imported here, because the process of an engine does not need it
 
     try:
@@ -261,7 +262,7 @@ def _read_offer(name: str, answer: object) -> Offer:
 
 
 def describe(name: str) -> Offer:
-    """Ask an engine for its offer, in this process."""
+    """Ask an engine in this process to describe itself; an error becomes the description of an unusable engine."""
     try:
         engine: Any = get(name)
     except ImportError as error:
@@ -306,7 +307,7 @@ def describe(name: str) -> Offer:
 
 
 def _reject(name: str, error: Exception) -> Offer:
-    """Return the offer of an engine that an error makes unusable."""
+    """Return the description of an engine that cannot be used because of an error."""
     return Offer(name, "cannot be used", status=Status.ERROR, reason=f"{type(error).__name__}: {in_a_sentence(error)}")
 
 
@@ -342,7 +343,7 @@ def _explain_knob(knob: object) -> tuple[str, str]:
 
 
 def _causes(declared: Mapping[str, object]) -> dict[str, str]:
-    """Return name of settings or of a variant -> cause, as an engine declares its inexact ones."""
+    """Return name of settings or variant -> cause, for those that the engine declares to be inexact."""
     return {str(k): in_a_sentence(x) for k, x in dict(declared).items()}
 
 
@@ -419,7 +420,7 @@ def check_affordable(step: float, t_end: float, seconds_a_step: float, budget: f
         seconds_a_step: the least time of a step [s], on the quickest linkage.
 
     Raises:
-        ChoiceError: the steps take longer; the message holds the least time.
+        ChoiceError: the steps take longer than the budget; the message states the least time that they need.
     """
     check_size(step, t_end)
     least = t_end / step * seconds_a_step

@@ -54,7 +54,7 @@ class Sampling:
 
 
 def sampling(step: float, t_end: float, meet: Sequence[float] | Array = (), spacing: float = SAMPLING) -> Sampling:
-    """Return samples from 0 to t_end about `spacing` [s] apart, and at those of the times `meet` that whole steps reach.
+    """Return samples from 0 to t_end about `spacing` [s] apart, and at each time of `meet` that is a multiple of the step.
 
     The end is always met, by a shorter last step if it is no multiple of the step.
     """
@@ -63,13 +63,17 @@ def sampling(step: float, t_end: float, meet: Sequence[float] | Array = (), spac
 
 
 def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING) -> Sampling:
-    """Return samples about `spacing` [s] apart and at every time of `at`; a shorter step meets a time that whole steps miss."""
+    """Return samples about `spacing` [s] apart and at every time of `at`.
+
+    A time that is no multiple of the step is reached by a shorter step. The multiples on both sides of it are samples too, so that
+    only the two steps between them are shorter.
+    """
     last = max(at)
-    rests = []  # multiples of the step on both sides of a time that whole steps miss
+    neighbours = []  # multiples of the step on both sides of a time that whole steps miss
     for x in at:
         if not _is_multiple(x, step):
-            rests += [k * step for k in (np.floor(x / step), np.ceil(x / step)) if k * step <= last]
-    return _sample(step, _grid(step, last, spacing), [*rests, *at])
+            neighbours += [k * step for k in (np.floor(x / step), np.ceil(x / step)) if k * step <= last]
+    return _sample(step, _grid(step, last, spacing), [*neighbours, *at])
 
 
 def sampling_at(step: float, times: Sequence[float] | Array) -> Sampling:
@@ -94,8 +98,8 @@ def _is_multiple(t: float, step: float) -> bool:
 
 
 def _sample(step: float, grid: Array, more: Sequence[float]) -> Sampling:
-    """Return the sampling at the times of `grid`, and at the times of `more` that are no times of the grid up to rounding."""
-    near = 1e-9 * min(step, 1.0)
+    """Return the sampling at the times of `grid`, and at those times of `more` that differ from them by more than rounding."""
+    near = 1e-9 * min(step, 1.0)  # [s] times that are closer than this, or than their rounding, count as equal
     times = [*grid]
     for x in sorted(more):
         k = int(np.searchsorted(grid, x))
@@ -113,7 +117,7 @@ Build = Callable[[Mechanism, Choice], Model]
 
 
 def nothing(model: Model) -> None:
-    """Ask a model nothing: the default of `ask`."""
+    """Do not ask the model anything: the default of the argument `ask`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,13 +190,19 @@ def one_run(
 def perform(
     engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked, shortest: float, build: Build | None
 ) -> Outcome:
-    """Do the part of `one_run` that needs the engine; `receive` checks the result.
+    """Build a model, ask it, prepare it, run it and read its samples; a failure becomes an Outcome with the reason.
 
-    Warnings of numpy are silenced, because the judge reports a motion that diverges.
+    This is the part of `one_run` that needs the engine; `receive` checks the result. Warnings of numpy are silenced, because the
+    judge reports a motion that diverges.
+
+    Args:
+        wanted: the sample times; ask: is called with the model before the run.
+        shortest: a run that takes less time [s] is repeated, because the caches are cold in the first run.
+        build: builds the model, instead of the engine's own function.
     """
     built = seconds = float("nan")
     answer: object = None
-    running: Model | None = None  # the model while its run may be broken off
+    running: Model | None = None  # the model during its run, whose samples are read if the run is broken off
     try:
         if reason := engine.skip(mechanism, choice):
             return Outcome(Status.SKIP, in_a_sentence(reason))

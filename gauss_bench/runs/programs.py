@@ -25,7 +25,10 @@ def writes_programs(engine: str) -> bool:
 
 
 def program_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
-    """Ask an engine in this process for a program; return {"text": program}, or {"refused": why there is none}."""
+    """Ask an engine for a Python program that computes the mechanism's motion; this function is called in the engine's process.
+
+    Return {"text": program}, or {"refused": why there is none}.
+    """
     try:
         adapter = get(engine)
         if reason := adapter.skip(mechanism, choice):

@@ -80,7 +80,10 @@ class ForceQuestion:
 
 
 def ask_along(mechanism: Mechanism, reference: Reference) -> ForceQuestion:
-    """Return the question at FORCED states of a reference, evenly spread over the states with known accelerations."""
+    """Return the question for an engine's joint forces at FORCED states of a reference.
+
+    They are evenly spread over those states whose accelerations are known.
+    """
     known = np.flatnonzero(np.isfinite(reference.a).all(axis=1))
     return ForceQuestion(mechanism, reference.samples[known[spread_evenly(len(known), FORCED)]])
 

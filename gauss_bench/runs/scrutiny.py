@@ -42,8 +42,8 @@ FAILURES = (RunFailure, ArithmeticError, np.linalg.LinAlgError)
 def sample_spacing(mechanism: Mechanism, t_end: float) -> float:
     """Return the largest spacing of samples [s] with which work and rates of a run can be integrated.
 
-    A run has at least LEAST samples, and A_PERIOD samples in each period of the fastest force, of a table that rises and falls, and
-    of the fastest mode at the start, but at most MOST samples.
+    A run has at least LEAST samples, and A_PERIOD samples in each period of the fastest force, of the fastest rise and fall of a
+    force given by a table, and of the fastest mode at the start. Samples closer than SAMPLING are at most MOST.
     """
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
     rates = [float(np.abs(x).max(initial=0.0)) for x in modes_along(mechanism, start)]
@@ -70,9 +70,8 @@ def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, l
     """Return the request for a repetition of a run: at half the step, or at a tighter tolerance and with closer samples.
 
     Args:
-        seconds: the time that the run took [s].
-        times: its sample times (k,) [s].
-        longest: [s] of a repetition; only the first part of a longer run is repeated.
+        seconds: the time that the run took [s]; times: sample times (k,) of the run [s].
+        longest: largest time of a repetition [s]; if the whole run would take longer, only the first part of it is repeated.
     """
     part, choice = first_part(times, seconds, longest), request.choice
     if choice.integrator not in offer.adaptive:
@@ -81,17 +80,18 @@ def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, l
         choice = replace(choice, tolerance=finer_tolerance(offer, choice))
         # a step ends at each sample: with the same samples, a tighter tolerance might have no effect
         part = np.sort(np.concatenate([part, (part[1:] + part[:-1]) / 2]))
+    # the model is asked nothing before the run
     return replace(request, choice=choice, wanted=sampling_at(choice.step, part), ask=nothing, answers=0)
 
 
 def at_samples(finer: Run, times: Array) -> Run:
-    """Return a repetition, restricted to the sample times (k,) [s] of the run."""
+    """Return the repetition of a run, restricted to the sample times (k,) [s] of the run itself."""
     x = finer.trajectory
     return finer if x is None else replace(finer, trajectory=x[metrics.common_times(x.t, times)[0]])
 
 
 def finer_tolerance(offer: Offer, choice: Choice) -> float:
-    """Return the relative tolerance of a run divided by TIGHTER, or times TIGHTER if the quotient is below the least."""
+    """Return the relative tolerance of a run divided by TIGHTER; if that is below SMALLEST_TOLERANCE, multiplied by TIGHTER."""
     tolerance = choice.tolerance
     if tolerance is None:
         options = offer.resolve_settings(choice.settings)
@@ -102,13 +102,16 @@ def finer_tolerance(offer: Offer, choice: Choice) -> float:
 
 
 def has_sound_rates(mechanism: Mechanism, trajectory: Trajectory) -> bool:
-    """Tell whether the judge accepts the velocities and accelerations of a motion as rates without a repetition."""
+    """Tell whether the judge accepts velocities and accelerations as derivatives of the positions, before the run is repeated."""
     evidence = examine(Evaluator(mechanism), trajectory)
     return all(x.subject is not Subject.RATES for x in judge(evidence).objections)
 
 
 def is_same_run(one: Trajectory, other: Trajectory) -> bool:
-    """Tell whether a repetition has the same bits as a run that moves; this is so if an engine ignores the tolerance."""
+    """Tell whether a repetition equals the run in all bits, and the linkage moves.
+
+    This happens if an engine ignores the tolerance or the step. If nothing moves, equal bits show nothing.
+    """
     k = min(len(one.t), len(other.t))
     moves = bool(np.any(one.v[:k]) or np.any(one.a[:k]))
     return moves and np.array_equal(one.q[:k], other.q[:k]) and np.array_equal(one.v[:k], other.v[:k])
@@ -166,13 +169,17 @@ def evidence_of(
         adaptive: whether the integrator chooses its own steps.
         untried: the reason why there is no repetition.
     """
+    # evidence from the run alone
     off = acceleration_error(mechanism, trajectory) if acceleration_off is None else acceleration_off
     evidence = examine(Evaluator(mechanism), trajectory, truth, off)
+    # `seen`: the gain of energy as far as the samples resolve the damping
     if truth is not None or (finer is not None and finer.trajectory is not None):  # without either, the run stays undecided
         evidence = replace(evidence, seen=measurable_gain(mechanism, trajectory, evidence))
     if truth is None or not truth.certified:  # an uncertified reference shares equations with the run
         evidence = replace(evidence, disagreement=disagreement(mechanism, trajectory))
+    # fixed steps in a period of the fastest force
     evidence = replace(evidence, steps_a_forcing=steps_a_forcing(mechanism, choice, adaptive))
+    # evidence from the repetition; `unrepeated` is the reason why there is none, which counts only without a reference
     if finer is None:
         return replace(evidence, unrepeated=untried if truth is None else ""), ""
     how = "a tighter tolerance" if adaptive else "half the step"
@@ -187,7 +194,7 @@ def evidence_of(
         why = f"{choice.integrator} is not repeatable: {'another tolerance' if adaptive else how} gives the same bits"
         return replace(evidence, unrepeated=why if truth is None else ""), ""
     part = "" if len(again.t) == len(trajectory.t) else f"{how} was tried up to {again.t[-1]:.3g} s"
-    halving = metrics.state_errors(mechanism, trajectory, as_truth(again))
+    halving = metrics.state_errors(mechanism, trajectory, as_truth(again))  # difference of the run from its repetition
     return replace(evidence, halving=halving, rates_again=metrics.rate_gaps(again), finer=how), part
 
 

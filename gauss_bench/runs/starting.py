@@ -19,17 +19,18 @@ Start = Callable[[str, Mechanism, Choice], dict[str, Any]]
 
 
 def start_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
-    """Return the processor time until an engine has taken its first step in this process, as `time_with_compilers` does.
+    """Return the processor time until an engine has taken its first step in this process.
 
-    The time includes the import of the engine's library. Generated code is used if an earlier start has stored it.
+    The result is that of `time_with_compilers`. The time includes the import of the engine's library. Generated code is used if an
+    earlier start has stored it.
     """
     return time_with_compilers(lambda: first_step(get(engine), mechanism, choice))
 
 
 def cold_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
-    """Return the processor time of an engine's first model and step with no generated code stored, as `time_with_compilers` does.
+    """Return the processor time that an engine needs for its first model and first step if no generated code is stored yet.
 
-    The time does not include the import of the engine's library.
+    The result is that of `time_with_compilers`. The time does not include the import of the engine's library.
     """
     adapter = get(engine)
     adapter.version()
@@ -73,7 +74,11 @@ def time_with_compilers(call: Callable[[], object]) -> dict[str, Any]:
 def time_start(
     start: Callable[..., dict[str, Any]], engine: str, mechanism: Mechanism, choice: Choice, limit: float
 ) -> dict[str, Any]:
-    """Return the result of `start_there` or `cold_there` in a new process, within `limit` seconds."""
+    """Time the first model and the first step of an engine in a new process, which may take `limit` seconds.
+
+    `start` is `start_there` or `cold_there`. Return {"seconds": processor time [s]}, or the columns of the failure for a row of a
+    table: its status and message.
+    """
     try:
         with Worker() as worker:
             timed: dict[str, Any] = worker.under(interpreter_of(engine)).call(start, (engine, mechanism, choice), limit)

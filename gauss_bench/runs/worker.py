@@ -1,17 +1,19 @@
 """A worker process for code that may crash or hang: it calls functions and returns their results, or the reason of a failure.
 
 Tasks are pickled for the worker. Answers are never unpickled, because a task may run code of others. An answer is JSON, in which
-type and shape stand for an array, followed by the bytes of the arrays. The data that are read are never larger than the answer.
+type and shape stand for an array, followed by the bytes of the arrays. The arrays that are made of an answer are never larger than
+the bytes of the answer.
 
 The worker's standard output is redirected to its error stream, so that a library that prints cannot write into the answers. The
-error stream is a file, whose last line is quoted when the worker dies. The pipe of the answers has a high descriptor, which
-libraries do not find by counting. Each answer begins with the random token of its task. An answer with another token is refused,
-and so is an answer larger than the caller expects. The parent stops a task that exceeds its limit; if the parent is gone, an alarm
-stops it that no library can block. Waits for a processor do not count, so that engines do not fail because the machine is busy.
+error stream is a file, whose last line is quoted when the worker dies. The pipe of the answers has a high file descriptor, so that
+a library that uses or closes low descriptors does not hit it. Each answer begins with the random token of its task. An answer with
+another token is refused, and so is an answer larger than the caller expects. The parent stops a task that exceeds its limit; if the
+parent is gone, the task is stopped by an alarm signal that no library can block. Waits for a processor do not count, so that
+engines do not fail because the machine is busy.
 
 The processes that a task starts end with its worker. They are found by a mark in their environment and, on Linux, as descendants of
-the worker, which becomes the parent of orphans. A process without the mark survives if its worker crashed or was killed before.
-No process may use more memory than MEMORY, or than its interpreter is given.
+the worker, which becomes the parent of orphans. A process that has removed the mark from its environment survives if its worker
+crashes or is killed first. No process may use more memory than its `Interpreter` allows, by default MEMORY.
 
 A worker runs under the interpreter of this process, or under that of an engine's environment (`elsewhere.py`).
 """
@@ -93,6 +95,7 @@ class Worker:
     """One process, started when first needed and again after it has died."""
 
     def __init__(self) -> None:
+        """Prepare a worker without a process yet; the processes of its tasks will be found by its random mark."""
         self.process: subprocess.Popen[bytes] | None = None
         self.interpreter = Interpreter()
         # the mark of a worker within a worker begins with that of the outer one, so that both end together
@@ -236,7 +239,7 @@ def keep(engine: str) -> Worker:
 
 
 def _send(pipe: BinaryIO | Any, token: bytes, item: object) -> None:
-    """Send a task to the worker, which may unpickle it because it comes from its parent."""
+    """Send a task to the worker; the worker may unpickle the task, because the task comes from the worker's parent process."""
     content = pickle.dumps(item)
     pipe.write(HEADER.pack(token, len(content)) + content)
     pipe.flush()
@@ -295,6 +298,7 @@ class _Clock:
     """
 
     def __init__(self, pid: int, limit: float, longest: float = math.inf):
+        """Start the clock of the process with this number."""
         self.pid, self.limit, self.longest = pid, limit, min(longest, BACKSTOP * limit)
         self.start, self.before = time.monotonic(), read_waits(pid)
 
@@ -316,7 +320,10 @@ class _Clock:
 
 
 def _end_all(mark: str) -> None:
-    """End every process with the mark of a worker, or of a worker within it; a process in its own session outlives the group."""
+    """Kill every process whose environment has the mark of a worker, or of a worker that this worker has started.
+
+    To kill the process group would not be enough: it does not include processes in sessions of their own.
+    """
     sign = f"{MARK}={mark}".encode()
     _end_each(lambda: [pid for pid in _processes() if pid != os.getpid() and _has(pid, sign)])
 
@@ -361,7 +368,10 @@ def _descendants(root: int) -> list[int]:
 
 
 def _has(pid: int, sign: bytes) -> bool:
-    """Tell whether the environment of a process holds the mark `sign`, or the mark of a worker within that worker."""
+    """Tell whether the environment of a process contains `sign`, which is "NAME=mark" of a worker.
+
+    The mark of a worker that was started within this worker counts too: it is this mark, a slash and more.
+    """
     try:
         with open(f"/proc/{pid}/environ", "rb") as file:
             return any(x == sign or x.startswith(sign + b"/") for x in file.read().split(b"\0"))
@@ -379,13 +389,13 @@ def _leave_with_parent() -> None:
     os.killpg(0, signal.SIGKILL)  # this process and those of its session
 
 
-def _adopt() -> None:
+def _adopt_orphans() -> None:
     """Become the parent of orphaned descendants (Linux)."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(SUBREAPER, 1, 0, 0, 0)
 
 
-def _limit() -> None:
+def _limit_memory() -> None:
     """Limit the memory of this process, so that too large an array fails in this process and ends no other."""
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource
@@ -475,14 +485,15 @@ def _read_type(form: object) -> tuple[np.dtype[Any], list[int]]:
 
 def main() -> None:
     """Answer tasks until the parent closes the pipe."""
+    # both pipes move to descriptors from ANSWERS on, out of the way of libraries, and leave 0 and 1
     answers = os.fdopen(fcntl.fcntl(1, fcntl.F_DUPFD_CLOEXEC, ANSWERS), "wb")
     tasks = os.fdopen(fcntl.fcntl(0, fcntl.F_DUPFD_CLOEXEC, ANSWERS), "rb")
     os.dup2(2, 1)  # what a library prints goes to the error stream
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)  # a library that reads finds nothing
     os.close(nothing)
-    _limit()
-    _adopt()
+    _limit_memory()
+    _adopt_orphans()
     home = os.getcwd()
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     while header := tasks.read(HEADER.size):

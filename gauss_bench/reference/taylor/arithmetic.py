@@ -59,7 +59,7 @@ def scale_by(k: Value, a: Vector) -> Vector:
 
 
 def quarter(a: Vector) -> Vector:
-    """Return i a, the vector turned by a quarter to the left."""
+    """Return i a, the vector turned by 90 degrees counterclockwise."""
     return -a[1], a[0]
 
 
@@ -74,5 +74,5 @@ def dot(a: Vector, b: Vector) -> Value:
 
 
 def cross(a: Vector, b: Vector) -> Value:
-    """Return the component of a x b across the plane."""
+    """Return the component of a x b normal to the plane."""
     return a[0] * b[1] - a[1] * b[0]

@@ -24,6 +24,7 @@ class Constants:
     """
 
     def __init__(self) -> None:
+        """Begin without constants."""
         self.known: dict[str, int] = {}
 
     def __call__(self, value: Any) -> Any:
@@ -33,7 +34,7 @@ class Constants:
         return heyoka.par[self.known.setdefault(str(value), len(self.known))]
 
     def values(self, number: Number) -> list[Any]:
-        """Return the values of all parameters in a type of number."""
+        """Return the values of all parameters, converted to a type of number."""
         return [number(text) for text in self.known]
 
 
@@ -82,7 +83,11 @@ class CompiledSeries:
 
 
 def compile_series(rows: LoopRows, chart: Chart, piece: Piece, number: Number) -> CompiledSeries:
-    """Compile the equations of a chart within one piece of the motion laws."""
+    """Compile the equations of a chart, a choice of free coordinates, for one piece of time between breaks of the motion laws.
+
+    The result has the integrator by Taylor series, and a function `watch` that returns the pivots. A small pivot shows that the
+    free coordinates hardly determine the others.
+    """
     import heyoka
 
     n = rows.coordinates.n
@@ -94,6 +99,7 @@ def compile_series(rows: LoopRows, chart: Chart, piece: Piece, number: Number) -
     right_sides = [motion.velocity.get(j, 0) for j in range(n)] + motion.free
     system = [(symbol, zero + value) for symbol, value in zip(state, right_sides, strict=True)]
     taylor = heyoka.taylor_adaptive(system, [number("0")] * len(system), fp_type=number, compact_mode=True)
+    # heyoka counts parameters up to the last that occurs in the simplified equations: further values are cut off, here and below
     taylor.pars[:] = constants.values(number)[: len(taylor.pars)]
     pivots = factorise(rows.entries(Instant(state[:n], symbols(watch_constants))), chart.order).pivots
     watch = heyoka.cfunc([zero + x for x in pivots], vars=state[:n], compact_mode=True) if pivots else None

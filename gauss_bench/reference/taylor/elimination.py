@@ -116,7 +116,7 @@ def particular(factors: Factors, b: Sequence[Value]) -> dict[int, Value]:
 
 
 def null_space(factors: Factors, n: int) -> dict[int, dict[int, Value]]:
-    """Return N for n unknowns: free unknown -> its column, which is unknown -> value."""
+    """Return the basis N of the null space for n unknowns: free unknown -> its column, each a mapping from unknown to value."""
     bound = {c for _, c in factors.order}
     N: dict[int, dict[int, Value]] = {j: {j: 1} for j in range(n) if j not in bound}
     for k in reversed(range(len(factors.order))):

@@ -34,7 +34,7 @@ REDUNDANT = 1e-9  # size of an entry that counts as zero: far above rounding in 
 
 @dataclass(frozen=True)
 class Chart:
-    """A choice of free coordinates.
+    """A choice of free coordinates, whose speeds determine those of all others.
 
     Attributes:
         order: (row, column) of the pivots of the other coordinates.
@@ -48,7 +48,7 @@ class Chart:
 
 
 class Rates(NamedTuple):
-    """The rates at a state: coordinate -> x', coordinate -> x'', and u' of the free coordinates in order."""
+    """The rates at a state: coordinate -> velocity x', coordinate -> acceleration x'', and u' of the free coordinates in order."""
 
     velocity: dict[int, Value]
     acceleration: dict[int, Value]
@@ -79,7 +79,13 @@ def choose_chart(rows: LoopRows, at: Instant, scale: Array | None = None) -> tup
 
 
 def rates(rows: LoopRows, chart: Chart, at: Instant, u: Sequence[Value], laws: Sequence[Law]) -> Rates:
-    """Return the rates at a state (x, u); `at` has x, and `laws` are value, rate and second rate of every driver."""
+    """Return velocities and accelerations of all coordinates, and the accelerations of the free ones, at a state (x, u).
+
+    Args:
+        rows: the constraint rows A; chart: the free coordinates, and the pivots by which the others are eliminated.
+        at: the turned vectors at x; u: speeds of the free coordinates, in the order of `chart.free`.
+        laws: value, rate and second rate of every driver.
+    """
     factors = factorise(rows.entries(at), chart.order)
     N = null_space(factors, rows.coordinates.n)
     prescribed = rows.rates(laws)
@@ -107,12 +113,22 @@ def _combine(x0: dict[int, Value], N: dict[int, dict[int, Value]], u: dict[int, 
 def _reduce(
     rows: LoopRows, at: Instant, v: dict[int, Value], N: dict[int, dict[int, Value]], a0: dict[int, Value]
 ) -> tuple[list[list[Value]], list[Value]]:
-    """Return T (f, f) and r (f,) of the equations above, f being the number of free coordinates."""
+    """Return T (f, f) and r (f,) of T u' = r, f being the number of free coordinates.
+
+    With z_bj and w_bj, the velocity of the centre of mass of link b and its angular velocity for a unit speed of free coordinate j,
+
+        T_jk = sum_b m_b z_bj . z_bk + I_b w_bj w_bk,    r_j = sum_b z_bj . (F_b - m_b z_b0) + w_bj (M_b - I_b w_b0)
+
+    Here z_b0 and w_b0 are the accelerations for u' = 0, F_b and M_b the applied force and moment.
+
+    Args:
+        v: coordinate -> rate; N: free coordinate -> its column (coordinate -> value); a0: coordinate -> acceleration for u' = 0.
+    """
     coordinates = rows.coordinates
     loads = Loads(coordinates, at, v)
     columns = [N[j] for j in sorted(N)]
     moves = [at.variation(column) for column in columns]
-    linear, bias = at.variation(a0), at.bias(v)
+    linear, bias = at.variation(a0), at.bias(v)  # both parts of the accelerations for u' = 0
     f = len(columns)
     T: list[list[list[Value]]] = [[[] for _ in range(f)] for _ in range(f)]
     r: list[list[Value]] = [[] for _ in range(f)]

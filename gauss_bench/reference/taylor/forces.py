@@ -43,6 +43,7 @@ class Wrench:
     """
 
     def __init__(self, coordinates: LoopCoordinates, at: Instant):
+        """Begin without forces, at given values `at` of the coordinates."""
         self.coordinates, self.at = coordinates, at
         links = len(coordinates.mechanism.links)
         self.force: list[Vector] = [(0, 0)] * links
@@ -54,7 +55,7 @@ class Wrench:
 
     def value(self, terms: Sum) -> Vector:
         """Return the value of a sum of vectors."""
-        return self.at.combine(terms, self.at)
+        return self.at.combine(terms)
 
     def turn(self, vector: Any, link: int) -> Vector:
         """Return a vector of a link's frame in world axes."""
@@ -62,7 +63,7 @@ class Wrench:
 
     def gap(self, a: Point, b: Point) -> Sum:
         """Return the vector from point a to point b."""
-        return merge(self.coordinates.point(b), self.coordinates.point(a))
+        return merge(self.coordinates.point(b), less=self.coordinates.point(a))
 
     def twist(self, b: int, a: int, torque: Value) -> None:
         """Apply a torque to link b and its reaction to link a."""
@@ -75,10 +76,10 @@ class Wrench:
         at = point.link if link is None else link
         if at == GROUND:
             return
-        if at == point.link:
+        if at == point.link:  # arm: the vector from the centre of mass to the point
             arm = self.coordinates.turn_vector(point.local, at)
         else:
-            arm = merge(self.coordinates.point(point), self.coordinates.centres[at])
+            arm = merge(self.coordinates.point(point), less=self.coordinates.centres[at])
         self.force[at] = plus(self.force[at], force)
         self.moment[at] = self.moment[at] + cross(self.value(arm), force)
 
@@ -97,10 +98,16 @@ class Loads(Wrench):
     """The applied forces at rates v of the coordinates, gravity included."""
 
     def __init__(self, coordinates: LoopCoordinates, at: Instant, v: Mapping[int, Value]):
+        """Start with gravity, and add all forces of the linkage.
+
+        Args:
+            coordinates: the loop coordinates of the linkage; at: their values, and the turned vectors there.
+            v: coordinate -> its rate.
+        """
         super().__init__(coordinates, at)
-        self.v, self.rate, self.of = v, at.variation(v), at.arithmetic.of
+        self.v, self.rate, self.constant = v, at.variation(v), at.arithmetic.of
         g = coordinates.mechanism.gravity
-        self.force = [(self.of(link.mass * g[0]), self.of(link.mass * g[1])) for link in coordinates.mechanism.links]
+        self.force = [(self.constant(link.mass * g[0]), self.constant(link.mass * g[1])) for link in coordinates.mechanism.links]
         for f in coordinates.mechanism.forces:
             self._apply(f)
 
@@ -112,7 +119,7 @@ class Loads(Wrench):
         """Return the angle of a link [rad], including whole turns."""
         if link == GROUND:
             return 0
-        index, turn = self.coordinates.angle[link], self.of(self.coordinates.turn[link])
+        index, turn = self.coordinates.angle[link], self.constant(self.coordinates.turn[link])
         return turn if index == NONE else self.at.x[index] + turn
 
     def _apply(self, f: Force) -> None:
@@ -123,7 +130,7 @@ class Loads(Wrench):
         """
         match f:
             case Torque():
-                self.twist(f.link, f.reaction, self.of(f.value))
+                self.twist(f.link, f.reaction, self.constant(f.value))
             case PointForce():
                 self.push(f.point, self.turn(f.value, f.frame))
             case SpringDamper():
@@ -141,35 +148,35 @@ class Loads(Wrench):
 
     def _linear(self, f: AxisSpringDamper | RotationalSpringDamper, x: Value, rate: Value) -> Value:
         """Return the force of a spring and damper at the value x and the rate of its coordinate."""
-        return self.of(f.k) * (self.of(f.rest) - x) - self.of(f.c) * rate
+        return self.constant(f.k) * (self.constant(f.rest) - x) - self.constant(f.c) * rate
 
     def _spring(self, f: SpringDamper) -> None:
         """Apply a spring and damper between two points; terms with a coefficient of zero are left out."""
         gap = self.gap(f.a, f.b)
         d = self.value(gap)
         square = dot(d, d)
-        pull = self.of(f.k)
+        pull = self.constant(f.k)
         if f.rest != 0 and f.k != 0:
-            pull = pull - self.of(f.k * f.rest) / self.at.arithmetic.sqrt(square)
+            pull = pull - self.constant(f.k * f.rest) / self.at.arithmetic.sqrt(square)
         if f.c != 0:
-            pull = pull + self.of(f.c) * dot(d, self.at.combine(gap, self.rate)) / square
+            pull = pull + self.constant(f.c) * dot(d, self.at.combine(gap, self.rate)) / square
         self.pull(f.a, f.b, scale_by(pull, d))
 
     def _along(self, f: AxisSpringDamper) -> None:
-        """Apply a spring and damper along an axis of a link."""
-        gap, u = self.gap(f.origin, f.point), self.turn(unit(f.angle), f.origin.link)
-        d = self.value(gap)
-        rate = dot(u, self.at.combine(gap, self.rate)) + self._speed(f.origin.link) * cross(u, d)
+        """Apply a spring and damper along an axis of a link: a force at the point, and its reaction on the link of the axis."""
+        gap, u = self.gap(f.origin, f.point), self.turn(unit(f.angle), f.origin.link)  # u: direction of the axis in the world
+        d = self.value(gap)  # from the origin of the axis to the point; its length along the axis is u . d
+        rate = dot(u, self.at.combine(gap, self.rate)) + self._speed(f.origin.link) * cross(u, d)  # (u . d)', as u turns
         self.slide(f.point, f.origin, scale_by(self._linear(f, dot(u, d), rate), u))
 
     def _damp(self, joint: Joint, c: Any) -> None:
         """Apply the damping of a joint: a force along a slide, a torque about a pin."""
         if isinstance(joint, Prismatic):
             u, speed = self.turn(unit(joint.angle), joint.guide.link), self.v.get(self.coordinates.slides[joint.name], 0)
-            self.slide(joint.block, joint.guide, scale_by(-(self.of(c) * speed), u))
+            self.slide(joint.block, joint.guide, scale_by(-(self.constant(c) * speed), u))
         else:
             speed = self._speed(joint.b.link) - self._speed(joint.a.link)
-            self.twist(joint.b.link, joint.a.link, -(self.of(c) * speed))
+            self.twist(joint.b.link, joint.a.link, -(self.constant(c) * speed))
 
 
 def opposite(force: Vector) -> Vector:

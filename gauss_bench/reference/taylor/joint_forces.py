@@ -32,6 +32,7 @@ def reactions(coordinates: LoopCoordinates, at: Instant) -> list[dict[int, Value
     mechanism, wrenches = coordinates.mechanism, list[Wrench]()
 
     def add_row() -> Wrench:
+        """Add a row without forces, and return it."""
         wrenches.append(Wrench(coordinates, at))
         return wrenches[-1]
 
@@ -74,11 +75,12 @@ def joint_forces(rows: list[dict[int, Value]], force: Long, redundant: int, eps:
     kept = choose_independent(J[0], len(rows) - redundant)
 
     def residual(x: Long) -> Long:
-        parts = -force
+        """Return J^T x - force (k, n) for multipliers x (k, kept) of the kept rows."""
+        remaining = -force
         for i, r in enumerate(kept):
             for j, value in rows[r].items():
-                parts[:, j] = parts[:, j] + value * x[:, i]
-        return parts
+                remaining[:, j] = remaining[:, j] + value * x[:, i]
+        return remaining
 
     inverse = pseudo_inverse(np.swapaxes(J[:, kept], 1, 2))
     multipliers[:, kept] = solve_by_chord(residual, inverse, multipliers[:, kept], eps)

@@ -40,20 +40,23 @@ class Piece:
         return [self._law(driver, table, t, arithmetic) for driver, table in self.drivers]
 
     def _law(self, driver: Driver, table: dict[str, Any], t: Value, arithmetic: Arithmetic) -> Law:
-        """Return value, rate and second rate of one driver at a time within the piece."""
+        """Return value, rate and second rate of one driver at a time within the piece.
+
+        The law is a polynomial in t - origin, except for the rises "sine" and "cosine", which are waves.
+        """
         value, rate, second = driver.law(self.begin)
-        none, origin, ends = rate - rate, self.begin, find_breaks(table, self.number)
-        coefficients = [value, rate, second / 2]
+        zero, origin, ends = rate - rate, self.begin, find_breaks(table, self.number)  # zero in the type of number
+        coefficients = [value, rate, second / 2]  # a constant rate, unless one of the cases below holds
         if ends and (self.begin >= max(ends) or ("rows" in table and self.begin < min(ends))):
             coefficients = [value]  # before and after its motion a law is constant
-        elif "time" in table:
+        elif "time" in table:  # a rise from t = 0 within `time`
             start, time = driver.law(self.number("0"))[0], ends[0]
             travel = driver.law(time)[0] - start
             if driver.law.name != "poly345":
                 return wave(driver.law.name, start, travel, time, self.number(PI), t, arithmetic)
             cube = travel / (time * time * time)
-            coefficients, origin = [start, none, none, 10 * cube, -15 * cube / time, 6 * cube / (time * time)], none
-        elif "rows" in table:
+            coefficients, origin = [start, zero, zero, 10 * cube, -15 * cube / time, 6 * cube / (time * time)], zero
+        elif "rows" in table:  # the cubic whose second derivative is linear between the knots
             coefficients.append((driver.law(self.end)[2] - second) / (self.end - self.begin) / 6)
         return polynomial(coefficients, t - arithmetic.of(origin), arithmetic)
 
@@ -61,16 +64,18 @@ class Piece:
 def wave(name: str, start: Any, travel: Any, time: Any, pi: Any, t: Value, arithmetic: Arithmetic) -> Law:
     """Return value, rate and second rate of a rise by `travel` within `time` [s]; `name` is "sine" or "cosine".
 
-    The value is start + speed t + A (cos w t - 1) + B sin w t.
+    The value is start + speed t + A (cos w t - 1) + B sin w t. `arithmetic` has the functions cos and sin of t, and converts
+    constants to the type of t.
     """
-    sine, of = name == "sine", arithmetic.of
+    sine, convert = name == "sine", arithmetic.of
+    zero = travel - travel  # in the type of number of the travel
     w = 2 * pi / time if sine else pi / time
-    speed = travel / time if sine else travel - travel
-    A, B = (speed - speed, -speed / w) if sine else (-travel / 2, speed)
-    c, s = arithmetic.cos(of(w) * t), arithmetic.sin(of(w) * t)
-    value = of(start - A) + (of(speed) * t + (of(A) * c + of(B) * s))
-    rate = of(speed) + (of(B * w) * c - of(A * w) * s)
-    return value, rate, 0 - (of(A * w * w) * c + of(B * w * w) * s)
+    speed = travel / time if sine else zero
+    A, B = (zero, -speed / w) if sine else (-travel / 2, zero)
+    c, s = arithmetic.cos(convert(w) * t), arithmetic.sin(convert(w) * t)
+    value = convert(start - A) + (convert(speed) * t + (convert(A) * c + convert(B) * s))
+    rate = convert(speed) + (convert(B * w) * c - convert(A * w) * s)
+    return value, rate, 0 - (convert(A * w * w) * c + convert(B * w * w) * s)
 
 
 def polynomial(c: list[Any], x: Value, arithmetic: Arithmetic) -> Law:

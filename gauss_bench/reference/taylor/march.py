@@ -1,9 +1,10 @@
-"""Integration from chart to chart, each with an order of pivots that is good at the present position.
+"""Integration by Taylor series from chart to chart.
 
-After every step the pivots of the equations are computed. If one has become small, another order is chosen: the chart changes, but
-not the motion. If a pivot changes its sign within a step, that step is repeated with half the length. A singular position, at which
-no order has usable pivots, therefore ends the motion, even if the series would continue it analytically: two branches cross there,
-and the equations do not determine on which of them the motion goes on.
+A chart is a choice of free coordinates. The other coordinates are eliminated from the constraint rows in an order of pivots that is
+good at the present position. After every step the pivots of the equations are computed. If one has become small, another order is
+chosen: the chart changes, but not the motion. If a pivot changes its sign within a step, that step is repeated with half the
+length. A singular position, at which no order has usable pivots, therefore ends the motion, even if the series would continue it
+analytically: two branches cross there, and the equations do not determine on which of them the motion goes on.
 """
 
 from collections.abc import Sequence
@@ -32,7 +33,7 @@ PARTS = 4  # number of times within a step at which the pivots are computed
 
 
 class Leg(NamedTuple):
-    """A part of the motion within one chart.
+    """A part of the motion within one chart, a choice of free coordinates.
 
     Attributes:
         t, state: time [s] and state at its end.
@@ -71,18 +72,20 @@ class March:
     longest: float = 0.0
 
     def run(self, chart: Chart, x: Long, v: Long) -> tuple[LoopStates, str]:
-        """Return the states at the sample times from a start x, v (1, n), and the reason of an early end or an empty text.
+        """Return the states at the sample times from a start x, v (1, n), and the reason for an early end or an empty text.
+
+        The motion is integrated in one chart until one of its pivots is smaller than `least_pivot`; then in a better chart.
 
         Raises:
-            Unsolved: a position does not close where the chart changes.
+            Unsolved: the loops cannot be closed at a position where the chart changes.
         """
         t, state = self.times[0], np.concatenate([x[0], v[0, list(chart.free)]])
-        trust = WORN  # size of a pivot below which the chart is changed
+        least_pivot = WORN  # a chart with a smaller pivot is changed
         parts = [self._states(chart, [(t, state)])]
         for k, piece in enumerate(self.pieces):
             end = self.times[-1] if piece.end is None else min(piece.end, self.times[-1])
             while t < end:
-                leg = self._leg(self._series(chart, k), t, state, end, trust)
+                leg = self._leg(self._series(chart, k), t, state, end, least_pivot)
                 t, state = leg.t, leg.state
                 if leg.samples:
                     parts.append(self._states(chart, leg.samples))
@@ -96,7 +99,7 @@ class March:
                     # a chart satisfies only independent rows, and errors in the others would grow at every change of the chart
                     closed = self.rows.close(here.x, self.rows.laws(here.t), epsilon(self.number))
                     state = np.concatenate([closed[0], here.v[0, list(fresh.free)]])
-                    chart, trust = fresh, min(WORN, WEAKER * pivots.smallest)
+                    chart, least_pivot = fresh, min(WORN, WEAKER * pivots.smallest)
         return join(parts), ""
 
     def _other_chart(self, chart: Chart, k: int, state: Long) -> tuple[Chart, Pivots]:
@@ -109,8 +112,8 @@ class March:
                 return series.chart, best._replace(order=order, smallest=smallest)
         return fresh, best
 
-    def _leg(self, series: CompiledSeries, t: Any, state: Long, end: Any, trust: float) -> Leg:
-        """Take steps from a state until the end, or until a pivot is smaller than `trust`.
+    def _leg(self, series: CompiledSeries, t: Any, state: Long, end: Any, least_pivot: float) -> Leg:
+        """Take steps from a state at time t until the time `end` [s], or until a pivot is smaller than `least_pivot`.
 
         A step in which a pivot changes its sign is repeated with half the length, so that no pivot passes zero.
         """
@@ -121,7 +124,8 @@ class March:
         while True:
             h = series.step(t, state, limit)
             if h is None:
-                return Leg(t, state, samples, False, f"the Taylor series ceases to be finite after t = {float(t):.6g} s")
+                text = f"the Taylor series ceases to be finite after t = {float(t):.6g} s"
+                return Leg(t, state, samples, worn=False, stopped=text)
             self.longest = max(self.longest, float(h))
             now = end if t + h >= end else t + h
             pivots = np.array([series.pivots(series.at(t + h * part / PARTS)) for part in range(1, PARTS + 1)])
@@ -130,7 +134,8 @@ class March:
                 if float(limit) > COLLAPSED * self.longest:
                     continue
                 text = f"the position at t = {float(t):.6g} s is singular: a pivot of the loops vanishes in every chart"
-                return Leg(t, state, samples, True, "" if t > begin else text)
+                # after some steps another chart may help; at the beginning of a leg the chart is fresh, so that none would
+                return Leg(t, state, samples, worn=True, stopped="" if t > begin else text)
             while ahead and ahead[0] <= now:
                 samples.append((ahead[0], series.at(ahead.pop(0))))
             t, state, limit = now, series.at(now), end - now
@@ -138,29 +143,33 @@ class March:
             if self.progress:
                 self.progress(float(now))
             if now == end:
-                return Leg(end, state, samples, False, "")
-            if np.abs(pivots).min() < trust:
-                return Leg(now, state, samples, True, "")
+                return Leg(end, state, samples, worn=False, stopped="")
+            if np.abs(pivots).min() < least_pivot:
+                return Leg(now, state, samples, worn=True, stopped="")
             if float(h) < COLLAPSED * self.longest:
                 where = f"the steps of the Taylor series collapse at t = {float(now):.6g} s"
                 text = f"{where}: the motion is singular there{'' if series.chart.free else ', or at a limit of its motion'}"
-                return Leg(now, state, samples, False, text)
+                return Leg(now, state, samples, worn=False, stopped=text)
 
     def _series(self, chart: Chart, k: int) -> CompiledSeries:
-        """Return the compiled series of a chart within piece k."""
+        """Return the compiled Taylor series of a chart within piece k of the motion laws."""
         key = (chart.order, k)
         if key not in self.compiled:
             self.compiled[key] = compile_series(self.rows, chart, self.pieces[k], self.number)
         return self.compiled[key]
 
     def _states(self, chart: Chart, samples: list[tuple[Any, Long]]) -> LoopStates:
-        """Return coordinates and rates of samples (time, state) within one chart, with the motion laws themselves."""
+        """Return all coordinates and their rates at samples (time, state) within one chart, whose states have the free rates only.
+
+        Drivers are evaluated by the motion laws themselves, and not by the formulas that the compiled series has for them.
+        """
         n = self.rows.coordinates.n
         t, y = np.array([time for time, _ in samples]), np.array([state for _, state in samples])
         positions, free_rates = y[:, :n], y[:, n:]
         motion = rates(self.rows, chart, at_states(positions), split_columns(free_rates), self.rows.laws(t))
         zero = t - t  # (k,) zeros in the number type of the times
-        v, a = (stack_arrays([level.get(j, 0) for j in range(n)], zero) for level in (motion.velocity, motion.acceleration))
+        levels = motion.velocity, motion.acceleration  # each coordinate -> value
+        v, a = (stack_arrays([by_coordinate.get(j, 0) for j in range(n)], zero) for by_coordinate in levels)
         return LoopStates(t, positions, v, a)
 
     def _singular(self, t: float, pivots: Pivots) -> str:

@@ -1,6 +1,7 @@
 """Sums of turned vectors at one instant: their values, variations and accelerations.
 
-Terms with the same key share the vector l e, e = exp(i theta), which changes by
+A turned vector is l e, with the length l and the direction e = exp(i theta). Its key is (index of the coordinate theta, index of
+the coordinate l); with NONE in the place of an index e is 1 or l is 1. The vector changes by
 
     d(l e) = i l e dtheta + e dl,        (l e)'' = i l e theta'' + e l'' + (2 i l' theta' - l theta'^2) e
 
@@ -19,15 +20,21 @@ Vectors = Callable[[Key], Vector]  # key -> vector
 
 
 class Instant:
-    """The turned vectors at coordinates x, each of which is computed when it is first needed."""
+    """The turned vectors l e at coordinates x, each of which is computed when it is first needed.
+
+    Attributes:
+        x: values of all coordinates, arrays over states or symbols; arithmetic: functions of such values.
+        known: key -> vector computed so far.
+    """
 
     def __init__(self, x: Sequence[Value], arithmetic: Arithmetic):
+        """Begin with the constant vector 1 alone."""
         self.x = x
         self.arithmetic = arithmetic
         self.known: dict[Key, Vector] = {(NONE, NONE): (1, 0)}
 
     def __call__(self, key: Key) -> Vector:
-        """Return the vector l e of a key."""
+        """Return the vector l e for the key (index of the angle, index of the length)."""
         if key not in self.known:
             angle, length = key
             if length != NONE:
@@ -37,39 +44,49 @@ class Instant:
         return self.known[key]
 
     def variation(self, dx: Mapping[int, Value]) -> Vectors:
-        """Return d(l e) as a function of the key, for changes dx of the coordinates; missing entries are zero."""
+        """Return the function key -> d(l e), the change of the vector l e for changes dx (index -> change) of the coordinates.
+
+        Coordinates that dx does not contain do not change.
+        """
 
         @cache
-        def of(key: Key) -> Vector:
+        def change_of(key: Key) -> Vector:
+            """Return i l e dtheta + e dl."""
             angle, length = key
             turn = scale_by(dx.get(angle, 0), quarter(self(key)))
             return plus(turn, scale_by(dx.get(length, 0), self((angle, NONE))))
 
-        return of
+        return change_of
 
     def bias(self, v: Mapping[int, Value]) -> Vectors:
-        """Return the part of (l e)'' that does not depend on x'', as a function of the key, for rates v of the coordinates."""
+        """Return the function key -> (l e)'' for x'' = 0, at the rates v (index -> rate) of the coordinates."""
 
         @cache
-        def of(key: Key) -> Vector:
+        def bias_of(key: Key) -> Vector:
+            """Return the centripetal acceleration -l theta'^2 e plus Coriolis's, 2 i l' theta' e."""
             angle, length = key
             w = v.get(angle, 0)
             inward = scale_by(-(w * w), self(key))
             return plus(inward, scale_by(2 * (v.get(length, 0) * w), quarter(self((angle, NONE)))))
 
-        return of
+        return bias_of
 
-    def combine(self, terms: Sum, of: Vectors) -> Vector:
-        """Return the sum of the terms c_k of(key_k)."""
-        parts = [product((self.arithmetic.of(t.x), self.arithmetic.of(t.y)), of(t.key)) for t in terms]
+    def combine(self, terms: Sum, vectors: Vectors | None = None) -> Vector:
+        """Return sum_k c_k vectors(key_k), with the complex constants c_k of the terms.
+
+        By default the vectors are l e themselves, so that this is the value of the sum; with those of `variation` or `bias` it is
+        its change or the part of its acceleration that is independent of x''.
+        """
+        vector_of: Vectors = self if vectors is None else vectors
+        parts = [product((self.arithmetic.of(t.x), self.arithmetic.of(t.y)), vector_of(t.key)) for t in terms]
         return total(p[0] for p in parts), total(p[1] for p in parts)
 
     def gradient(self, terms: Sum) -> dict[int, Vector]:
-        """Return coordinate -> derivative of a sum, for every coordinate that moves it."""
+        """Return coordinate -> partial derivative of a sum, for every coordinate on which the sum depends."""
         moving = {index for t in terms for index in t.key if index != NONE}
         return {j: self.combine(tuple(t for t in terms if j in t.key), self.variation({j: 1})) for j in sorted(moving)}
 
 
 def at_states(x: Long) -> Instant:
-    """Return the instant of states (k, n) in numbers."""
+    """Return the turned vectors at k states x (k, n), as arrays of numbers instead of symbols."""
     return Instant(split_columns(x), NUMBERS)

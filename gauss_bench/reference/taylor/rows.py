@@ -25,7 +25,11 @@ Law = tuple[Value, Value, Value]  # value, rate and second rate of a driver
 
 
 class Prescribed(NamedTuple):
-    """A quantity with a prescribed value: a coordinate plus the constant `turn`, or the length of `gap` if that has terms."""
+    """A quantity with a prescribed value.
+
+    It is the length of the vector `gap` if this has terms, and otherwise the coordinate of index `coordinate` plus the constant
+    `turn` [rad]. With the index NONE it is `turn` alone.
+    """
 
     name: str
     coordinate: int
@@ -40,7 +44,7 @@ class LoopRows:
     Attributes:
         closures: sums that must vanish, one for each loop.
         prescribed: the quantities that drivers prescribe.
-        edges: (angle coordinate of the link, point, normal) of every knife edge.
+        edges: (index of the link's angle in the coordinates, point of the edge, normal to the edge) of every knife edge.
         names: for each row the part of the linkage from which it comes, such as "joint A".
     """
 
@@ -60,41 +64,48 @@ class LoopRows:
         return [driver.law(t) for driver in self.coordinates.mechanism.drivers]
 
     def close(self, x: Long, laws: Sequence[Law], eps: float) -> Long:
-        """Return the positions (k, n) near x (k, n) that satisfy all rows to the last digit.
+        """Return the positions (k, n) near x (k, n) that satisfy all rows to the last digit of the type of x.
+
+        The pseudo-inverse of A at x serves for all iterations (chord iteration).
 
         Raises:
             Unsolved: there are none nearby.
         """
-        none = x[:, 0] - x[:, 0]
+        zero = x[:, 0] - x[:, 0]  # (k,) in the type of x
 
         def residual(x: Long) -> Long:
-            return stack_arrays([*self.residuals(at_states(x), laws), *(0 for _ in self.edges)], none)
+            """Return the residuals (k, m) of all rows; knife edges restrict only velocities and have none."""
+            return stack_arrays([*self.residuals(at_states(x), laws), *(0 for _ in self.edges)], zero)
 
         return solve_by_chord(residual, pseudo_inverse(to_dense(self.entries(at_states(x)), *x.shape)), x, eps)
 
     def entries(self, at: Instant) -> list[dict[int, Value]]:
-        """Return the rows of A, each as coordinate -> derivative, without entries that always vanish."""
+        """Return the rows of A, the Jacobian of the constraints, each as coordinate -> derivative; vanishing entries are left out.
+
+        Args:
+            at: the turned vectors at the coordinates x.
+        """
         rows: list[dict[int, Value]] = []
-        for closure in self.closures:
+        for closure in self.closures:  # two rows, x and y
             gradient = at.gradient(closure)
             rows += [{j: g[axis] for j, g in gradient.items()} for axis in (0, 1)]
         for given in self.prescribed:
-            if given.gap:
-                d = at.combine(given.gap, at)
+            if given.gap:  # the derivative of d . d / 2
+                d = at.combine(given.gap)
                 rows.append({j: dot(d, g) for j, g in at.gradient(given.gap).items()})
             else:
                 rows.append({} if given.coordinate == NONE else {given.coordinate: 1})
-        for _, point, normal in self.edges:
-            n = at.combine(normal, at)
+        for _, point, normal in self.edges:  # n . P' = 0
+            n = at.combine(normal)
             rows.append({j: dot(n, g) for j, g in at.gradient(point).items()})
         return [{j: x for j, x in row.items() if not vanishes(x)} for row in rows]
 
     def residuals(self, at: Instant, laws: Sequence[Law]) -> list[Value]:
         """Return the residuals of rows with a position level, closures before drivers [m, rad, or m^2 for the row of a length]."""
-        residuals = [x for closure in self.closures for x in at.combine(closure, at)]
+        residuals = [x for closure in self.closures for x in at.combine(closure)]
         for given, (value, _, _) in zip(self.prescribed, laws, strict=True):
-            if given.gap:
-                d = at.combine(given.gap, at)
+            if given.gap:  # half the difference of squares, whose derivative d . d' needs no root
+                d = at.combine(given.gap)
                 residuals.append((dot(d, d) - value * value) / 2)
             else:
                 residuals.append(given.turn + (0 if given.coordinate == NONE else at.x[given.coordinate]) - value)
@@ -117,20 +128,20 @@ class LoopRows:
             else:
                 biases.append(second)
         for angle, point, normal in self.edges:
-            n = at.combine(normal, at)  # turns with the link, so that n' . P' = theta' n x P'
+            n = at.combine(normal)  # turns with the link, so that n' . P' = theta' n x P'
             u, b = (at.combine(point, of) for of in (rate, bias))
             biases.append(-(dot(n, b) + v.get(angle, 0) * cross(n, u)))
         return biases
 
 
 def loop_rows(coordinates: LoopCoordinates) -> LoopRows:
-    """Return the rows of a mechanism."""
+    """Collect the constraint rows of a mechanism: two for each closed loop, one for each driver, one for each knife edge."""
     mechanism = coordinates.mechanism
     edges = []
     for edge in mechanism.knife_edges:
         normal = coordinates.turn_vector(unit(edge.angle, across=True), edge.point.link)
         edges.append((coordinates.angle[edge.point.link], coordinates.point(edge.point), normal))
-    names = [f"joint {name}" for name, _ in coordinates.closures for _ in (0, 1)]
+    names = [f"joint {name}" for name, _ in coordinates.closures for _ in ("x", "y")]
     names += [f"driver {d.name}" for d in mechanism.drivers] + [f"knife edge {e.name}" for e in mechanism.knife_edges]
     given = tuple(prescribe(coordinates, d) for d in mechanism.drivers)
     return LoopRows(coordinates, tuple(x for _, x in coordinates.closures), given, tuple(edges), tuple(names))
@@ -144,5 +155,5 @@ def prescribe(coordinates: LoopCoordinates, driver: Driver) -> Prescribed:
         case SlideDriver():
             return Prescribed(driver.name, coordinates.slides[driver.joint.name], 0, ())
         case LengthDriver():
-            return Prescribed(driver.name, NONE, 0, merge(coordinates.point(driver.b), coordinates.point(driver.a)))
+            return Prescribed(driver.name, NONE, 0, merge(coordinates.point(driver.b), less=coordinates.point(driver.a)))
     assert_never(driver)

@@ -38,21 +38,27 @@ def join(parts: Sequence[LoopStates]) -> LoopStates:
     return LoopStates(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("t", "x", "v", "a")))
 
 
-def _absolute(coordinates: LoopCoordinates, at: Instant, vectors: Vectors, angles: Mapping[int, Value], like: Long) -> Long:
-    """Return positions, rates or second rates (k, n) of all links: vectors of their centres of mass, and values of their angles.
+def _absolute(coordinates: LoopCoordinates, at: Instant, vectors: Vectors, angles: Mapping[int, Value], zero: Long) -> Long:
+    """Return absolute coordinates (k, n) of all links, or their first or second derivatives, according to `vectors` and `angles`.
 
-    `angles` are coordinate -> value; `like` (k,) gives the type of number.
+    Args:
+        vectors: key -> turned vector, or a derivative of it: centres of mass are sums of these.
+        angles: coordinate -> angle, or a derivative of it; zero: (k,) zeros in the type of number.
     """
     values: list[Value] = []
     for centre, index in zip(coordinates.centres, coordinates.angle, strict=True):
         values += [*at.combine(centre, vectors), 0 if index == NONE else angles.get(index, 0)]
-    return stack_arrays(values, like)
+    return stack_arrays(values, zero)
 
 
 def sample(
     rows: LoopRows, states: LoopStates, times: Sequence[str], redundant: int, stopped: str, method: str, number: Number
 ) -> Motion:
-    """Return the motion with these states at times (decimal texts); `redundant` is the number of redundant rows.
+    """Return the motion with these states at times (decimal texts) in absolute coordinates, and check its residuals.
+
+    Args:
+        redundant: number of redundant rows.
+        stopped: why the motion ends early, or empty; method: the method in words.
 
     Raises:
         Inconsistent: residuals of the loops or of the equations of motion are larger than rounding.
@@ -61,30 +67,33 @@ def sample(
     mechanism = coordinates.mechanism
     at = at_states(states.x)
     v, a = (dict(enumerate(split_columns(x))) for x in (states.v, states.a))
-    like = states.t - states.t
-    q = _absolute(coordinates, at, at, dict(enumerate(at.x)), like)
-    for i, turn in enumerate(coordinates.turn):
+    zero = states.t - states.t  # (k,) in the type of number of the states
+    q = _absolute(coordinates, at, at, dict(enumerate(at.x)), zero)
+    for i, turn in enumerate(coordinates.turn):  # constant angles between links that share an angle coordinate
         q[:, 3 * i + 2] = q[:, 3 * i + 2] + turn
-    linear, bias = at.variation(a), at.bias(v)
-    velocity = _absolute(coordinates, at, at.variation(v), v, like)
-    acceleration = _absolute(coordinates, at, linear, a, like) + _absolute(coordinates, at, bias, {}, like)
-    Q = stack_arrays(Loads(coordinates, at, v).flat(), like)
+    linear, bias = at.variation(a), at.bias(v)  # the parts of second derivatives that depend on x'', and that do not
+    velocity = _absolute(coordinates, at, at.variation(v), v, zero)
+    acceleration = _absolute(coordinates, at, linear, a, zero) + _absolute(coordinates, at, bias, {}, zero)
+    Q = stack_arrays(Loads(coordinates, at, v).flat(), zero)
     drift = residuals(rows, states, at)
     fastest = float(np.abs(states.v).astype(float).max(initial=0.0))
     # the residuals are usually a thousand roundings, but 1e-12 if decimals of the file contradict each other
     if not max(drift[0], drift[1] / (1.0 + fastest)) < eps**0.5:
         raise Inconsistent(f"the loops come open by {drift[0]:.1e} m or rad, their rates by {drift[1]:.1e} per second")
-    multipliers, off = joint_forces(reactions(coordinates, at), Q - mechanism.mass * acceleration, redundant, eps)
-    if not off < BALANCE / ROUNDING * eps:
-        raise Inconsistent(f"the equations of motion are met only to {off:.1e} of the joint forces")
+    multipliers, imbalance = joint_forces(reactions(coordinates, at), Q - mechanism.mass * acceleration, redundant, eps)
+    if not imbalance < BALANCE / ROUNDING * eps:  # BALANCE holds for 128 bit; it is scaled to the rounding of this type
+        raise Inconsistent(f"the equations of motion are met only to {imbalance:.1e} of the joint forces")
     return Motion(tuple(times), q, velocity, acceleration, None if redundant else multipliers, drift, stopped, method)
 
 
 def residuals(rows: LoopRows, states: LoopStates, at: Instant) -> tuple[float, float]:
-    """Return the largest residual of positions and that of velocities, over all states and rows, redundant ones included."""
+    """Return the largest residual of positions and that of velocities, over all states and rows, redundant ones included.
+
+    `at` has the turned vectors at the positions of the states.
+    """
     laws = rows.laws(states.t)
-    like = states.t - states.t
-    position = stack_arrays([*rows.residuals(at, laws), *rows.coordinates.turn_gaps], like)
-    rate = multiply(rows.entries(at), states.v) - stack_arrays(rows.rates(laws), like)
+    zero = states.t - states.t  # (k,) in the type of number of the states
+    position = stack_arrays([*rows.residuals(at, laws), *rows.coordinates.turn_gaps], zero)
+    rate = multiply(rows.entries(at), states.v) - stack_arrays(rows.rates(laws), zero)
     off, rate_off = (float(np.abs(x).astype(float).max(initial=0.0)) for x in (position, rate))
     return off, rate_off

@@ -1,4 +1,4 @@
-"""Sparse rows over a batch of states in extended precision, as products and as dense matrices in double precision."""
+"""Sparse rows of matrices at many states in extended precision: their products, and their copies as dense matrices of doubles."""
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -26,8 +26,8 @@ def epsilon(number: Number) -> float:
 
 def stack_arrays(values: Sequence[Value], like: Long) -> Long:
     """Return m values, each an array (k,), a number or a literal, as one array (k, m) in the type of `like` (k,)."""
-    none = like - like
-    return np.stack([none + x for x in values], axis=-1) if len(values) else np.zeros((len(like), 0), dtype=like.dtype)
+    zero = like - like
+    return np.stack([zero + x for x in values], axis=-1) if len(values) else np.zeros((len(like), 0), dtype=like.dtype)
 
 
 def split_columns(x: Long) -> list[Long]:
@@ -46,5 +46,5 @@ def to_dense(entries: Sequence[Mapping[int, Value]], k: int, n: int) -> Array:
 
 def multiply(entries: Sequence[Mapping[int, Value]], x: Long) -> Long:
     """Return A x (k, m) in the type of x (k, n), for the sparse rows of A."""
-    none = x[:, 0] - x[:, 0]
-    return stack_arrays([sum((value * x[:, j] for j, value in row.items()), start=none) for row in entries], none)
+    zero = x[:, 0] - x[:, 0]  # (k,) in the type of x
+    return stack_arrays([sum((value * x[:, j] for j, value in row.items()), start=zero) for row in entries], zero)

@@ -20,7 +20,15 @@ from gauss_bench.terms import Array
 
 
 def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tuple[LoopRows, list[Law], list[Any]]:
-    """Return the rows of the mechanism and of the start together, all laws at t = 0, and the right-hand side of A x' = rate."""
+    """Return the constraint rows of the mechanism together with those of the start, and what they prescribe at t = 0.
+
+    The values that a start gives are additional rows. Their order is: loops, points of the start, drivers, angles and slides of the
+    start, knife edges.
+
+    Returns:
+        The rows, whose Jacobian by the coordinates x is A; value, rate and second rate of every prescribed quantity at t = 0; and
+        the right-hand side of A x' = rate.
+    """
     coordinates, start, zero = rows.coordinates, scenario.get("start", {}), number("0")
     mechanism = coordinates.mechanism
     laws = rows.laws(zero)
@@ -33,7 +41,7 @@ def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tupl
         laws.append((exact(number, target), exact(number, start.get("slide_speeds", {}).get(name, 0)), zero))
     for reference, target in start.get("points", {}).items():
         x, y = pair(number, target)
-        points.append(merge(coordinates.point(mechanism.find_point(reference)), [VectorTerm(x, y, NONE, NONE)]))
+        points.append(merge(coordinates.point(mechanism.find_point(reference)), less=[VectorTerm(x, y, NONE, NONE)]))
         speeds += [*pair(number, start.get("point_velocities", {}).get(reference, (0, 0)))]
     held = replace(rows, closures=(*rows.closures, *points), prescribed=(*rows.prescribed, *given))
     rates = held.rates(laws)
@@ -75,6 +83,7 @@ def start_state(rows: LoopRows, scenario: dict[str, Any], guess: Array, number: 
     A = held.entries(at_states(x))
 
     def residual(v: Long) -> Long:
+        """Return A v - rate."""
         return multiply(A, v) - stack_arrays(rates, x[:, 0])
 
     return x, solve_by_chord(residual, pseudo_inverse(to_dense(A, 1, n)), np.zeros_like(x), eps)

@@ -39,6 +39,7 @@ class VectorTerm(NamedTuple):
 
     @property
     def key(self) -> Key:
+        """The indices of angle and displacement."""
         return self.angle, self.length
 
 
@@ -46,11 +47,14 @@ Sum = tuple[VectorTerm, ...]
 
 
 def merge(terms: Iterable[VectorTerm], less: Iterable[VectorTerm] = ()) -> Sum:
-    """Return the sum of `terms` minus the sum of `less`, with one term for each key and without terms that cancel."""
+    """Return the sum of `terms` minus the sum of `less`, with one term for each key and without terms that cancel.
+
+    Terms with the same angle and displacement, their key, differ only by the constant factor (x, y).
+    """
     sums: dict[Key, tuple[Any, Any]] = {}
     for sign, part in ((1, terms), (-1, less)):
         for term in part:
-            x, y = sums.get(term.key, (term.x - term.x, term.y - term.y))
+            x, y = sums.get(term.key, (term.x - term.x, term.y - term.y))  # by default zeros, in the type of number of the term
             sums[term.key] = (x + sign * term.x, y + sign * term.y)
     return tuple(VectorTerm(x, y, *key) for key, (x, y) in sums.items() if x != 0 or y != 0)
 
@@ -73,6 +77,7 @@ class LoopCoordinates:
     """
 
     def __init__(self, mechanism: Mechanism):
+        """Find the coordinates on a spanning tree of the mechanism, and express its links and closures by them."""
         self.mechanism = mechanism
         steps = spanning_tree(mechanism)
         in_tree = {id(step.joint) for step in steps}
@@ -96,32 +101,39 @@ class LoopCoordinates:
         self.free = {link: first + 2 * k for k, link in enumerate(alone)}
         self.n = first + 2 * len(alone)
         self.centres: list[Sum] = [()] * len(mechanism.links)
-        for step in steps:
+        for step in steps:  # from the ground outwards: each centre of mass follows from that of the link before
             self.centres[step.link] = self._centre(step, zero)
         self.closures = [(joint.name, self._gap(joint)) for joint in mechanism.joints if id(joint) not in in_tree]
 
     def _centre(self, step: "TreeStep", zero: Any) -> Sum:
-        """Return the centre of mass of the link that a step of the tree reaches."""
-        if step.joint is None:
+        """Return the centre of mass of the link that a step of the tree reaches.
+
+        `step` has this link and the joint by which the tree reaches it; `zero` is 0 in the mechanism's type of number.
+        """
+        if step.joint is None:  # a link without a connection to the ground: (1, 0) x + (0, 1) y, in world axes
             x = self.free[step.link]
             return VectorTerm(zero + 1, zero, NONE, x), VectorTerm(zero, zero + 1, NONE, x + 1)
         first, second = step.joint.ends
         along = self.along(step.joint) if isinstance(step.joint, Prismatic) else ()
         if second.link == step.link:  # the step goes from the joint's first point to its second, or backwards
-            return merge([*self.point(first), *along], self.turn_vector(second.local, second.link))
-        return merge(self.point(second), [*self.turn_vector(first.local, first.link), *along])
+            return merge([*self.point(first), *along], less=self.turn_vector(second.local, second.link))
+        return merge(self.point(second), less=[*self.turn_vector(first.local, first.link), *along])
 
     def _gap(self, joint: Joint) -> Sum:
         """Return the vector from the first point of a joint to its second, minus the displacement along a slide."""
         first, second = joint.ends
-        return merge(self.point(second), [*self.point(first), *(self.along(joint) if isinstance(joint, Prismatic) else ())])
+        along = self.along(joint) if isinstance(joint, Prismatic) else ()
+        return merge(self.point(second), less=[*self.point(first), *along])
 
-    def turn_vector(self, vector: Any, link: int, length: int = NONE) -> Sum:
-        """Return a vector (2,) of a link's frame, times a displacement, as a sum of one term."""
+    def turn_vector(self, vector: Any, link: int, displacement: int = NONE) -> Sum:
+        """Return a vector (2,) of a link's frame, which turns with the link, as a sum of one term in world axes.
+
+        `displacement` is the index of the coordinate by which the vector is multiplied, or NONE for a vector of constant length.
+        """
         if link == GROUND:
-            return (VectorTerm(vector[0], vector[1], NONE, length),)
+            return (VectorTerm(vector[0], vector[1], NONE, displacement),)
         c, s = unit(self.turn[link])
-        return (VectorTerm(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], self.angle[link], length),)
+        return (VectorTerm(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], self.angle[link], displacement),)
 
     def point(self, point: Point) -> Sum:
         """Return the position of a link-fixed point."""
@@ -143,6 +155,7 @@ class LoopCoordinates:
             x[k : k + 2] = z[link].real, z[link].imag
 
         def world(p: Point) -> complex:
+            """Return the position of a point in the world."""
             local = complex(*(float(c) for c in p.local))
             return local if p.link == GROUND else complex(z[p.link] + np.exp(1j * theta[p.link]) * local)
 
@@ -168,11 +181,11 @@ def spanning_tree(mechanism: Mechanism) -> list[TreeStep]:
         a, b = (point.link for point in joint.ends)
         beside[a].append((b, joint))
         beside[b].append((a, joint))
-    reached: set[int] = set()
+    reached: set[int] = set()  # links
     steps: list[TreeStep] = []
 
     def reach(step: TreeStep) -> list[int]:
-        """Take a step; return the link that it reaches, and the links that slides tie to it."""
+        """Add a step to the tree; return the link that the step reaches, and the links that slides connect to this link."""
         if step.link in reached:
             return []
         reached.add(step.link)
@@ -180,11 +193,11 @@ def spanning_tree(mechanism: Mechanism) -> list[TreeStep]:
         tied = [TreeStep(step.link, other, joint) for other, joint in beside[step.link] if isinstance(joint, Prismatic)]
         return [step.link, *(link for tie in tied for link in reach(tie))]
 
-    for root in beside:
+    for root in beside:  # the ground first, and then every link that is not yet connected to it
         queue = deque(reach(TreeStep(GROUND, root, None)))
         while queue:
             link = queue.popleft()
             for other, joint in beside[link]:
                 if not isinstance(joint, Prismatic):
                     queue += reach(TreeStep(link, other, joint))
-    return steps[1:]
+    return steps[1:]  # without the step to the ground itself
