@@ -330,7 +330,7 @@ def constraint_explanations(own: OwnMotion, x: States, before: States, start: St
     dropped = [(f"the joint {name}", "is", indices) for name, indices in rows_of.items()]
     dropped += [("the loops' closing joints", "are", closing), ("all constraints", "are", list(range(rows.m)))]
     for what, be, indices in dropped:
-        effect = parts.without(indices).accelerations() - parts.unaltered
+        effect: Array = parts.without(indices).accelerations() - parts.unaltered
         yield Explanation(Cause.IGNORED, what, effect, f"{what} {be} left out", once=True)
     second = own.second_rates(x)  # (k, m), zero but for drivers
     for row, driver in enumerate(mechanism.drivers, rows.joint_rows):
