@@ -80,7 +80,7 @@ def test_of_a_part_what_the_baseline_knows_is_run_and_what_it_does_not_know_is_t
         return pd.DataFrame([CASE]), pd.DataFrame()
 
     monkeypatch.setattr(suites, "measure_all", measured)
-    monkeypatch.setattr(gate, "facts", lambda *arguments: figures)
+    monkeypatch.setattr(gate, "figures_of", lambda *arguments: figures)
     assert main(["check", "four_bar", "--baseline", str(baseline)]) == 0
     assert {x.engine for x in run} == {"gauss"}
     assert "are not in the baseline and are not run" in capsys.readouterr().err
@@ -134,6 +134,6 @@ def test_the_hint_repeats_what_was_asked_for(
     path = tmp_path / "a baseline.csv"
     accept(ended("ok"), path, "first")
     monkeypatch.setattr(suites, "measure_all", lambda *arguments: (pd.DataFrame([CASE]), pd.DataFrame()))
-    monkeypatch.setattr(gate, "facts", lambda *arguments: ended("nan"))
+    monkeypatch.setattr(gate, "figures_of", lambda *arguments: ended("nan"))
     assert main(["check", "four_bar", "--engine", "gauss", "--baseline", str(path)]) == 1
     assert f"gauss-bench check four_bar --engine gauss --baseline '{path}' --accept 'REASON'" in capsys.readouterr().out
