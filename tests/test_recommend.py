@@ -346,7 +346,7 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """A clock on the wall and the seconds that others had the processor: [wall, waited], to be set."""
     clock = [0.0, 0.0]
     monkeypatch.setattr(budget.time, "monotonic", lambda: clock[0])
-    monkeypatch.setattr(budget, "wait", lambda: {"worker": clock[1] / 2, "other worker": clock[1] / 2})
+    monkeypatch.setattr(budget, "waiting_times", lambda: {"worker": clock[1] / 2, "other worker": clock[1] / 2})
     return clock
 
 
@@ -365,11 +365,11 @@ def test_what_a_busy_machine_takes_does_not_count_up_to_the_wall(slow: list[floa
     assert own.remaining(1.25) == pytest.approx(1.0), "everything has ended within one and a half times the budget"
 
 
-@pytest.mark.skipif(not budget.wait(), reason="this system does not tell of waiting")
+@pytest.mark.skipif(not budget.waiting_times(), reason="this system does not tell of waiting")
 def test_processes_that_it_has_started_are_asked() -> None:
     with Worker() as worker:
         process = worker.start()
-        assert process.pid in budget.wait()
+        assert process.pid in budget.waiting_times()
 
 
 def test_of_an_engine_with_two_loops_both_are_raced_and_told() -> None:
