@@ -69,7 +69,7 @@ def load_until(linkage: str, scenario: str, until: float) -> Mechanism:
 
 
 class Wanted(NamedTuple):
-    """A setting of an engine in a report, with the end of the run `until` [s]; a step [s] or tolerance is NaN if it does not apply."""
+    """A setting of an engine in a report, with the end `until` [s] of its run; a step [s] or tolerance is NaN if not used."""
 
     linkage: str
     scenario: str
