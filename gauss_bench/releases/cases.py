@@ -3,9 +3,9 @@
 They are:
 
     accelerations:  accelerations at states in motion and at rest, in every setting and variant
-    motion:         the motion over 1 s at steps of 1 ms, the gaps of loops at its end, and the number of steps of adaptive
-    integrators closures:       accelerations of small models that are built with the library's own functions, one model for each
-    kind of loop
+    motion:         the motion over 1 s at steps of 1 ms, the gaps of loops at its end, and the number of steps if the integrator
+                    chooses them
+    closures:       accelerations of small models that are built with the library's own functions, one model for each kind of loop
                     closure (`probes.py`)
     defaults:       the default values of the library's options
 
