@@ -32,10 +32,8 @@ class Budget:
         """Start a budget of some seconds for a search with `lanes` processes in parallel."""
         self.seconds, self.lanes, self.started = seconds, lanes, time.monotonic()
         self._seen = waiting_times()  # thread -> time [s] that it had waited for a processor at the last reading
-        self._lost, self._looking = (
-            0.0,
-            threading.Lock(),
-        )  # [s] waiting time of all threads since the start; a lock, as several threads update it
+        # [s] waiting time of all threads since the start; several threads update it, hence the lock
+        self._lost, self._looking = 0.0, threading.Lock()
 
     def wall_time(self) -> float:
         """Return the elapsed seconds."""

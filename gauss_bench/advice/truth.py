@@ -70,7 +70,7 @@ class Truth:
     told: str
 
     def at(self, run: Run, times: Array) -> Reference:
-        """Return the reference at any times (k,) [s] of the run, with accelerations."""
+        """Return the reference motion, with accelerations, at any times (k,) [s] within the run."""
         q, v = between(self.reference, times)
         a = AbsoluteCoordinates(run.mechanism).acceleration(times, q, v)
         return Reference.with_one_bar(Trajectory(times, q, v, a, None), self.reference.method, self.bar)
@@ -213,7 +213,7 @@ def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Tra
     kept = steps // every
     times = run.until / kept * np.arange(kept + 1)
     choice = Choice("default", METHOD, "none", run.until / steps)
-    request = Request(run.linkage, run.mechanism.scenario, engine, choice, Sampling(times, choice.step, steps, 0))
+    request = Request(run.linkage, run.mechanism.scenario, engine, choice, Sampling(times, choice.step, count=steps, shortened=0))
     ran = run_apart(request, run.mechanism, limit, worker, again=True)
     return ran.trajectory or ran.message
 
@@ -241,7 +241,8 @@ def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, s
     between_samples = _between_bars(reference)
     gaps = float(drift(judge, fine).position.max())  # largest gap of a joint [m]
     bars = {kind: x + between_samples[kind] + gaps for kind, x in bars.items()}
-    return Truth(reference, halving | bars, halving, steps, False, how)
+    # for positions and angles `bars` replaces the smaller error bar in `halving`
+    return Truth(reference, bars=halving | bars, halving=halving, steps=steps, certified=False, told=how)
 
 
 def _between_bars(known: Reference) -> dict[str, float]:

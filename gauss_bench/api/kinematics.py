@@ -278,7 +278,7 @@ def move(mechanism: Mechanism, times: Array, method: str) -> Moved:
     except ValueError as error:
         raise ChoiceError(str(error)) from error
     count = len(motion.q)  # fewer than the given times if the motion stopped
-    states = Trajectory(times[:count], motion.q, motion.v, motion.a, count - 1)
+    states = Trajectory(times[:count], motion.q, motion.v, motion.a, steps=count - 1)
     return Moved(states, getattr(motion, "iterations", None), stopped)
 
 

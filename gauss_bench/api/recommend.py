@@ -217,7 +217,7 @@ def order_kinds() -> list[str]:
 
 
 def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
-    """Return the variants of an engine in the order in which the search tries them: all, or those with the given settings."""
+    """Return the variants of an engine, or those with the given settings, in the order in which the search tries them."""
     if not engine.usable:
         return []
     if settings is not None:
@@ -225,6 +225,7 @@ def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
         tried = [Variant(settings, i, s, options) for i in engine.integrators for s in engine.stabilizations]
     else:
         tried = space(engine)
+    # a program can be written only for some integrators and stabilisations of an engine
     tried = [x for x in tried if holds(engine.name, x.integrator, x.stabilization, str(x.options.get("code", "")))]
 
     def rank(x: Variant) -> tuple[int, bool]:

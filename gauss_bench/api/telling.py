@@ -1,4 +1,4 @@
-"""Output of commands: an object as JSON or as text on stdout, and progress on stderr.
+"""The output of commands: an object on stdout, as JSON or as text, and progress on stderr.
 
 The text comes from a template `text/VERB.txt`, in which x is the object that `--json` prints.
 """

@@ -137,10 +137,10 @@ class Judge:
         steps = max(1, int(self.run.until / step * (1 + 1e-12)))
         times = step * np.unique(np.linspace(0, steps, min(steps, SAMPLES) + 1).round())  # (k,) [s], multiples of the step
         choice = Choice(setting_text(path or self.file.path, changes), "", "none", step)
-        wanted = Sampling(times, step, steps, 0)
+        wanted = Sampling(times, step, count=steps, shortened=0)
         request = Request(self.run.linkage, self.run.mechanism.scenario, ENGINE, choice, wanted)
         ran = run_apart(request, self.run.mechanism, max(1.0, self.budget.remaining()), self.worker)
-        way = Way(ENGINE, "", "", "none", step)
+        way = Way(ENGINE, settings="", integrator="", stabilization="none", size=step)
         trial = judge_trial(self.run, self.evaluator, self.known.at(self.run, times), way, ran)
         # the true error may be larger than the measured one by the error bar of the reference
         largest = {kind: x + self.known.bars.get(kind, 0.0) for kind, x in trial.errors.items()}

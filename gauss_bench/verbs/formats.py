@@ -69,7 +69,7 @@ def find_schema(name: str) -> Schema:
 
 
 def find_data(answer: Any) -> Iterator[Any]:
-    """Yield the types of data that a command's function may return; `answer` is its return type, such as `Answer[...]` or a union."""
+    """Yield the types of data that a command's function may return; `answer` is its return type, as `Answer[...]` or a union."""
     if get_origin(answer) in (Union, UnionType):
         for option in get_args(answer):
             yield from find_data(option)
