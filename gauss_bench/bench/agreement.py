@@ -52,7 +52,7 @@ LINKAGES = (  # linkages and scenarios, moved by loads and by drivers; parallelo
 
 
 def declarations(subject: Subject) -> Iterator[Check]:
-    """Check what an engine declares `soft` or `unfinished`: does it exist, may it be so, and is a cause given that is not too short?"""
+    """Check that what an engine declares `soft` or `unfinished` exists, may be declared so, and has a long enough cause."""
     offer = subject.offer
     # (word, name of settings or of a variant, cause)
     declared = [("soft", *x) for x in offer.soft.items()] + [("unfinished", *x) for x in offer.unfinished.items()]
@@ -196,7 +196,7 @@ def _combine(title: str, answers: dict[str, Answer], soft: bool) -> Check:
         others = f"; it shows on {len(faults)} of {len(taken)}: {_list_few(list(faults))}"
         return Check(title, False, f"{faults[worst]} ({worst}){others}")
     message = f"agree to {digits(max(x.off for x in taken.values()))}"
-    if soft:  # the number above has no limit then; the one along the free directions has
+    if soft:  # `off`, which the message has so far, has no limit then; `along` has one
         message += f", those that constraints leave free to {digits(max(x.along for x in taken.values()))},"
     count = sum(len(x.given) for x in taken.values() if x.given is not None)
     message += f" at {count} states of {len(taken)} linkage{'s' * (len(taken) > 1)}"
