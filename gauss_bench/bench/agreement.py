@@ -170,10 +170,10 @@ def same_states(subject: Subject) -> Iterator[Check]:
             yield Check(title, None, f"declared unfinished: {cause}")  # None: neither passed nor failed
             continue
         subject.tell(f"Accelerations under {name_choice(choice)}.")
-        probes = [probe(*subject.moving[0])]  # the first linkage that the engine takes
+        probes = [probe(*subject.accepted[0])]  # the first linkage that the engine takes
         if choice.integrator == offer.integrators[0] and choice.settings in offer.settings:
             # a setting with the default integrator: all linkages, and that first one with all its numbers changed
-            probes = [*(probe(*x) for x in LINKAGES), probe(*subject.moving[0], EVERYTHING)]
+            probes = [*(probe(*x) for x in LINKAGES), probe(*subject.accepted[0], EVERYTHING)]
         answers = {}
         for at in probes:
             name = f"{at.mechanism.name} {at.mechanism.scenario}"
@@ -212,7 +212,7 @@ def _list_few(names: list[str]) -> str:
 def change_numbers(subject: Subject) -> Iterator[Check]:
     """Check that accelerations are right if numbers of the file are changed: one at a time, all of one kind, and all."""
     soft = subject.usual.settings in subject.offer.soft
-    for linkage, scenario in subject.moving:
+    for linkage, scenario in subject.accepted:
         names = [x for x in changes(linkage, scenario) if x != AS_IT_IS]  # AS_IT_IS names the linkage without a change
         answers = {name: ask(subject, subject.usual, probe(linkage, scenario, name)) for name in names}
         yield _combine(f"accelerations follow every number ({probe(linkage, scenario).mechanism.name})", answers, soft)
@@ -256,7 +256,7 @@ def reactions(subject: Subject) -> Iterator[Check]:
         yield Check(title, None, "declared soft: its joints exert other forces")
         return
     agreed = ""  # the digits on the last linkage on which the engine reports joint forces
-    for linkage, scenario in (subject.moving[0], *PLAIN):
+    for linkage, scenario in (subject.accepted[0], *PLAIN):
         at = probe(linkage, scenario)
         question = ForceQuestion(at.mechanism, Trajectory(at.t, at.q, at.v, at.a, None))
         run = subject.perform(at.mechanism, subject.usual, np.array([0.0, STEP]), question.ask, question.answers)
@@ -276,12 +276,12 @@ def motions(subject: Subject) -> Iterator[Check]:
     """Check that runs with each integrator, settings label, stabilisation and variant follow the equations of motion."""
     usual, offer = subject.usual, subject.offer
     for choice in subject.choices():
-        yield _follow(subject, choice, *subject.moving[0])
+        yield _follow(subject, choice, *subject.accepted[0])
     for linkage, scenario in ((PROBE, "driven"), ("parallelogram", "torque")):
         yield _follow(subject, usual, linkage, scenario)
     for name in (x for x in offer.stabilizations if x != usual.stabilization):
         for integrator in offer.integrators:  # the first one that can be combined with the stabilisation
-            check = _follow(subject, replace(usual, stabilization=name, integrator=integrator), *subject.moving[0])
+            check = _follow(subject, replace(usual, stabilization=name, integrator=integrator), *subject.accepted[0])
             if check.passed is not None:
                 break
         yield check

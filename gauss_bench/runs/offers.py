@@ -187,7 +187,7 @@ def interpreter_of(name: str) -> Interpreter:
 
 
 _known: dict[str, Offer] = {}  # name of an engine that this process has asked -> its description
-_asking = threading.Lock()
+_lock = threading.Lock()
 
 
 def offer(name: str) -> Offer:
@@ -211,7 +211,7 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
         for name in wanted:
             if name not in there and not is_class(name):
                 raise unknown(name)
-    with _asking:
+    with _lock:
         unknown_yet = [name for name in wanted if name not in _known]
         others = [name for name in unknown_yet if name not in SAFE]
         _known.update({name: describe(name) for name in unknown_yet if name in SAFE})
