@@ -96,7 +96,7 @@ def list_survivors(
     Args:
         race: function that times engines and writes the name of the running one, at most ROOM bytes, into the file `path`.
         engines: names of the engines that take part in the first race.
-        limit, longest: largest processor time and largest elapsed time of one race [s], as for `Worker.call`.
+        limit: largest time of one race [s], without waits for a processor; longest: largest elapsed time of one race [s].
 
     Returns:
         The result of the last race, and engine -> failure, for each engine that crashed or hung in an earlier one.

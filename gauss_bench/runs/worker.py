@@ -1,19 +1,20 @@
 """A worker process for code that may crash or hang: it calls functions and returns their results, or the reason of a failure.
 
-Tasks are pickled for the worker. Answers are never unpickled, because a task may run code of others. An answer is JSON, in which
-type and shape stand for an array, followed by the bytes of the arrays. The arrays that are made of an answer are never larger than
-the bytes of the answer.
+Tasks are pickled for the worker. Answers are never unpickled, because a task may run code of others. An answer of a worker is JSON,
+in which each array is replaced by its type and shape, followed by the bytes of the arrays. The arrays that the parent decodes from
+an answer never take more memory than the bytes of the answer.
 
 The worker's standard output is redirected to its error stream, so that a library that prints cannot write into the answers. The
 error stream is a file, whose last line is quoted when the worker dies. The pipe of the answers has a high file descriptor, so that
-a library that uses or closes low descriptors does not hit it. Each answer begins with the random token of its task. An answer with
-another token is refused, and so is an answer larger than the caller expects. The parent stops a task that exceeds its limit; if the
-parent is gone, the task is stopped by an alarm signal that no library can block. Waits for a processor do not count, so that
-engines do not fail because the machine is busy.
+a library that uses or closes low descriptors does not hit it. Each task has a random token, with which the worker's answer must
+begin. The parent refuses an answer with another token, and an answer that is larger than the caller expects. The parent stops a
+task that exceeds its limit; if the parent is gone, the task is stopped by an alarm signal that no library can block. The time
+during which a task waits for a processor does not count towards the limit, so that engines do not fail because the machine is busy.
 
-The processes that a task starts end with its worker. They are found by a mark in their environment and, on Linux, as descendants of
-the worker, which becomes the parent of orphans. A process that has removed the mark from its environment survives if its worker
-crashes or is killed first. No process may use more memory than its `Interpreter` allows, by default MEMORY.
+The processes that a task starts end with its worker. These processes are found by a mark, an environment variable that they inherit
+from the worker. On Linux they are also found as descendants of the worker, which becomes the parent of orphaned processes. A
+process that has removed the mark from its environment survives if the worker crashes or is killed before it can look for its
+descendants. No process may use more memory than its `Interpreter` allows, by default MEMORY.
 
 A worker runs under the interpreter of this process, or under that of an engine's environment (`elsewhere.py`).
 """
@@ -73,11 +74,11 @@ class WorkerFailure(Failure):
 
 @dataclass(frozen=True)
 class Interpreter:
-    """The Python under which a worker runs.
+    """The Python interpreter that runs a worker process.
 
     Attributes:
         python: path of the program.
-        memory: bytes that each of its processes may use.
+        memory: bytes that each process of such a worker may use.
     """
 
     python: str = sys.executable
@@ -95,7 +96,10 @@ class Worker:
     """One process, started when first needed and again after it has died."""
 
     def __init__(self) -> None:
-        """Prepare a worker without a process yet; the processes of its tasks will be found by its random mark."""
+        """Create a worker that has not started a process yet.
+
+        Its random mark, an environment variable, will identify the processes that its tasks start.
+        """
         self.process: subprocess.Popen[bytes] | None = None
         self.interpreter = Interpreter()
         # the mark of a worker within a worker begins with that of the outer one, so that both end together
@@ -167,13 +171,13 @@ class Worker:
         """Return the result of function(*arguments) in the worker, as plain data with lists for tuples.
 
         Args:
-            limit: [s] after which the worker is stopped; waits for a processor do not count.
-            largest: most bytes of the result.
-            longest: [s] of elapsed time after which the worker is stopped too.
+            limit: time [s] after which the worker is stopped; the time during which it waits for a processor is not counted.
+            largest: largest size of the result [bytes].
+            longest: elapsed time [s] after which the worker is stopped too.
 
         Raises:
-            WorkerFailure: the worker crashed, exceeded a limit or was stopped by another thread, the function raised, or the
-                interpreter is unfit.
+            WorkerFailure: the worker crashed, exceeded a limit or was stopped by another thread, the function raised an error, or
+                the worker's Python interpreter cannot be used.
         """
         process = self.start()
         assert process.stdin is not None
@@ -256,10 +260,11 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
     assert process.stdout is not None
     descriptor = process.stdout.fileno()
     buffer = bytearray()
-    needed, headed = HEADER.size, False
+    needed, header_read = HEADER.size, False
     while len(buffer) < needed:
         left = clock.remaining()
         if not select.select([descriptor], [], [], min(POLL, max(0.0, left)))[0]:
+            # nothing has come: has the process ended, with nothing left in the pipe?
             if process.poll() is not None and not select.select([descriptor], [], [], 0.0)[0]:
                 raise EOFError
             if left <= 0:
@@ -269,13 +274,14 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
         if not part:
             raise EOFError
         buffer += part
-        if not headed and len(buffer) >= HEADER.size:
+        # the header has the token of the task, and the number of bytes that follow
+        if not header_read and len(buffer) >= HEADER.size:
             received, length = HEADER.unpack(buffer[: HEADER.size])
             if received != token:
                 raise NoAnswer(f"{bytes(buffer[:40])!r}")
             if length > largest:
                 raise NoAnswer(f"an answer of {length} bytes where {largest} are the most that is expected")
-            needed, headed = HEADER.size + length, True
+            needed, header_read = HEADER.size + length, True
     if len(buffer) > needed:
         raise NoAnswer(f"{len(buffer) - needed} bytes too many")
     return unpack_answer(bytes(memoryview(buffer)[HEADER.size :]))
@@ -298,15 +304,15 @@ class _Clock:
     """
 
     def __init__(self, pid: int, limit: float, longest: float = math.inf):
-        """Start the clock of the process with this number."""
+        """Start the clock of a task in the process with the ID `pid`."""
         self.pid, self.limit, self.longest = pid, limit, min(longest, BACKSTOP * limit)
         self.start, self.before = time.monotonic(), read_waits(pid)
 
     def _waiting_time(self) -> float:
         """Return the seconds for which the process has waited for a processor since the start.
 
-        The first thread may sleep until another thread is done, such as a compiler's. Therefore the longest wait of the others is
-        added.
+        The first thread of the process may sleep until another thread has finished, for example a thread that compiles code.
+        Therefore the longest wait of the other threads is added to the wait of the first thread.
         """
         waited = {thread: x - self.before.get(thread, 0.0) for thread, x in read_waits(self.pid).items()}
         return waited.pop(self.pid, 0.0) + max(waited.values(), default=0.0)
@@ -320,7 +326,9 @@ class _Clock:
 
 
 def _end_all(mark: str) -> None:
-    """Kill every process whose environment has the mark of a worker, or of a worker that this worker has started.
+    """Kill every process whose environment has the mark of a worker, or the mark of a worker that this worker has started.
+
+    A mark is an environment variable, random for each worker, which its child processes inherit.
 
     To kill the process group would not be enough: it does not include processes in sessions of their own.
     """
@@ -345,7 +353,7 @@ def _end_each(find: Callable[[], list[int]]) -> None:
 
 
 def _processes() -> list[int]:
-    """Return the numbers of all processes of this machine, or none if the system does not list them."""
+    """Return the IDs of all processes on this machine, or an empty list if the system does not list them."""
     with contextlib.suppress(OSError):
         return [int(name) for name in os.listdir("/proc") if name.isdigit()]
     return []
@@ -368,9 +376,9 @@ def _descendants(root: int) -> list[int]:
 
 
 def _has(pid: int, sign: bytes) -> bool:
-    """Tell whether the environment of a process contains `sign`, which is "NAME=mark" of a worker.
+    """Tell whether the environment variables of a process contain `sign`, the text "NAME=mark" that identifies a worker.
 
-    The mark of a worker that was started within this worker counts too: it is this mark, a slash and more.
+    If a worker was started within this worker, its mark is accepted too: it is this worker's mark, a slash and more.
     """
     try:
         with open(f"/proc/{pid}/environ", "rb") as file:
@@ -451,7 +459,7 @@ def unpack_answer(content: bytes) -> Any:
         raise NoAnswer(f"its text should have {length} bytes")
 
     def restore(table: dict[str, Any]) -> Any:
-        """Return the array that a JSON object stands for, from the bytes that are left, or the object itself."""
+        """Return the array that a JSON object describes, read from the bytes that are left; return any other object unchanged."""
         nonlocal left
         if table.keys() != {ARRAY}:
             return table
@@ -515,7 +523,7 @@ def main() -> None:
 
 
 def _refuse(sentence: str) -> None:
-    """Raise an error, in place of a task that cannot be read."""
+    """Raise an error with this sentence: the worker calls this function instead of a task that it cannot read."""
     raise ValueError(sentence)
 
 
