@@ -33,13 +33,13 @@ from gauss_bench.trajectory import Status, Trajectory
 
 
 def engines_of(part: SameQuestions) -> list[str]:
-    """Return the engines of a part that are installed."""
+    """Return those engines of a section of the suite that are installed."""
     installed = names()
     return [x for x in part.engines or installed if x in installed]
 
 
 def absent(part: SameQuestions) -> list[str]:
-    """Return the engines of a part that are not installed."""
+    """Return those engines of a section of the suite that are not installed."""
     installed = names()
     return [x for x in part.engines or ELSEWHERE if x not in installed]
 
@@ -47,7 +47,8 @@ def absent(part: SameQuestions) -> list[str]:
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """Return a task for each linkage, engine and setting, without stabilisation and with the engine's first integrator.
 
-    Engines in PLAIN differ from others in algebra alone, and are run with their default setting only.
+    The engines in PLAIN differ from other engines only in how they solve the same equations, and are run with their default setting
+    only.
     """
     tasks = []
     for part in suite.field:
@@ -61,7 +62,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def compare_runs(linkage: str, scenario: str, engine: str, chosen: Sequence[str], step: float, until: float, store: str) -> Tables:
-    """Return the row of an engine: whether two runs agree bit by bit, and the errors of the joint forces.
+    """Return the row of an engine: whether two runs agree bit for bit, and the errors of the joint forces.
 
     Args:
         chosen: names of settings, integrator and stabilisation.
@@ -91,7 +92,7 @@ def compare_runs(linkage: str, scenario: str, engine: str, chosen: Sequence[str]
 
 
 def repeats(one: Trajectory, other: Trajectory) -> tuple[bool, float]:
-    """Tell whether two runs agree bit by bit, and return the largest difference of their positions [m, rad]."""
+    """Tell whether two runs agree bit for bit, and return the largest difference of their positions [m, rad]."""
     pairs = [(getattr(one, x), getattr(other, x)) for x in ("t", "q", "v", "a")]
     same = all(x.shape == y.shape and x.tobytes() == y.tobytes() for x, y in pairs)
     apart = np.abs(one.q - other.q).max() if one.q.shape == other.q.shape else np.inf
@@ -101,7 +102,8 @@ def repeats(one: Trajectory, other: Trajectory) -> tuple[bool, float]:
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """Return the tasks that time the start-up of every usable engine in a new process: import, first model and first step.
 
-    The linkage is the first one of each part. The repetitions of one engine are separated in time.
+    In each section of the suite, the first linkage that it lists is used. The repetitions of one engine do not follow each other
+    directly.
     """
     tasks = []
     for part in suite.field:
