@@ -152,7 +152,7 @@ def _check_failed(subject: Subject, choice: Choice, run: Run, mechanism: Mechani
 
 
 def name_choice(choice: Choice) -> str:
-    """Return settings, integrator and stabilisation of a choice in words."""
+    """Return the names of the settings, the integrator and the stabilisation of a choice, as a text."""
     return ", ".join((choice.settings, choice.integrator, choice.stabilization))
 
 
@@ -182,17 +182,20 @@ def same_states(subject: Subject) -> Iterator[Check]:
 
 
 def _combine(title: str, answers: dict[str, Answer], soft: bool) -> Check:
-    """Combine an engine's answers (name of the probe -> answer) into one check, whose message quotes the worst of them.
+    """Combine an engine's answers (name of the probe -> answer) into one check.
+
+    If the accelerations are wrong on some probes, the message quotes the worst fault and names the others. If not, it says to how
+    many digits the accelerations agree, at how many states, and which linkages the engine refused.
 
     Args:
-        soft: whether the engine declares soft closures: then its accelerations must be right along the free directions alone.
+        soft: whether the engine declares soft closures. Its accelerations must then be right only along the free directions.
     """
     taken = {name: x for name, x in answers.items() if not x.refused}
     if not taken:
         return Check(title, None, next(iter(answers.values())).refused)
     faults = {name: fault for name, x in taken.items() if (fault := x.fault(soft))}
     if faults:
-        worst = max(faults, key=lambda name: np.nan_to_num(taken[name].off, nan=np.inf))
+        worst = max(faults, key=lambda name: np.nan_to_num(taken[name].off, nan=np.inf))  # no accelerations: worst of all
         others = f"; it shows on {len(faults)} of {len(taken)}: {_list_few(list(faults))}"
         return Check(title, False, f"{faults[worst]} ({worst}){others}")
     message = f"agree to {digits(max(x.off for x in taken.values()))}"
@@ -210,7 +213,7 @@ def _list_few(names: list[str]) -> str:
 
 
 def change_numbers(subject: Subject) -> Iterator[Check]:
-    """Check that accelerations are right if numbers of the file are changed: one at a time, all of one kind, and all."""
+    """Check accelerations on linkages with changed numbers: each number alone, all numbers of one kind, and all numbers."""
     soft = subject.usual.settings in subject.offer.soft
     for linkage, scenario in subject.accepted:
         names = [x for x in changes(linkage, scenario) if x != AS_IT_IS]  # AS_IT_IS names the linkage without a change
@@ -347,7 +350,7 @@ def find_loose(mechanism: Mechanism, x: Trajectory | None) -> str:
 
 
 def _from_coarse_to_fine(choice: Choice, adaptive: bool) -> list[Choice]:
-    """Return the choices under which a run is made and repeated; the last has the shortest step or the tightest tolerance."""
+    """Return the choices with which a run is made and repeated; the last has the shortest step or the tightest tolerance."""
     if adaptive:
         return [replace(choice, tolerance=COARSE), choice, replace(choice, tolerance=TIGHT)]
     return [choice, replace(choice, step=choice.step / 2)]

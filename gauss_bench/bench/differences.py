@@ -51,7 +51,7 @@ def differences(here: Path, there: Path) -> Differences:
     verdicts = compare(own, other)
     # observed orders of convergence are left out: they follow from the errors, which are compared
     beyond = tuple(v for v in verdicts if v.outcome != "ok" and v.metric != "observed_order")
-    return Differences(len(verdicts), beyond, len(cases[0] - shared), len(cases[1] - shared))
+    return Differences(len(verdicts), beyond, only_here=len(cases[0] - shared), only_there=len(cases[1] - shared))
 
 
 @dataclass(frozen=True)
@@ -103,9 +103,9 @@ def compare_times(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
 
 
 def _apart(what: str, column: str, row: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[Clocked | None]:
-    """Yield the difference of a column between two rows, or None if they agree; yield nothing if a row lacks the value.
+    """Compare a column of two rows: yield the difference, or None if the values agree; yield nothing if a row lacks the value.
 
-    Ratios agree if their spreads overlap; targets and verdicts agree if they are equal.
+    Two ratios agree if their spreads overlap. Two targets, or two verdicts on a claim, agree if they are equal.
 
     Args:
         what: text that names the table and the row.
@@ -137,7 +137,7 @@ def _range(x: float, low: float, high: float) -> str:
 
 
 def _key(row: Mapping[Any, Any]) -> tuple[object, ...]:
-    """Return the values of the columns that identify a case."""
+    """Return the values of those columns of a row that identify its case."""
     return tuple(row[k] for k in KEY)
 
 

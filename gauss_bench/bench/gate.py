@@ -29,9 +29,10 @@ Key = tuple[Any, ...]  # values of the columns FIGURE
 
 @dataclass(frozen=True)
 class Rule:
-    """Limits of a metric.
+    """The limits of a metric, an error in the rows of results.
 
-    A figure fails if it is worse than `factor` times the baseline and above `floor`, and is reported if it is better by `factor`.
+    A figure fails if it is larger than `factor` times its value in the baseline and larger than `floor`. It is reported as better
+    if it is smaller than the value in the baseline divided by `factor`.
     """
 
     factor: float
@@ -120,7 +121,7 @@ def by_key(figures: pd.DataFrame) -> dict[Key, dict[Any, Any]]:
 
 
 def _repeatable(row: Mapping[Any, Any]) -> bool:
-    """Tell whether the errors of a run are so small that its figures are the same on every machine."""
+    """Tell whether the errors of a run are so small that its figures are nearly the same on every machine."""
     limits = {"acceleration_error_median": OFF_ACCELERATION, "position_drift": OFF_DRIFT, "position_error": LOST}
     return row["status"] in ENDED and all(row[metric] <= limit for metric, limit in limits.items())
 
@@ -185,7 +186,7 @@ def judge_figure(key: Key, value: str | None, base: str | None) -> Verdict:
     factor, flattering = max(rule.factor, scatter), FLATTERING * scatter
     if x < b / flattering and b > flattering * rule.floor:  # a faulty metric may be the cause
         return verdict("fail", f"{x:.3g}", f"at least {b / flattering:.3g} without a reason", f"{b:.3g}")
-    limit = max(factor * b, rule.floor)
+    limit = max(factor * b, rule.floor)  # below the floor, figures differ between machines
     outcome = "fail" if not x <= limit else "better" if x < b / factor and b > rule.floor else "ok"
     return verdict(outcome, f"{x:.3g}", f"{limit:.3g}", f"{b:.3g}")
 

@@ -91,7 +91,7 @@ def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
         adaptive: whether the integrator chooses its steps. If so, the way's size is a tolerance, and the choice's step, which is
             the largest step, is the whole run; otherwise the size is the step.
     """
-    names = way[1:4]
+    names = way[1:4]  # settings, integrator, stabilisation
     return Choice(*names, step=until, tolerance=way.size) if adaptive else Choice(*names, step=way.size)
 
 
@@ -218,7 +218,7 @@ def pace_run(run: Run, way: Way, steps: int | None, lead: float, samples: int, m
     """
     choice = choice_of(way, is_adaptive(way), run.until)
     if is_adaptive(way) or steps is None:
-        whole = 1.0  # the share of the run that is timed
+        whole = 1.0  # share of the run that is timed: the time is not extrapolated
         work = partial(running, NO_KEY, choice, np.linspace(0.0, run.until, samples + 1), whole)
     else:
         work = partial(leading, NO_KEY, choice, run.until, steps, lead)

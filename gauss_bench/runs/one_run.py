@@ -85,12 +85,12 @@ def sampling_at(step: float, times: Sequence[float] | Array) -> Sampling:
 
 
 def _whole_steps(step: float, t_end: float) -> int:
-    """Return the number of whole steps until a time, up to rounding."""
+    """Return the number of whole steps until a time; a time that is a multiple of the step up to rounding counts as reached."""
     return int(np.floor(t_end / step * (1 + 1e-12)))
 
 
 def _grid(step: float, t_end: float, spacing: float) -> Array:
-    """Return multiples of the step from 0 to at most `t_end`, about `spacing` apart [s]."""
+    """Return the times [s] from 0 to at most `t_end` that are multiples of the step, about `spacing` [s] apart."""
     each = max(1, round(spacing / step))
     return np.arange(_whole_steps(step, t_end) // each + 1) * (each * step)
 
@@ -249,7 +249,7 @@ def _read(model: Model | None) -> object:
 
 
 def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
-    """Check the samples of n coordinates in an outcome, and return the run: complete, or with the samples that it reached."""
+    """Check an engine's samples of n coordinates, and return the run: complete, or with the samples that it reached."""
     costs = (outcome.answer, outcome.build_time, outcome.seconds)
     reached = judge.leading(outcome.returned, wanted.times, n)
     if outcome.status is not Status.OK:
@@ -261,7 +261,8 @@ def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
         return Run(status, message, None, reached, wanted, *costs)
     if reached is None:
         return Run(Status.INCOMPLETE, "the engine's count of steps is no number", None, None, wanted, *costs)
-    notes = (reached.note, wanted.note if reached.steps == wanted.count else "")  # `wanted.note` remarks on shorter steps
+    # `wanted.note` reports shortened steps; it does not apply if the integrator has chosen other steps
+    notes = (reached.note, wanted.note if reached.steps == wanted.count else "")
     whole = replace(reached, note="; ".join(filter(None, notes)))
     return Run(Status.OK, whole.note, whole, None, wanted, *costs)
 

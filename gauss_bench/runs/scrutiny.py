@@ -87,7 +87,7 @@ def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, l
 
 
 def at_samples(finer: Run, times: Array) -> Run:
-    """Return the repetition of a run, restricted to the sample times (k,) [s] of the run itself."""
+    """Return the finer repetition of a run, but only its samples at the sample times (k,) [s] of the run itself."""
     x = finer.trajectory
     return finer if x is None else replace(finer, trajectory=x[metrics.common_times(x.t, times)[0]])
 
@@ -108,7 +108,7 @@ def finer_tolerance(offer: Offer, choice: Choice) -> float:
 
 
 def has_sound_rates(mechanism: Mechanism, trajectory: Trajectory) -> bool:
-    """Tell whether the judge accepts velocities and accelerations as derivatives of the positions, before the run is repeated."""
+    """Tell, before a run is repeated, whether the judge accepts its velocities and accelerations as derivatives of positions."""
     evidence = examine(Evaluator(mechanism), trajectory)
     return all(x.subject is not Subject.RATES for x in judge(evidence).objections)
 
@@ -213,7 +213,7 @@ def evidence_of(
 
 
 def as_truth(trajectory: Trajectory) -> Reference:
-    """Return a second run in the form of a reference, with error bars of 0."""
+    """Return a second run as a `Reference` with error bars of 0, so that a first run can be compared with it."""
     return Reference.with_one_bar(trajectory, "half the step")
 
 

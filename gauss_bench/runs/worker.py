@@ -93,7 +93,7 @@ class Interpreter:
 
 
 class Worker:
-    """One process, started when first needed and again after it has died."""
+    """One worker process, which is started when it is first needed, and again after it has died."""
 
     def __init__(self) -> None:
         """Create a worker that has not started a process yet.
@@ -114,7 +114,7 @@ class Worker:
         self.log.close()
 
     def under(self, interpreter: Interpreter) -> "Worker":
-        """Return this worker, whose next task runs under an interpreter; a process under another interpreter is ended."""
+        """Set the Python interpreter for the next task, and return this worker; a process of another interpreter is ended."""
         if interpreter != self.interpreter:
             self.stop()
             self.interpreter = interpreter
@@ -168,7 +168,7 @@ class Worker:
         largest: int = LARGEST,
         longest: float = math.inf,
     ) -> Any:
-        """Return the result of function(*arguments) in the worker, as plain data with lists for tuples.
+        """Call function(*arguments) in the worker process, and return the result as plain data, in which tuples have become lists.
 
         Args:
             limit: time [s] after which the worker is stopped; the time during which it waits for a processor is not counted.
@@ -300,7 +300,8 @@ def read_waits(pid: int) -> dict[int, float]:
 class _Clock:
     """The remaining time of a task, which begins when the object is made.
 
-    Waits for a processor do not count for `limit` [s], if the system reports them. They count for `longest` [s].
+    The time during which the process waits for a processor does not count towards `limit` [s], if the system reports it. All
+    elapsed time counts towards `longest` [s].
     """
 
     def __init__(self, pid: int, limit: float, longest: float = math.inf):
@@ -309,7 +310,7 @@ class _Clock:
         self.start, self.before = time.monotonic(), read_waits(pid)
 
     def _waiting_time(self) -> float:
-        """Return the seconds for which the process has waited for a processor since the start.
+        """Return the time [s] for which the process has waited for a processor since the task began.
 
         The first thread of the process may sleep until another thread has finished, for example a thread that compiles code.
         Therefore the longest wait of the other threads is added to the wait of the first thread.
@@ -318,7 +319,7 @@ class _Clock:
         return waited.pop(self.pid, 0.0) + max(waited.values(), default=0.0)
 
     def remaining(self) -> float:
-        """Return the seconds that are left."""
+        """Return the time [s] that the task has left before it exceeds `limit` or `longest`."""
         passed = time.monotonic() - self.start
         # the system counts waits by another clock: they may seem to be negative, or longer than the elapsed time
         waited = min(max(0.0, self._waiting_time()), passed)
@@ -478,10 +479,10 @@ def unpack_answer(content: bytes) -> Any:
 
 
 def _read_type(form: object) -> tuple[np.dtype[Any], list[int]]:
-    """Return type and shape of an array, as an answer gives them: [kind, shape].
+    """Return type and shape of an array from their description in an answer, a list [kind, shape].
 
     Raises:
-        NoAnswer: they have another form.
+        NoAnswer: the description is not such a list.
     """
     match form:
         case [str(kind), [*shape]] if kind in KINDS and len(shape) <= MOST:

@@ -103,7 +103,7 @@ def entries(linkage: str, scenario: str, part: Cost) -> Iterator[tuple[Key, Make
     mechanism = load(linkage, scenario or None)
     for name in part.engines:
         offered = offer(name)
-        for chosen in combinations(offered, part.integrators, name in part.plain):
+        for chosen in combinations(offered, part.integrators, plain=name in part.plain):  # `plain`: the defaults only
             if chosen.integrator in offered.adaptive:
                 continue  # it has no equal steps
             choice = Choice(*chosen, part.step)
@@ -113,7 +113,7 @@ def entries(linkage: str, scenario: str, part: Cost) -> Iterator[tuple[Key, Make
                 timed = quantities_elsewhere(name, mechanism, choice)
             for quantity, make in timed:
                 yield Key(quantity, name, *chosen), make
-    if part.processor:
+    if part.processor:  # two loops that measure the processor's speed
         yield from processor()
 
 

@@ -53,7 +53,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     tasks = []
     for part in suite.field:
         for place, name in product(part.linkages.items(), engines_of(part)):
-            for chosen in combinations(offer(name), 1, name in PLAIN):
+            for chosen in combinations(offer(name), integrators=1, plain=name in PLAIN):
                 if chosen.stabilization == "none":
                     arguments = (*place, name, chosen, part.step, part.until, context.store)
                     columns = {"engine": name, **chosen._asdict(), "step": part.step}
@@ -116,8 +116,8 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 def complete(suite: Suite, tables: Tables) -> None:
     """Complete the table `field`.
 
-    All rows of an engine get its start-up time, its installed size, and the name of the linkage with redundant rows. Each engine
-    that is not installed gets a row with the reason.
+    Each row gets the start-up time and the installed size of its engine, and the name of the linkage with redundant constraint rows
+    on which engines are tested too (`part.redundant`). Each engine that is not installed gets a row with the reason.
     """
     rows = tables.get("field", [])
     for part in suite.field:
@@ -126,7 +126,7 @@ def complete(suite: Suite, tables: Tables) -> None:
             place = place_of(load(linkage, scenario or None))
             missing = {"status": str(Status.SKIP), "settings": "", "integrator": "", "stabilization": "", "step": part.step}
             # the error for an unknown name says how the engine can be installed
-            rows += [place | missing | {"engine": x, "message": str(unknown(x).args[0])} for x in absent(part)]
+            rows += [place | missing | {"engine": name, "message": str(unknown(name).args[0])} for name in absent(part)]
             for row in rows:
                 if {k: row[k] for k in place} == place:
                     row["redundant"] = redundant
@@ -140,9 +140,9 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 
 def start_columns(samples: Rows, engine: str) -> dict[str, Any]:
-    """Return the columns of an engine's start-up time, over all processes in which it started; none if no start was timed.
+    """Return the columns of an engine's start-up time and its spread, over all processes in which it started.
 
-    `samples` are rows of timed quantities, of all engines.
+    There are no columns if no start was timed. `samples` are rows of timed quantities, of all engines.
     """
     seconds = [[r["seconds"]] for r in samples if r["quantity"] == START and r["engine"] == engine]
     return dict(spread("start", np.array(seconds))) if seconds else {}

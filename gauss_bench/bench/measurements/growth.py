@@ -45,8 +45,8 @@ MOMENT = "0.5"  # [s] time of the state in the closed form
 STEP = 1e-6  # [s] of own kernels, so short that they stay near the state
 LOOPED = 1000  # steps in one call, so that the cost of calling is negligible
 LOOP, CALLED, IMPLICIT = "in its own loop", "called from Python", "one implicit step"
-# engine -> the largest size that is built, and why no larger one is
-TOO_LONG = {"pinocchio": (64, "building and checking the model takes more than a minute")}
+# library -> the largest size at which it is timed, and why no larger size is
+SIZE_LIMITS = {"pinocchio": (64, "building and checking the model takes more than a minute")}
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
@@ -69,7 +69,7 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 @dataclass(frozen=True, eq=False)
 class ExactState:
-    """A mechanism at a state q, v (n,) with its exact accelerations a (n,)."""
+    """A mechanism, a state q, v (n,) of it, and the exact accelerations a (n,) at this state."""
 
     mechanism: Mechanism
     q: Array
@@ -86,7 +86,7 @@ Contender = tuple[tuple[str, ...], Callable[[ExactState], list[Block]]]
 
 
 def exact_state(size: int) -> ExactState:
-    """Return the N-four-bar of a size at the time MOMENT, with its accelerations in closed form."""
+    """Return the chain of `size` four-bars in its state at the time MOMENT, with the accelerations from the closed form."""
     mechanism = load(f"n_four_bar_{size}")
     motion = closed_form(mechanism, [MOMENT])
     assert motion is not None
@@ -139,9 +139,13 @@ def entries(size: int, outside: Sequence[Sequence[str]] = ()) -> Iterator[tuple[
 
     @cache  # all blocks of a contender are made at once, when the first of them is needed
     def make_blocks(contender: str) -> list[Block]:
-        """Return the timing blocks of a contender; raise RunFailure if the linkage is too large for it."""
+        """Return the timing blocks of a contender, one for each timed quantity.
+
+        Raises:
+            RunFailure: the linkage is too large for the contender.
+        """
         library = contender.partition(",")[0]  # the name of a contender may be "library, call"
-        most, reason = TOO_LONG.get(library, (size, ""))
+        most, reason = SIZE_LIMITS.get(library, (size, ""))
         if size > most:
             raise RunFailure(Status.SKIP, reason)
         _, make = entered[contender]

@@ -55,6 +55,7 @@ def count_operations(linkage: str, scenario: str) -> Tables:
     start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
     shortest = REACHES["rk4"][:1]  # code for steps in which angles move little, which every run tries first
     try:
+        # one reach is asked for, so that one loop body is returned
         (body,) = bodies(read_code(known_program(mechanism, "gauss"), "none"), "rk4", shortest)
     except KernelError:
         return {"kernel_bounds": []}  # the row of the race has the reason
