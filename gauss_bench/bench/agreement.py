@@ -73,7 +73,7 @@ class Answer:
     """The accelerations of an engine at the states of a probe (a test linkage), compared with the suite's own accelerations.
 
     Attributes:
-        off: largest error of the accelerations, relative to the largest acceleration; NaN if the engine gave no accelerations.
+        off: largest error of the accelerations, relative to the largest acceleration of a state; NaN if the engine gave none.
         along: |N^T (M a - Q)| relative to |N^T Q|, where the columns of N are the motions that the constraints leave free: the
             error of the equations of motion without the constraint forces; NaN if the engine gave no accelerations.
         gamma: the constraints require J a = gamma, where gamma depends on the velocities. Each row of J a should contain the whole

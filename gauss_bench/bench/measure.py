@@ -87,8 +87,8 @@ def measure(
 ) -> Measurement:
     """Run a case, judge the run, and return the case's row of results, its curves and its poses.
 
-    If no reference decides whether the run is valid, the run is repeated at half the step, or with a tighter tolerance, to estimate
-    its errors.
+    To estimate its errors, the run is repeated at half the step, or with a tighter tolerance. It is not repeated if an accurate
+    reference decides and if its velocities and accelerations are derivatives of its positions.
 
     Args:
         store: the folder where references are stored.

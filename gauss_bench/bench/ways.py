@@ -88,8 +88,8 @@ def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
     """Return a way as a `Choice`, the object by which an engine is given its setting, for a run until a time [s].
 
     Args:
-        adaptive: whether the integrator chooses its steps. If so, the way's size is a tolerance, and the choice's step, which is
-            the largest step, is the whole run; otherwise the size is the step.
+        adaptive: whether the integrator chooses its steps. If so, the way's size becomes the tolerance of the choice, whose step is
+            set to the whole run and thus limits nothing. Otherwise the size becomes the step.
     """
     names = way[1:4]  # settings, integrator, stabilisation
     return Choice(*names, step=until, tolerance=way.size) if adaptive else Choice(*names, step=way.size)

@@ -85,7 +85,7 @@ def entries(linkage: str, scenario: str, part: Turns) -> Iterator[tuple[Key, Cal
 def errors(mechanism: Mechanism, turn: Sweep) -> Row:
     """Return the columns of the largest errors of positions, velocities and accelerations during one turn of the crank.
 
-    The crank turns at 1 rad/s, which is also the default speed of `exact_motion`, with which the turn is compared.
+    The crank turns at the constant speed 1 rad/s, which is also the default of `exact_motion`, with which the turn is compared.
     """
     motion = MinimalCoordinate(mechanism)
     off = differences((turn.q, turn.v, turn.a), exact_motion(motion, turn.q[:, motion.crank]))
