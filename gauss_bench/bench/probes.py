@@ -153,11 +153,11 @@ def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
 def _share(errors: Array, sizes: Array) -> float:
     """Return the largest relative error: max(errors / sizes), where sizes below FLOOR times the largest size are raised to it.
 
-    `errors` and `sizes` (k,) belong to k states. The result is infinite if an error is NaN, and 0 if all sizes are 0.
+    `errors` and `sizes` (k,) belong to k states. The result is infinite if an error is NaN. If all sizes are 0, it is the
+    largest error itself, so that rounding passes and a wrong term does not.
     """
-    floored = np.maximum(sizes, FLOOR * sizes.max(initial=0.0))
-    share = np.divide(errors, floored, out=np.zeros_like(errors), where=floored > 0)
-    return float(share.max(initial=0.0)) if np.isfinite(errors).all() else float("inf")
+    floored = np.maximum(sizes, FLOOR * sizes.max(initial=0.0)) if sizes.any() else np.ones_like(sizes)
+    return float((errors / floored).max(initial=0.0)) if np.isfinite(errors).all() else float("inf")
 
 
 @lru_cache(maxsize=256)
