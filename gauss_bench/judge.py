@@ -167,8 +167,7 @@ def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
     """Return the trajectory before its first sample that is missing, at a wrong time or not finite; None if no sample is left.
 
     An engine may return any object. The result is None too if the object is not a trajectory, or if its arrays have entries that
-    are
-    not numbers, or do not have n columns.
+    are not numbers, or do not have n columns.
 
     Args:
         times: (k,) the requested times of samples [s].

@@ -163,8 +163,7 @@ def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict
     """Return, by name of the pair, the force on its second link: fx, fy (k,) [N], and moment (k,) [N m] about the joint's point.
 
     The second link of a pin is that of the second point in the list `at` of the pin; the second link of a slide is its block.
-    Forces
-    of springs, damping and friction in the joint count as applied forces, and are not part of the joint's force.
+    Forces of springs, damping and friction in the joint count as applied forces, and are not part of the joint's force.
     """
     forces: dict[str, dict[str, Array]] = {}
     columns = iter(reactions(evaluator, trajectory).T)  # multipliers (k,) of one row after the other: joints stand first
@@ -306,8 +305,7 @@ def summarise_loads(mechanism: Mechanism, trajectory: Trajectory, curves: Iterab
 
     Args:
         curves: the loads at the samples of the trajectory, as `load_curves` yields them. The components fx and fy are skipped,
-            since
-            the magnitude of the force has a curve of its own.
+            since the magnitude of the force has a curve of its own.
     """
     t = trajectory.t
     peaks: dict[str, Peak] = {}
@@ -398,10 +396,8 @@ def work(t: Array, power: Array) -> tuple[Array, Array]:
     """Return the work (k, ...) [J] done since t[0] by powers (k, ...) [W] at times t (k,), and its error bar (...).
 
     The power is integrated by a quintic spline through the samples. The error bar is the largest difference from the integral of
-    the
-    spline through every second sample. If the samples are dense enough for the motion, it is far larger than the true error, which
-    is
-    then tiny; if they are not, it is large, and so shows the fault.
+    the spline through every second sample. If the samples are dense enough for the motion, it is far larger than the true error,
+    which is then tiny; if they are not, it is large, and so shows the fault.
     """
     from scipy.interpolate import make_interp_spline  # imported here: it takes as long as all other imports together
 
@@ -428,8 +424,7 @@ class Errors:
         angle: (k, links) |error| of a link's angle [rad].
         velocity: (k, links) largest |error| of a link's velocities [m/s, rad/s].
         position_bar, velocity_bar: (k,) smallest significant error: the error bar of the reference, or, if larger, its floor, which
-            is
-            the change of the motion when the numbers of the file are rounded to doubles.
+            is the change of the motion when the numbers of the file are rounded to doubles.
     """
 
     t: Array

@@ -2,8 +2,7 @@
 
 The search, the recommendation and the report all print the answer, a `Reach`, in the same words. The answer follows from the trials
 (runs with one step or tolerance) of the engine's variants (settings that the search tries). So it can be computed from stored rows
-of
-the table `search_ladder` as well as from a search that has just ended.
+of the table `search_ladder` as well as from a search that has just ended.
 """
 
 import math

@@ -247,9 +247,8 @@ def _print_value(row: Row, kind: str, key: str, bar: str = "") -> Cell:
 
     Args:
         kind: how the value is printed: one of TEXT_KINDS, "figure" (text in a column of numbers), "met" (yes or no: whether a
-            target
-            is met), "step" (a step size, or "own" if the integrator chose its steps), a number format (`print_as`), or "range "
-            followed by the number format of both ends.
+            target is met), "step" (a step size, or "own" if the integrator chose its steps), a number format (`print_as`), or
+            "range " followed by the number format of both ends.
         key: column of the value. The column `key` + "_tone" may hold the tone (colour) of the cell.
         bar: column of the value's error bar, empty if there is none; a value below its error bar is printed as "< " and the bar.
     """

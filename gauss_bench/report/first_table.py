@@ -4,8 +4,7 @@ The table also has the multiple of each engine, which is its run time divided by
 authors are marked. README has the table between two marker lines, where `make publish` writes it.
 
 A row of the table belongs to an engine or, for Pinocchio, to the engine with one kind of loop over the steps. The name of the row,
-such
-as "gauss" or "pinocchio, compiled", is made by `loop_of`; variables with such a name are called `loop`.
+such as "gauss" or "pinocchio, compiled", is made by `loop_of`; variables with such a name are called `loop`.
 """
 
 import math
@@ -95,9 +94,8 @@ def first_table(run: Run) -> Table | None:
     """Return the table of the engines that reach the accuracy FIRST [m], or None if no engine of the run does.
 
     A row has the name `loop` of an engine (`loop_of`), and its error, time and multiple on the linkages SHOWN. It also has the
-    number
-    of linkages on which the engine reaches the accuracy, and the range of its multiples on all linkages. A multiple is the engine's
-    time divided by that of the fastest engine on the same linkage.
+    number of linkages on which the engine reaches the accuracy, and the range of its multiples on all linkages. A multiple is the
+    engine's time divided by that of the fastest engine on the same linkage.
     """
     modelled = {r["engine"] for r in run.table("search_ladder") if r["status"] != "skip"}
     ladders = group_by((r for r in run.table("search_ladder") if r["engine"] in modelled), "mechanism")

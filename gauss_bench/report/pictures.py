@@ -112,8 +112,7 @@ def open_wider(run: StoredRun, turn: Turn, times: Array, reference: Array, t: Ar
     """Return the states (k, n) of a run at times t (k,) [s], with the openings of its joints magnified WIDER times.
 
     The stored difference of the run from the reference has two parts. With the part `run.ahead` alone all loops stay closed, as
-    when
-    the crank is merely ahead of the reference; the part `run.gap` opens the loops. Only `gap` is magnified here.
+    when the crank is merely ahead of the reference; the part `run.gap` opens the loops. Only `gap` is magnified here.
 
     Args:
         turn: the closed states of the linkage as a function of its crank angle.

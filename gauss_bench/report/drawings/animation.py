@@ -1,8 +1,7 @@
 """Animate a linkage as one SVG that moves by itself in a loop, without a script.
 
 Each link is drawn once, in its own frame. The animation has some of the states of the motion, called the kept states. At each of
-them
-an SVG transform moves the link by its centre of mass z and its angle theta:
+them an SVG transform moves the link by its centre of mass z and its angle theta:
 
     x = z + R(theta) local   as   translate(z) rotate(-theta), since y points down on the page.
 

@@ -28,8 +28,7 @@ def pose_document(
     """Return a linkage, the state q (n,) to draw, and the states (k, n) of a full turn of its crank.
 
     In the returned state the crank is at the angle `crank_deg`; the returned linkage has all forces of the file and no driver. If
-    the
-    crank cannot reach this angle, the state is the start of the linkage's default scenario, and the linkage has the forces and
+    the crank cannot reach this angle, the state is the start of the linkage's default scenario, and the linkage has the forces and
     drivers of that scenario. If the crank cannot turn fully, the states of a turn are None.
     """
     crank = document.get("crank")

@@ -27,8 +27,7 @@ def findings(run: Run) -> Iterator[Finding]:
     """Yield a finding on whether a step with n - m unknowns takes less time than one with n + m, as the paper claims.
 
     Its text begins with the paper's own formula in numpy. Then follow compiled steps, separately for linkages with one free
-    coordinate
-    and with more; in their rows the column RACE + "verdict" says whether the claim holds.
+    coordinate and with more; in their rows the column RACE + "verdict" says whether the claim holds.
     """
     by_formula, ratios = compare_formula(run)
     slower = any(x > 1 for x in ratios.values())
@@ -100,8 +99,7 @@ def _compare_races(rows: Sequence[Row]) -> str:
     """Return in words, for each kind of step in RACES, how n - m unknowns compare with n + m.
 
     The words name the number of linkages on which n - m unknowns are faster, the range of the ratios (time with n + m unknowns
-    divided
-    by the time with n - m), and the linkages on which n - m unknowns are not faster.
+    divided by the time with n - m), and the linkages on which n - m unknowns are not faster.
     """
     parts = []
     for race, words in RACES.items():

@@ -66,8 +66,7 @@ def _divide(run: Run, own: Spread, rival: Spread) -> Spread:
 
     Returns:
         The quotient own / rival. If RIVAL is the baseline, it is `own`; if OWN is, the reciprocal of `rival`. Only in these two
-        cases
-        the range of the quotient is known.
+        cases the range of the quotient is known.
     """
     baseline = run.environment.get("baseline_engine")
     if baseline == RIVAL and rival.value == 1 and is_known(own.low) and is_known(own.high):

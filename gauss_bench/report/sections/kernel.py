@@ -208,8 +208,7 @@ def describe_right_hand_sides(rows: Sequence[Row]) -> str:
     """Return sentences that compare the times of a right-hand side by Pinocchio and by the compiled kernel.
 
     The first sentence compares the kernel in its own compiled loop with Pinocchio without the time of its call from Python. The
-    second
-    compares the two as they are called from Python. The text is empty if one of these times is missing.
+    second compares the two as they are called from Python. The text is empty if one of these times is missing.
     """
     by_call = group_by(rows, _call)
     if IN_LOOP not in by_call or CALLED not in by_call:

@@ -45,10 +45,8 @@ def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
     """Return rows of the table `search_winners` with further columns for the layout `search`.
 
     These columns are: `within`, the requirement; `name`, the engine with marks; `size`, step or tolerance; `over`, the time divided
-    by
-    that of the fastest engine; and `remark`. There are three marks. "own": the authors of this suite wrote the engine. "base":
-    ratios
-    of times are relative to this engine. BY_AUTHORS: the authors of the engine own the settings.
+    by that of the fastest engine; and `remark`. There are three marks. "own": the authors of this suite wrote the engine. "base":
+    ratios of times are relative to this engine. BY_AUTHORS: the authors of the engine own the settings.
     """
     multiples = race_multiples(run)
     winners = []
@@ -190,8 +188,7 @@ def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
     """Return rows of `search_winners` whose ratios are relative to the cheapest of this suite's compiled engines on each linkage.
 
     These engines have `ours` in their rows. A stored ratio may be relative to another engine of this suite whose time is equal
-    within
-    the spread. Division by the smallest ratio of these engines makes the ratio of the cheapest 1.
+    within the spread. Division by the smallest ratio of these engines makes the ratio of the cheapest 1.
     """
     least: dict[str, float] = {}
     for row in with_number(group, "ratio"):
