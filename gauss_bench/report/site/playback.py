@@ -130,9 +130,9 @@ def label_run(row: Row) -> str:
 def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
     """Return the contents of the part of a linkage's page that plays two runs side by side, and the data for its script.
 
-    """Return the contents of the part of a page that plays two runs side by side, and the data for the script of this part.
-    of the crank, as at the top of this file, if the crank can turn fully, and otherwise along straight lines. The result is None if
-    fewer than two runs or no reference are stored, or if the linkage does not load.
+    The data have all stored runs, of which a reader chooses two. The script magnifies differences from the reference. If the crank
+    can turn fully, it does so along the turn of the crank, as at the top of this file; otherwise along straight lines. The result
+    is None if fewer than two runs or no reference are stored, or if the linkage does not load.
     """
     turn = find_turn(run, name)
     try:
