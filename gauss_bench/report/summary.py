@@ -19,6 +19,7 @@ from gauss_bench.report.site.write import SITE
 from gauss_bench.report.words import NOTHING, count, itemise, ratio_text
 
 BOLD = "**"  # mark around bold text: findings print in bold where the suite's own engines lose
+DEFEAT = "slower"  # word of sentences without bold text in which the suite's own engines lose
 SHORT, LONGEST = 40, 800  # characters: a first sentence that says too little alone, and the longest summary of a finding
 ACCURACY = (
     "For each engine and setting the table has the error of its accelerations at the same states, and the number of usable cases. "
@@ -34,8 +35,8 @@ SEARCHED = (
 
 def summary(run: Run, findings: Iterable[Finding]) -> list[Section]:
     """Return the sections of the page; sections for which the run has no rows are left out."""
-    # findings in bold come first, then those on what is slower
-    ordered = sorted(findings, key=lambda f: (BOLD not in f.text, "slower" not in f.text))
+    # findings in bold come first, then those with the word DEFEAT
+    ordered = sorted(findings, key=lambda f: (BOLD not in f.text, DEFEAT not in f.text))
     lost = [shorten(f) for f in ordered if f.tone in ("bad", "warn")]
     others = [shorten(f) for f in ordered if f.tone not in ("bad", "warn")]
     table, cheapest = first_table(run), multiple_tables(run)
@@ -68,14 +69,14 @@ def shorten(finding: Finding) -> str:
     """Return a finding's title with its bold sentences.
 
     A finding without bold sentences is shortened to its first sentence, the second one if the first is short, and all sentences
-    with the word "slower": sentences in which the suite's own engines lose must not be left out. A text that is still longer than
+    with the word DEFEAT: sentences in which the suite's own engines lose must not be left out. A text that is still longer than
     LONGEST is cut at a semicolon.
     """
     sentences = SENTENCE.split(finding.text)
     chosen = [x for x in sentences if BOLD in x]
     if not chosen:
         first = 2 if len(sentences[0]) < SHORT else 1
-        chosen = sentences[:first] + [x for x in sentences[first:] if "slower" in x]
+        chosen = sentences[:first] + [x for x in sentences[first:] if DEFEAT in x]
     text = " ".join(chosen)
     if len(text) > LONGEST:
         text = f"{text[:LONGEST].rpartition('; ')[0] or text[:LONGEST]}; ..."

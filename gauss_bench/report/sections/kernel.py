@@ -197,10 +197,10 @@ def describe_batch(rows: Sequence[Row]) -> str:
     It also states how far the batch, which computes several trajectories at once in the lanes of the processor's vector registers,
     differs from single runs.
     """
-    off = max(number(r, "lanes_error") for r in rows)
+    largest_difference = max(number(r, "lanes_error") for r in rows)
     states = max(int(r["states"]) for r in rows)
     text = f"{states} trajectories from different states, on one core, are this many times faster than MuJoCo's rollout"
-    difference = "nothing" if off == 0 else f"at most {error_text(off)}"
+    difference = "nothing" if largest_difference == 0 else f"at most {error_text(largest_difference)}"
     return f"{text}: {_list_ratios(rows)}; lanes and single runs differ by {difference}."
 
 

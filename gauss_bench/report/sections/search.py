@@ -22,7 +22,7 @@ OK = "ok"
 
 
 def section(run: Run) -> Section | None:
-    """Return the section with the cheapest settings, the searched variants and their options; None for a run without a search."""
+    """Return the section with the cheapest settings, the searched variants and their options; None if the run has no search."""
     rows = [r for r in run.table("search_winners") if r["required"]]
     if not rows:
         return None
@@ -116,11 +116,13 @@ def findings(run: Run) -> Iterator[Finding]:
         group = over_the_cheaper(groups[kind, accuracy])
         lost = [*name_faster(run, group), *name_unreached(run, group), *name_missed_targets(run, group)]
         rivals = [r for r in group if r["engine"] not in run.own_engines and answer_of(run, r).kind in TRIED]
-        races = [f"`{engine}` {itemise(_multiple(run, r) for r in rows)}" for engine, rows in group_by(rivals, "engine").items()]
-        if races:
+        ratios = [
+            f"`{engine}` {itemise(_print_ratio(run, r) for r in rows)}" for engine, rows in group_by(rivals, "engine").items()
+        ]
+        if ratios:
             ours = itemise_code(r["engine"] for r in group if r.get("ours"))
             text = (
-                f"{''.join(lost)}The cheaper of {ours} is this many times as fast as the searched best of {'; '.join(races)}, "
+                f"{''.join(lost)}The cheaper of {ours} is this many times as fast as the searched best of {'; '.join(ratios)}, "
                 f"where each variant had {describe_effort(group)}, and in brackets "
                 f"the spread of the race.{''.join(name_left_out(run, group))}"
             )
@@ -135,9 +137,9 @@ def compare_owned(run: Run) -> Iterator[Finding]:
     It states the time of the authors' cheapest setting divided by the time of this suite's cheapest setting for the same engine.
     """
     for engine, rows in group_by(run.table("search_owned"), "engine").items():
-        races = [f"{_place(r)} {spread(r, 'ratio').print_with(ratio_text)}" for r in with_number(rows, "ratio")]
+        ratios = [f"{_place(r)} {spread(r, 'ratio').print_with(ratio_text)}" for r in with_number(rows, "ratio")]
         missed = [f"{_place(r)} ({r['message']})" for r in rows if r["status"] != OK]
-        parts = [f"hold {itemise(races)} times as long as our cheapest"] if races else []
+        parts = [f"hold {itemise(ratios)} times as long as our cheapest"] if ratios else []
         parts += [f"do not hold {itemise(missed)}"] if missed else []
         if parts:
             text = f"The settings of `{engine}` {BY_AUTHORS} {'; they '.join(parts)}."
@@ -160,19 +162,19 @@ def compare_best(run: Run, group: Sequence[Row]) -> str:
     """
     raced = count(len({r["mechanism"] for r in with_number(group, "ratio")}), "linkage")
     faster = group_by(list_faster(group), "engine").items()
-    wins = itemise(f"{_code_own(run, engine)} is faster on {len(rows)}" for engine, rows in faster)
+    wins = itemise(f"{_mark_engine(run, engine)} is faster on {len(rows)}" for engine, rows in faster)
     ratios = [r["ratio"] for r in with_number(group, "ratio") if r["engine"] not in run.own_engines]
     others = f"the engines of others take {range_text(ratios)} times as long" if ratios else ""
     outcome = "; ".join(filter(None, (wins, others)))
     return f"Against the cheaper of our compiled formulations on {raced}, {outcome}." if outcome else ""
 
 
-def _code_own(run: Run, engine: str) -> str:
+def _mark_engine(run: Run, engine: str) -> str:
     """Return the name of an engine as code, marked if the authors of the suite wrote the engine."""
     return f"`{engine}`{' (own)' if engine in run.own_engines else ''}"
 
 
-def _multiple(run: Run, row: Row) -> str:
+def _print_ratio(run: Run, row: Row) -> str:
     """Return in words the linkage of a row, and the ratio of times of its engine and of this suite's, or why there is no ratio.
 
     The ratio is the time of the row's engine divided by that of the cheaper of this suite's compiled engines.
@@ -202,13 +204,21 @@ def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
 
 
 def list_faster(group: Sequence[Row]) -> list[Row]:
-    """Return the rows of engines that are faster than our compiled formulations beyond the spread."""
+    """Return the rows of engines that are faster than the suite's compiled formulations: the whole range of the ratio is below 1.
+
+    Args:
+        group: rows that `over_the_cheaper` returns.
+    """
     return [r for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
 
 
 def name_faster(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence on the engines that are faster than our compiled formulations, if there are any."""
-    faster = [f"{_code_own(run, r['engine'])} on {_multiple(run, r)}" for r in list_faster(group)]
+    """Yield a sentence on the engines that are faster than the suite's compiled formulations; nothing if there are none.
+
+    Args:
+        group: rows that `over_the_cheaper` returns, at one requirement.
+    """
+    faster = [f"{_mark_engine(run, r['engine'])} on {_print_ratio(run, r)}" for r in list_faster(group)]
     if faster:
         yield f"**Slower than {itemise(faster)}.** "
 
@@ -217,6 +227,7 @@ def name_unreached(run: Run, group: Sequence[Row]) -> Iterator[str]:
     """Yield a sentence for each linkage on which this suite's compiled engines ran, and none of them meets the requirement."""
     for linkage, rows in sorted(group_by(group, "mechanism").items()):
         ours = [r for r in rows if r.get("ours")]
+        # no sentence if one of them meets it, or if none ran: skipped and untried engines have other kinds of answer
         if any(r["status"] == OK for r in ours) or all(answer_of(run, r).kind is not Kind.NOT_REACHED for r in ours):
             continue
         others = itemise(f"`{r['engine']}`" for r in rows if r["status"] == OK)
@@ -226,7 +237,7 @@ def name_unreached(run: Run, group: Sequence[Row]) -> Iterator[str]:
 def name_missed_targets(run: Run, group: Sequence[Row]) -> Iterator[str]:
     """Yield a sentence that names the engines over which the lead of this suite's engines is smaller than its target, if any."""
     missed = [r for r in with_number(group, "target") if not r["met"]]
-    near = [f"`{r['engine']}` on {_multiple(run, r)} instead of {ratio_text(r['target'])}" for r in missed]
+    near = [f"`{r['engine']}` on {_print_ratio(run, r)} instead of {ratio_text(r['target'])}" for r in missed]
     if near:
         yield f"**Our lead misses its target** over {itemise(near)}. "
 

@@ -73,7 +73,7 @@ def engine_page(run: Run, name: str) -> Page:
         settings=options,
         commands=list_commands(its_run, name),
         cases=lay_out("engine_cases", list_cases(rows)),
-        bests=bests(its_run, name),
+        bests=cheapest_table(its_run, name),
         races=list_races(its_run, name),
         why=explain_time(its_run, name),
         broken=list_failures(its_run, name),
@@ -143,7 +143,7 @@ def _inaccuracy(row: Row) -> tuple[bool, bool, float]:
     return not has_ended(row), math.isnan(error), error
 
 
-def bests(run: Run, name: str) -> Table:
+def cheapest_table(run: Run, name: str) -> Table:
     """Return the table of the engine's cheapest setting for each linkage at each of the accuracies TABLED.
 
     If no setting meets an accuracy, the row has the reason in the columns `words` and `missing`. The table is empty for an engine

@@ -108,6 +108,7 @@ def describe_linkage(run: Run, name: str, scenario: str) -> str:
     except LinkageError:
         return f"Scenario {scenario}."
     loops = max(len(mechanism.joints) - len(mechanism.links), 0)
+    # "degree" is last, because "of freedom" follows the list: 1 degree of freedom, 2 degrees of freedom
     parts = {"moving link": len(mechanism.links), "joint": len(mechanism.joints), "loop": loops, "degree": mechanism.dof}
     return f"{mechanism.title}: {', '.join(count(n, word) for word, n in parts.items())} of freedom. Scenario {scenario}."
 
