@@ -101,8 +101,7 @@ class Reach:
             fall at a constant order.
         needed: number of steps with which this variant would meet the requirement if its error kept falling at this order; NaN if
             `order` is NaN.
-        within: the budget of the search in words, such as "in 5 trials", if it was not a number of seconds; printed in place of
-            `seconds`.
+        within: words such as "within the budget" that are printed in place of `seconds`; empty if `seconds` is printed.
     """
 
     kind: Kind
