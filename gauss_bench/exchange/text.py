@@ -1,6 +1,7 @@
-"""Write text as strings, comments and identifiers of other languages. All text of a user in an exported file is escaped here.
+"""Convert texts to string literals, comments and identifiers of C, Python, TOML and XML.
 
-A text for a comment is first made one printable line, so that it cannot end the comment in any language.
+All text of a user in an exported file is escaped here. A text for a comment is first reduced to a single line of printable
+characters, so that it cannot end the comment in any of these languages.
 """
 
 import re
