@@ -34,7 +34,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
     # The methods of the class use `script` and `laws`, which are defined below it, before its object is made.
     class Transcribed(System):
-        """The adapter's system; its calls of Exudyn are recorded as lines of `script`, with a comment before each link and joint."""
+        """The adapter's system; its calls of Exudyn are recorded as lines of `script`, with comments for links and joints."""
 
         def _add_link(self, i: int) -> None:
             """Write the lines that add link i to the model, below a comment with the link's name."""

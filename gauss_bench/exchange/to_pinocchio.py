@@ -85,7 +85,7 @@ def transcribe(mechanism: Mechanism, built: "PinocchioModel", gains: tuple[float
 
     # the method of the class uses `script`, which is defined below it, before its object is made
     class Transcribed(Multibody):
-        """The model that the adapter builds; each call of Pinocchio is recorded as a line of `script`, below a comment for its link."""
+        """The model that the adapter builds; its calls of Pinocchio are recorded as lines of `script`, with comments for links."""
 
         def _add_link(self, mechanism: Mechanism, b: Branch) -> None:
             """Write the lines that add the link of a branch of the tree to the model, below a comment with the link's name."""

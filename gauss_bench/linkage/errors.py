@@ -36,7 +36,7 @@ class FaultError(ValueError):
     """A fault that is found only while a linkage is built or assembled."""
 
     def __init__(self, path: str, text: str):
-        """Store the fault at a path of the file."""
+        """Store the fault `text` that was found at the key `path` of the file."""
         self.fault = Fault(path, text)
         super().__init__(str(self.fault))
 
