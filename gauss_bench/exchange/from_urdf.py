@@ -204,7 +204,7 @@ class Robot:
         return f"--close LINK.FRAME=LINK.FRAME closes a loop, for example --close {a}={b}"
 
     def _chain(self, frame: str) -> list[str]:
-        """Return a link, the link to which it is fixed, and so on up to a link that moves or is the root."""
+        """Return the link `frame`, the link to which it is fixed, and so on up to a link that moves or is the root."""
         chain, joint = [frame], self.joint_to.get(frame)
         while joint is not None and self.joints[joint].get("type") == "fixed":
             chain.append(self.ends[joint][0])
@@ -212,7 +212,7 @@ class Robot:
         return chain
 
     def _body(self, name: str, parent: int, place: Array, turn: Array) -> Body:
-        """Return the body of a link; `place` (3,) [m] and `turn` (3, 3) are those of the link's frame.
+        """Return the body of a link; `place` (3,) [m] and `turn` (3, 3) are position and rotation of the link's frame.
 
         Raises:
             ExchangeError: the mass is negative.
@@ -229,7 +229,7 @@ class Robot:
         return Body(name, parent, place, turn, mass, place + turn @ shift, axes @ inertia @ axes.T)
 
     def _joint(self, node: Element, k: int, place: Array, turn: Array) -> Joint | None:
-        """Return the joint that an element describes, or None if it is fixed.
+        """Return the joint that a <joint> element describes, or None if it is a fixed joint.
 
         Args:
             k: index of the body that the joint moves.

@@ -176,7 +176,7 @@ class Flattened:
         return [self.spatial.joints[k] for k in self.joints_of.get(body, [])]
 
     def sign(self, joint: Joint) -> float:
-        """Return 1 if a hinge's axis points along the plane's normal, -1 if it points the other way."""
+        """Return 1 if a hinge's axis has the direction of the plane's normal, -1 if it has the opposite direction."""
         return float(np.sign(joint.axis @ self.plane.normal))
 
     # links
@@ -607,7 +607,7 @@ def plane_of(spatial: Spatial) -> Plane:
 
 
 def name_part(wanted: str, taken: Collection[str]) -> str:
-    """Return `wanted` as a name of letters, digits and underscores, with a number at its end if it is taken."""
+    """Return `wanted` as a name of letters, digits and underscores; a number is added if `taken` has this name."""
     return unique(re.sub(r"[^A-Za-z0-9_]+", "_", wanted).strip("_") or "x", taken)
 
 

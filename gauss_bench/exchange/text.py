@@ -53,7 +53,7 @@ def toml_string(text: str) -> str:
 
 
 def unique(base: str, taken: Collection[str]) -> str:
-    """Return `base`, followed by the smallest free number from 2 if it is taken."""
+    """Return `base` or, if `base` is in `taken`, `base` with the smallest number from 2 on that makes it new."""
     name, number = base, 1
     while name in taken:
         number += 1

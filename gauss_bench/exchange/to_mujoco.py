@@ -20,6 +20,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     from gauss_bench.engines.mujoco.adapter import VARIANTS, MujocoModel
 
     built = MujocoModel(mechanism, choice)
+    # edited: the script itself adds motion laws and scales MuJoCo's inverse weights, which a document cannot express
     root = write_document(built, edited=True).root
     indent(root)
     options, angles, laws = VARIANTS.options(choice.settings), turning(built.tree), name_laws(mechanism)

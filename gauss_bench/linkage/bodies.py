@@ -113,7 +113,11 @@ def poses(links: Mapping[str, Link], welds: Welds, preferred: Sequence[str], num
 
 
 def _pose_on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Number) -> tuple[Array, Any]:
-    """Return origin (2,) [m] and angle [rad] of a link's frame in the frame of the link that it is welded to."""
+    """Return origin (2,) [m] and angle [rad] of the frame of `link` in the frame of `to`, the link that it is welded to.
+
+    Args:
+        key, weld: name and table of the weld.
+    """
     turn = angle_of(weld, "angle", number)
     if "points" not in weld:
         return pair(number, weld["origin"]), turn
@@ -163,7 +167,11 @@ def parts(links: Mapping[str, Link], poses: Mapping[str, Pose], bodies: Sequence
 
 
 def read_welds(links: Mapping[str, Link], welds: Welds) -> tuple[Weld, ...]:
-    """Return the welds of a file, each with the links that it carries and the point about which its moment is reported."""
+    """Return the welds of a file.
+
+    Each has the links that it carries, those that it connects with the root of the body, and the point about which its moment is
+    reported.
+    """
     names = list(links)
     found = []
     for key, weld in welds.items():

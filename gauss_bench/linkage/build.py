@@ -162,15 +162,15 @@ class Resolver:
         return pins_of_all_pairs(self.pairs(joint)) if self.edition == SECOND else self.pairs(joint)
 
     def pair(self, values: Any) -> Array:
-        """Return two numbers of a table as an array (2,)."""
+        """Return two numbers of a table of the file as an array (2,), in the type of the numbers."""
         return np.asarray(pair(self.number_type, values))
 
     def number(self, table: Mapping[str, Any], key: str) -> Any:
-        """Return the number `key` of a table; 0 if it is missing."""
+        """Return the number at `key` of a table of the file, in the type of the numbers; 0 if it is missing."""
         return exact(self.number_type, table.get(key, 0))
 
     def angle(self, table: Mapping[str, Any], key: str) -> Any:
-        """Return the angle `key` or `key_deg` of a table [rad]; 0 if both are missing."""
+        """Return the angle [rad] that a table of the file gives as `key` or, in degrees, as `key_deg`; 0 if both are missing."""
         return angle_of(table, key, self.number_type)
 
     @property
@@ -200,6 +200,7 @@ class Resolver:
             angle = self.angle(table, "angle") + self.turn(table["guide"])
             block_angle = self.angle(table, "block_angle") + self.turn(table["block"])
             guide, block = self.point(table["guide"]), self.point(table["block"])
+            # the axis has one direction: theta_guide + angle = theta_block + block_angle, which gives theta_block - theta_guide
             return [Prismatic(name, guide, block, angle, angle - block_angle, self.number(table, "offset"))]
         points = [self.point(x) for x in table["at"]]
         names = [name if k == 0 else f"{name}.{k:03d}" for k in range(len(points) - 1)]
@@ -226,7 +227,7 @@ class Resolver:
         return AngleDriver(table["link"], law, self.index[table["link"]])
 
     def measure(self, table: dict[str, Any]) -> Measured:
-        """Return the coordinate that the table `measure` names."""
+        """Return the coordinate that the table `measure` of the file names, which reports show."""
         if "point" in table:
             angle = self.angle(table, "angle")
             degrees = float(np.degrees(float(angle)))
@@ -236,7 +237,7 @@ class Resolver:
         return self.choose_measured((self.drive(table, still),), None)
 
     def choose_measured(self, drivers: tuple[Driver, ...], crank: str | None) -> Measured:
-        """Return the default measured coordinate: that of the first driver, else the crank's angle, else the first link's angle.
+        """Return the coordinate that reports show by default: that of the first driver, or the angle of the crank or first link.
 
         If it is the first link's angle, `assemble` replaces it by the first coordinate that can move.
         """

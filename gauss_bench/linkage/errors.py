@@ -1,4 +1,4 @@
-"""The errors of a linkage file: every fault found, each with file, table and field."""
+"""The exceptions for faulty linkage files; they list every fault that was found, with file, table and field."""
 
 from dataclasses import dataclass
 

@@ -260,7 +260,7 @@ def override_faults(document: dict[str, Any], override: dict[str, Any], path: st
 
 
 def merge(document: dict[str, Any], override: dict[str, Any]) -> dict[str, Any]:
-    """Return a copy of the document in which an override's values replace those at the same paths."""
+    """Return a copy of the document in which the values of a scenario's `override` replace the values at the same paths of keys."""
     merged = copy.deepcopy(document)
     for key, value in override.items():
         inner = merged.get(key)

@@ -88,7 +88,7 @@ class Names:
         self.points["ground"] = set(table(table(document, "ground"), "points"))
 
     def fault(self, path: str, text: str) -> None:
-        """Add a fault at a place of the document."""
+        """Add a fault at the path `path` of keys in the document."""
         self.faults.append(Fault(path, text))
 
     def check(self, path: str, name: str, kind: str) -> None:
@@ -185,7 +185,7 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
 
 
 def _body(document: Document, name: str) -> str:
-    """Return the link at the end of the chain of welds that begins with a link; the link itself if it is not welded."""
+    """Return the link to which the welds lead from the link `name`, one after another; the link itself if it is not welded."""
     welds = {weld.get("link"): weld.get("to") for _, weld in items(document, "welds")}
     chain = [name]
     to = welds.get(name)
@@ -298,7 +298,7 @@ def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
 
 
 def _check_times(names: Names, path: str, rows: list[Any]) -> None:
-    """Check that the times of a table increase."""
+    """Check that the times in the rows of a table of values over time increase."""
     times = [row[0] for row in rows if row and row[0] is not None]
     if any(b <= a for a, b in pairwise(times)):
         names.fault(path, "times must increase")

@@ -110,12 +110,15 @@ class _Placing:
             known: name of a point of the body -> its world position (2,) [m].
         """
         points = self.mechanism.links[i].points
+        # partner_angle: by a slide on a body that is placed already; angle: first that of the file, then of the other sources in
+        # order
         partner_angle, angle = self._angle_by_partner(i), self.given.get(i)
         second = next((name for name in known if np.any(points[name] != points[first])), None)
         if angle is None and second is not None:
+            # directions from the first to the second point, in the body's frame and in the world
             own, drawn = points[second] - points[first], known[second] - known[first]
             angle = float(np.arctan2(drawn[1], drawn[0]) - np.arctan2(own[1], own[0]))
-        elif angle is None:
+        elif angle is None:  # a slide on a placed body, else a slide whose two points are known
             angle = self._angle_by_line(i) if partner_angle is None else partner_angle
         if angle is not None and partner_angle is not None:
             # points give angles up to whole turns, but a slide compares the angles of its links

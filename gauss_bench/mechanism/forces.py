@@ -102,7 +102,7 @@ class _VaryingForce:
     """A force that varies: a factor of time and direction times a steady force."""
 
     def __init__(self, mechanism: Mechanism, force: Torque | PointForce, factor: Factor):
-        """Store the factor, and the same force without it as the only force of a copy of the mechanism."""
+        """Store the factor; the force without its factor becomes the only force of a copy of the mechanism, without gravity."""
         steady = replace(force, factor=None)
         self.name, self.factor = force.name, factor
         # magnitude [N or N m] of the steady force, by which its power is divided; 1 instead of 0

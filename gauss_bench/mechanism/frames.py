@@ -90,7 +90,7 @@ class Placement:
         return {GROUND: REST}
 
     def frame(self, body: int) -> Frame:
-        """Return the frame of a body; it is computed once."""
+        """Return the frame of a body: its position, angle and velocities; it is computed once and stored."""
         if body not in self.frames:
             (x, y, angle), (u, w, omega) = self.body(body)
             self.frames[body] = Frame(body, Vec(x, y), Vec(u, w), omega, angle)

@@ -164,7 +164,7 @@ class Program:
         return self.record(f"{name}({a.text})", a)
 
     def record(self, text: str, *operands: Symbol) -> Symbol:
-        """Return the result of an operation; the operation becomes a new line unless it is recorded already."""
+        """Return the symbol of an operation's result; the operation becomes a new line unless it is recorded already."""
         if text not in self.known:
             line = Line(f"x{len(self.lines)}", text, operands)
             self.lines.append(line)
@@ -229,7 +229,7 @@ class GeneratedFunction:
         return results
 
     def _state_by_state(self, shape: tuple[int, ...], inputs: Sequence[Array]) -> list[Array]:
-        """Return the same as `__call__`, computed with floats for one state after the other; `shape` is the batch shape (...)."""
+        """Return what `__call__` returns, computed with floats for one state after the other; `shape` is that of the batch (...)."""
         if not shape:
             return [np.array(group) for group in self._of_floats(*(x.tolist() for x in inputs))]
         count = math.prod(shape)

@@ -353,13 +353,13 @@ class Names(Protocol):
         """Return the pairs in which damping of a joint acts: all pairs of its links; in the first edition, neighbours only."""
 
     def pair(self, values: Any, /) -> Array:
-        """Return two numbers of a table as an array (2,)."""
+        """Return two numbers of a table of the file as an array (2,)."""
 
     def number(self, table: Mapping[str, Any], key: str, /) -> Any:
-        """Return the number `key` of a table; 0 if it is missing."""
+        """Return the number at `key` of a table of the file; 0 if it is missing."""
 
     def angle(self, table: Mapping[str, Any], key: str, /) -> Any:
-        """Return the angle `key` or `key_deg` of a table [rad]; 0 if both are missing."""
+        """Return the angle [rad] that a table of the file gives as `key` or, in degrees, as `key_deg`; 0 if both are missing."""
 
     def turn(self, name: str, /) -> Any:
         """Return the angle of a link in the frame of the body that carries it [rad]; 0 unless the link is welded."""

@@ -31,7 +31,7 @@ def radians(number: Number, degrees: float | Decimal) -> Any:
 
 
 def angle_of(table: Mapping[str, Any], key: str, number: Number = float) -> Any:
-    """Return an angle of a table in radians, from `key` or `key_deg`; 0 if both are missing."""
+    """Return an angle [rad] that a table of the file gives as `key` or, in degrees, as `key_deg`; 0 if both are missing."""
     return exact(number, table[key]) if key in table else radians(number, table.get(f"{key}_deg", 0))
 
 

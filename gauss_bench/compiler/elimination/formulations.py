@@ -64,7 +64,7 @@ class Terms:
         mass: (n,) diagonal of M.
         rows: the constraint rows that are eliminated.
         Q: generalised force, as a dict from the index of a coordinate to a node of the expression graph.
-        mixed: whether some of the rows are combinations of the file's rows, because others are redundant.
+        mixed: whether some of the rows are sums of several constraint rows, because redundant rows were added to them and left out.
     """
 
     graph: ExpressionGraph
@@ -160,7 +160,8 @@ class Gauss:
         self.terms, self.independent = terms, tuple(independent)
         J, n = terms.jacobian, len(terms.mass)
         dependent = [c for c in range(n) if c not in self.independent]
-        self.factors = lu(terms.graph, J, range(len(terms.rows)), dependent, search, terms.mixed)
+        # sums of rows may have no pivot of constant sign; normal equations may then be used for the rest (see `lu`)
+        self.factors = lu(terms.graph, J, range(len(terms.rows)), dependent, search, squares=terms.mixed)
         one = terms.graph.constant(1.0)
         # column k of N: independent coordinate k moves with speed 1, and the dependent ones as J N = 0 demands
         self.N = [self.factors.solve({r: -e for (r, c), e in J.items() if c == k}) | {k: one} for k in self.independent]
@@ -203,7 +204,7 @@ class Gauss:
                 inertial = [-(terms.mass[c] * a[c])] if c in a else []
                 forces[c] = terms.graph.total([*_entry(terms.Q, c), *inertial])
         transposed = {(c, r): e for (r, c), e in terms.jacobian.items() if c in forces}
-        return lu(terms.graph, transposed, forces, range(len(terms.rows)), Search(), terms.mixed).solve(forces)
+        return lu(terms.graph, transposed, forces, range(len(terms.rows)), Search(), squares=terms.mixed).solve(forces)
 
 
 def _without_zeros(entries: Iterable[tuple[int, Node]]) -> Sparse:
@@ -342,7 +343,7 @@ class Lagrange:
     def correction(self, residual: Sparse) -> Sparse:
         """Return the change of the coordinates of least norm that cancels a residual, which is given as a dict row -> node."""
         right = {self.n + r: -x for r, x in residual.items()}
-        if self.single:
+        if self.single:  # the solution with masses is the smallest in the mass metric: remove the free motion from it
             return self._motions.remove_free_part(self._coordinates(self.factors.solve(right)))
         return self._coordinates(self._units.solve(right))  # with unit masses the solution is the shortest by itself
 

@@ -26,7 +26,7 @@ from gauss_bench.terms import Array, Terms
 from gauss_bench.trajectory import States
 
 CHECKS, FEW = 9, 2  # numbers of states at which a program is checked: of a usual linkage, and of a large one
-OFF = 0.1  # [rad, lengths] distance from the constraints at which residuals and energy are checked
+OFF = 0.1  # [rad, typical lengths] size of the change of coordinates to a state at which residuals and energy are checked
 CHECKED = 1e-9  # largest relative error of a program: right ones reach 1e-12, and a wrong sign or a lost term gives far more
 
 Accelerate = Callable[[Array, Array, Array], tuple[Array, NDArray[np.bool_]]]  # t (k, 1), q, v (k, n) -> a (k, n), usable (k,)
@@ -47,7 +47,7 @@ def _constrain(terms: Terms, mass: Array, gamma: Array, solve: Callable[[Array, 
         passes: how often the correction is repeated for the remaining residual; a second pass reduces rounding errors.
     """
     root = np.sqrt(mass)
-    K, weighted = terms.J / root, terms.Q / root  # J M^-1/2, and M^1/2 times the acceleration
+    K, weighted = terms.J / root, terms.Q / root  # J M^-1/2, and M^1/2 a, which begins with the acceleration a without constraints
     for _ in range(passes):
         weighted = weighted + solve(K, gamma - K @ weighted)
     return np.asarray(weighted / root)
@@ -142,7 +142,7 @@ def error_on_constraints(mechanism: Mechanism, accelerate: Accelerate) -> tuple[
 
 
 def error_off_constraints(mechanism: Mechanism, evaluate: Callable[[float, Array, Array], Array]) -> float:
-    """Return the largest error of residuals, their rates and the energy at a state off the constraints.
+    """Return the largest error of residuals, their rates and the energy at a state that violates the constraints.
 
     Each error is relative to the larger of the quantity's magnitude and 1 in SI units.
 

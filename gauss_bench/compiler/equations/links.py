@@ -266,7 +266,7 @@ class Links(Given):
         return self._frames[link]
 
     def number(self, name: str) -> Node:
-        """Return the number of this name: a constant, or an input if it is a parameter."""
+        """Return the linkage's number called `name` as a node: a constant, or an input if it is a parameter."""
         return self.parameters.node(self.graph, name)
 
     def held(self, joint: str, index: int, value: float) -> Node:

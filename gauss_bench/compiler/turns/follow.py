@@ -98,18 +98,19 @@ def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, _Sample]
     q, guess = _leaves(g, "q", n), _leaves(g, "guess", n)
     u, w, b, next_u = (_leaves(g, letter, K) for letter in "uwbn")  # values, rates, second rates, values at the next sample
     at_q = {q[k]: (g.leaf(f"%s{k}"), g.leaf(f"%c{k}")) for k in angles}  # angle -> its sine and cosine, which are leaves too
-    ((*z,),) = inline(g, program.correction, (q, u), at_q.__getitem__)  # the only result of the function
+    ((*z,),) = inline(g, program.correction, (q, u), at_q.__getitem__)  # Newton's correction, the only result of the function
     closed = [g.add(x, change) for x, change in zip(q, z, strict=True)]
     start = [sincos(guess[k]) for k in angles]
     end = [sincos(closed[k]) if plain else trigonometry.rotate(g, at_q[q[k]], z[k], REACH) for k in angles]
     at_closed = {closed[k]: pair for k, pair in zip(angles, end, strict=True)}
+    # at the corrected position: the guards, the step to the guess at the next sample, and the numbers to be stored
     step = [g.sub(after, before) for before, after in zip(u, next_u, strict=True)]
     guards, advance, stored = inline(g, program.motion, (closed, u, w, b, step), at_closed.__getitem__)
     following = [g.add(x, change) for x, change in zip(closed, advance, strict=True)]
     norms = [g.squares([x[k] for k in angles]) for x in (z, advance)]
     flat_start, flat_end = ([x for pair in pairs for x in pair] for pairs in (start, end))
     parts = [flat_start, flat_end, closed, guards, following, stored, norms]  # in the order of the fields of `_Sample`
-    if not plain:  # regroup the arithmetic; the same parts are then other values of another graph
+    if not plain:  # regroup the arithmetic; the parts are then found under other indices, in a new graph
         g, rewritten = rewrite(g, [x for part in parts for x in part])
         values = iter(rewritten)
         parts = [[next(values) for _ in part] for part in parts]
@@ -130,7 +131,8 @@ def _settle(g: Graph, program: ClosingProgram, sample: _Sample, values: Sequence
         alive: mask of the lanes in which the linkage could be closed at all samples so far.
     """
     always, one = g.all(True), g.whole(1)
-    near, j = g.make("mask", payload="%near"), g.count("%j")  # near: no earlier correction of the sample was longer than REACH
+    near, j = g.make("mask", payload="%near"), g.count("%j")
+    # near: no earlier correction of the sample was longer than REACH; j: number of corrections, counted from 1
     correction_square, _ = sample.norms
     still_near = g.both([near, g.make("le", correction_square, g.const(REACH**2))])
     unsettled = g.both([still_near, alive, g.make("lt", g.const(SETTLED**2), correction_square)])
@@ -158,7 +160,8 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
     n, K = program.driven.n, program.inputs
     first, guess, least = _leaves(g, "first", n), _leaves(g, "guess", n), _leaves(g, "least", program.guards)
 
-    # the values of one sample, in the order in which they are computed
+    # all values of one sample, in the order in which they are computed: those that follow from the guess and those of a correction
+    # come first, then those that are computed once at the closed position
     every = [*sample.start, *sample.end, *sample.closed, *sample.guards, *sample.following, *sample.stored, *sample.norms]
     values = order(g, every, {f"%guess{k}": x for k, x in enumerate(sample.following)}, plain)
     before = set(live(g, sample.start))  # computed once, from the guess
@@ -172,6 +175,7 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
     # a guard x and its bound a have one sign, and |x| >= |a|: that is x a >= a a
     guarded = [g.make("le", g.mul(a, a), g.mul(x, a)) for x, a in zip(sample.guards, least, strict=True)]
     good = g.both([alive, still_near, g.make("le", correction_square, g.const(SETTLED**2)), *guarded])  # the sample is closed
+    # the lane goes on to the next sample if the guess there is not far away
     goes_on = g.both([good, g.make("le", advance_square, g.const(TURN**2))])
 
     # what an iteration of the loop over samples passes on to the next one: leaf -> first value, next value
@@ -206,7 +210,7 @@ class Follower:
     """
 
     def __init__(self, program: ClosingProgram, target: Target):
-        """Prepare the routine; it is compiled when it is first needed."""
+        """Prepare the routine for a target; the routine is compiled when it is first run."""
         self.program, self.loaded = program, Loaded(lambda many: follow(program, target.backend == "numpy"), target)
 
     def run(self, q: Floats, least: Floats, inputs: Floats, rows: Floats) -> tuple[NDArray[np.integer[Any]], Floats]:
