@@ -229,7 +229,7 @@ class GeneratedFunction:
         return results
 
     def _state_by_state(self, shape: tuple[int, ...], inputs: Sequence[Array]) -> list[Array]:
-        """Return what `__call__` returns, computed with floats for one state after the other; `shape` is that of the batch (...)."""
+        """Return what `__call__` returns, computed with floats for each state in turn; `shape` is that of the batch (...)."""
         if not shape:
             return [np.array(group) for group in self._of_floats(*(x.tolist() for x in inputs))]
         count = math.prod(shape)
