@@ -94,8 +94,8 @@ def describe_refusal(mechanism: Mechanism, kind: Kind) -> str:
 def list_left_out(mechanism: Mechanism) -> tuple[str, ...]:
     """Return a phrase for each part of the linkage file that the exported file leaves out.
 
-    These are the other scenarios, and each dry friction with coefficient 0: it has no effect. A linkage
-    with a larger coefficient is refused.
+    These are the other scenarios, and each dry friction with coefficient 0: it has no effect. A linkage with a
+    larger coefficient is refused.
     """
     others = [x for x in mechanism.scenarios if x != mechanism.scenario]
     left_out = [f"{'scenarios' if len(others) > 1 else 'scenario'} {', '.join(others)}"] if others else []

@@ -1,7 +1,7 @@
 """Export for Pinocchio: the calls with which the adapter builds its model, the forces, and an integrator.
 
-Pinocchio has no springs and no integrator for constrained systems. For forces that are affine functions of
-the joint coordinates, the script contains the stiffness and damping matrices that the adapter computed. For all other forces, the
+Pinocchio has no springs and no integrator for constrained systems. For forces that are affine functions of the
+joint coordinates, the script contains the stiffness and damping matrices that the adapter computed. For all other forces, the
 script contains tables, which a function in the script evaluates.
 """
 

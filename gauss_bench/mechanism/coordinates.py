@@ -12,8 +12,7 @@ on velocities only. With v and a the velocities and accelerations (n,) of all bo
     x' = G v,    x'' = G a + bias
 
 A force is a law on a coordinate (`Law`). For a law, `push` gives the generalised force, `energy` the potential energy and `loss`
-the dissipated power. The
-functions in the second half of the file evaluate coordinates and points for arrays of states.
+the dissipated power. The functions in the second half of the file evaluate coordinates and points for arrays of states.
 
 Source: Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), sections 3.3 and 3.6. `reference/taylor` derives
 all of this independently and must not import this file: a certificate is only as good as the independence of its two derivations.

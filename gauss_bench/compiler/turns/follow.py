@@ -160,8 +160,8 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
     n, K = program.driven.n, program.inputs
     first, guess, least = _leaves(g, "first", n), _leaves(g, "guess", n), _leaves(g, "least", program.guards)
 
-    # all values of one sample, in the order in which they are computed: those that follow from the guess and those of a correction
-    # come first, then those that are computed once at the closed position
+    # all values of one sample, in the order in which they are computed; below they are divided into those that follow from the
+    # guess, those of a correction, and all others
     every = [*sample.start, *sample.end, *sample.closed, *sample.guards, *sample.following, *sample.stored, *sample.norms]
     values = order(g, every, {f"%guess{k}": x for k, x in enumerate(sample.following)}, plain)
     before = set(live(g, sample.start))  # computed once, from the guess
