@@ -129,7 +129,7 @@ class Reader:
             self.dropped.append(f"{m.nsensor} sensors: {names}")
 
     def _joint(self, k: int) -> Joint:
-        """Return joint number k, which starts as the keyframe says, or at its reference if there is no keyframe.
+        """Return joint k of MuJoCo's model; it starts as the keyframe says, or at its reference if there is no keyframe.
 
         Raises:
             ExchangeError: the joint is neither a hinge nor a slide.
@@ -151,17 +151,17 @@ class Reader:
         )
 
     def _body(self, k: int) -> Body:
-        """Return body number k."""
+        """Return body k of MuJoCo's model, with its pose, mass and inertia in world axes."""
         mass, com, inertia = float(self.model.body_mass[k]), self.data.xipos[k], self.compiled.inertia[k]
         parent = int(self.model.body_parentid[k])
         return Body(self.name("body", k), parent, self.data.xpos[k], self._turn(k), mass, com, inertia)
 
     def _turn(self, k: int) -> Array:
-        """Return the rotation (3, 3) of body number k."""
+        """Return the rotation (3, 3) of the frame of body k."""
         return np.asarray(self.data.xmat[k].reshape(3, 3))
 
     def _site(self, k: int) -> Spot:
-        """Return site number k."""
+        """Return site k of MuJoCo's model as a point of its body."""
         return Spot(self.name("site", k), int(self.model.site_bodyid[k]), self.data.site_xpos[k])
 
     def _equalities(self) -> tuple[list[tuple[str, Spot, Spot]], list[tuple[int, int]]]:
@@ -205,7 +205,7 @@ class Reader:
         return [(spot_a, self._turn(a) @ turn), (spot_b, self._turn(b))]
 
     def _springs(self) -> list[Acting]:
-        """Return the springs and dampers of joints."""
+        """Return the springs and dampers in joints, as force laws on joint coordinates."""
         m, springs = self.model, list[Acting]()
         for k in range(m.njnt):
             law = Straight(k=float(m.jnt_stiffness[k]), c=float(m.dof_damping[k]), rest=float(m.qpos_spring[k]))

@@ -42,7 +42,7 @@ def c_string(text: str) -> str:
 
 
 def python_comment(lines: Iterable[str]) -> str:
-    """Return the lines as comments of Python."""
+    """Return the lines as Python comments, each line after a `#`."""
     return "".join(f"# {in_a_sentence(line)}".rstrip() + "\n" for line in lines)
 
 

@@ -18,7 +18,7 @@ class Fault:
     text: str
 
     def __str__(self) -> str:
-        """Return path and text."""
+        """Return the path of keys and the text of the fault."""
         return f"{self.path}: {self.text}" if self.path else self.text
 
 
@@ -53,7 +53,7 @@ class NotPlaced(AssemblyError):
     """The sketch does not determine the places of the links named in `links`."""
 
     def __init__(self, links: tuple[str, ...]):
-        """Store the names of the links."""
+        """Store the names of the links that could not be placed."""
         self.links = links
         text = f"not placed: {', '.join(links)}; give two points, or one point and an angle, of each"
         super().__init__("assembly.sketch", text)

@@ -266,7 +266,7 @@ def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
 
 
 def _check_joint(names: Names, path: str, joint: dict[str, Any]) -> None:
-    """Check that a slide joins different links."""
+    """Check that guide and block of a slide are different links."""
     if joint.get("type") == "prismatic":
         names.check_different_links(f"{path}.block", [joint.get("guide"), joint.get("block")])
 

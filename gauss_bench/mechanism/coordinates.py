@@ -139,22 +139,22 @@ class AngleState:
     bias: Real = 0.0
 
     def __init__(self, a: Frame, b: Frame):
-        """Store the two bodies."""
+        """Store the two bodies between which the angle is measured."""
         self.a, self.b = a, b
 
     @property
     def value(self) -> Real:
-        """The angle [rad]."""
+        """The angle of body b relative to body a [rad]."""
         return self.b.angle - self.a.angle
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """The gradient by body."""
+        """The gradient of the angle by body: -1 for the angle of body a, 1 for that of body b."""
         return Entry(self.a, n=None, m=-1.0), Entry(self.b, n=None, m=1.0)
 
     @property
     def rate(self) -> Real:
-        """The rate [rad/s]."""
+        """The rate of the angle of body b relative to body a [rad/s]."""
         return self.b.omega - self.a.omega
 
 
@@ -175,7 +175,7 @@ class DistanceState:
 
     @cached_property
     def square(self) -> Real:
-        """x^2."""
+        """The square of the distance, x^2 [m^2]."""
         return dot(self.gap, self.gap)
 
     @cached_property
@@ -375,7 +375,7 @@ def loss(x: State, law: Law) -> Real:
 
 
 class _ArrayArithmetic:
-    """The functions of `Arithmetic` for arrays."""
+    """The functions sqrt, sin, cos and inverse of the protocol `Arithmetic` for numpy arrays."""
 
     sqrt, sin, cos, inverse = np.sqrt, np.sin, np.cos, staticmethod(inverse)
 
@@ -386,7 +386,7 @@ class Placed(Placement):
     arithmetic = _ArrayArithmetic()
 
     def __init__(self, q: Array, v: Array | None = None):
-        """Store the states."""
+        """Store the states q, v (..., n)."""
         self.q, self.v = q, np.zeros_like(q) if v is None else v
 
     def body(self, body: int) -> tuple[list[Array], list[Array]]:

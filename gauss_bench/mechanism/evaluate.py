@@ -128,7 +128,7 @@ class Evaluator:
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Record the equations of a mechanism."""
+        """Set up the constraint rows, applied forces and joint friction of a mechanism; functions are generated when needed."""
         self.mechanism = mechanism
         self.constraints = Constraints(mechanism)
         self.applied = AppliedForces(mechanism)
@@ -195,7 +195,7 @@ class Evaluator:
             return rows.phi[:holonomic], rows.J[:holonomic]
 
         def shortest(J: Array, F: Array) -> Array:
-            """Return the minimum-norm correction."""
+            """Return the x of least norm with J x = F."""
             return _shortest(J, F, rank_tolerance)
 
         q = project(q, residual, shortest, CORRECTIONS, _is_closed)

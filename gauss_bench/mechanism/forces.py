@@ -157,7 +157,7 @@ class JointFriction:
         self._function = at.generate([x.rate for x in motions], [x for gradient in entries for x in gradient.values()])
 
     def __bool__(self) -> bool:
-        """Tell whether a pair has friction."""
+        """Tell whether any pair of the mechanism has friction."""
         return len(self.rows) > 0
 
     def directions(self, q: Array, v: Array) -> Array:

@@ -122,7 +122,7 @@ class Program:
     """
 
     def __init__(self) -> None:
-        """Begin an empty program."""
+        """Begin a program without operations."""
         self.lines: list[Line] = []
         self.constants: dict[str, Number] = {}
         self.known: dict[str, Symbol] = {}

@@ -182,7 +182,7 @@ class Revolute:
 
     @property
     def motion(self) -> Angle:
-        """The coordinate that the pin leaves free."""
+        """The coordinate that the pin leaves free: the angle of the second link relative to the first."""
         return Angle(self.a.link, self.b.link)
 
     @property
@@ -344,7 +344,7 @@ class Names(Protocol):
         """Return the index of the body that carries a link."""
 
     def point(self, reference: str, /) -> Point:
-        """Return the point "link.point"."""
+        """Return the point "link.point" as a point of the body that carries the link."""
 
     def pairs(self, joint: str, /) -> tuple[Joint, ...]:
         """Return the kinematic pairs of a joint: the slide, or a pin between every two consecutive links in the joint's list."""
@@ -540,7 +540,7 @@ class AngleDriver:
 
     @property
     def coordinate(self) -> Angle:
-        """The angle of the link."""
+        """The coordinate that is prescribed: the angle of the link."""
         return Angle(GROUND, self.link)
 
 
@@ -554,7 +554,7 @@ class SlideDriver:
 
     @property
     def coordinate(self) -> Along:
-        """The place of the block along the guide."""
+        """The coordinate that is prescribed: the position of the block point along the line of the guide."""
         return self.joint.motion
 
 
@@ -569,7 +569,7 @@ class LengthDriver:
 
     @property
     def coordinate(self) -> Distance:
-        """The distance of both points."""
+        """The coordinate that is prescribed: the distance between the points a and b."""
         return Distance(self.a, self.b)
 
 
@@ -592,8 +592,8 @@ class Mechanism:
         crank: index of the input link, or None.
         observed_points: points that results report.
         observed_links: indices of links whose angles results report.
-        measured: coordinate by which motions are compared: that of the file, else of the first driver, else the crank's angle, else
-            the first angle of a link or coordinate of a slide that can move.
+        measured: coordinate by which motions are compared: that which the file names, otherwise the coordinate of the first driver,
+            otherwise the crank's angle, otherwise the first angle of a link or coordinate of a slide that can move.
         q0, v0: (n,) consistent start, read-only; empty before assembly.
         frictions: dry friction in joints; it depends on accelerations and is therefore not among the forces.
         dof: n minus the rank of the joint rows at the start; -1 before assembly.
@@ -718,7 +718,7 @@ class Mechanism:
 
     @property
     def mass(self) -> Array:
-        """The diagonal (n,) of the mass matrix."""
+        """The diagonal (n,) of the mass matrix: mass, mass, moment of inertia of each body."""
         return np.array([x for link in self.links for x in (link.mass, link.mass, link.inertia)])
 
     def link_name(self, index: int) -> str:

@@ -60,12 +60,12 @@ class ClosingProgram:
 
     @property
     def inputs(self) -> int:
-        """Number of inputs."""
+        """Number of inputs, the coordinates that drivers prescribe."""
         return len(self.driven.drivers)
 
     @property
     def guards(self) -> int:
-        """Number of guards."""
+        """Number of guards, the pivots of J that must keep their signs."""
         return len(self.motion.outputs[0])
 
     @cached_property
@@ -95,7 +95,7 @@ class Driven(Links):
         return self.levels[int(law.name)]
 
     def rate(self, k: int) -> Node:
-        """Return the rate of coordinate k."""
+        """Return the rate of coordinate k: that in `rates` if given, else an input of the graph."""
         return super().rate(k) if self.rates is None else self.rates[k]
 
 

@@ -337,7 +337,7 @@ class Lagrange:
         return Motions.of(self.terms, self.independent, self._free_motions, self.search)
 
     def _coordinates(self, unknowns: Sparse) -> Sparse:
-        """Return the unknowns without the multipliers."""
+        """Return the accelerations among the unknowns, which also have the multipliers."""
         return {k: x for k, x in unknowns.items() if k < self.n}
 
     def correction(self, residual: Sparse) -> Sparse:

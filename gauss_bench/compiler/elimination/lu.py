@@ -84,7 +84,7 @@ class Factors:
 
     @property
     def guarded(self) -> tuple[Pivot, ...]:
-        """All pivots by which the code divides."""
+        """All pivots by which the code divides, also those of the normal equations."""
         return self.pivots if self.rest is None else (*self.pivots, *self.rest.factors.guarded)
 
     def solve(self, b: Sparse) -> Sparse:

@@ -236,15 +236,15 @@ class Links(Given):
 
     @property
     def time(self) -> Node:
-        """The input t."""
+        """The time t [s], an input of the graph."""
         return self.graph.input(self.state.t, 0, self.state.times, 1.0)
 
     def coordinate(self, k: int) -> Node:
-        """Return coordinate k, an input."""
+        """Return coordinate k as a node, an input of the graph."""
         return self.graph.input(self.state.q, k, self.state.positions[:, k], self.scale[k])
 
     def rate(self, k: int) -> Node:
-        """Return the rate of coordinate k, an input."""
+        """Return the rate of coordinate k as a node, an input of the graph."""
         return self.graph.input(self.state.v, k, self.state.velocities[:, k], SPEED * self.scale[k])
 
     def omega(self, link: int) -> Node:

@@ -36,9 +36,9 @@ LEAST = 1e-3  # least value of a guard (a pivot), relative to its value at the s
 
 
 class Status(IntEnum):
-    """How a sample was closed."""
+    """How the positions at a sample were found."""
 
-    CLOSED = 0  # by compiled code
+    CLOSED = 0  # by compiled code: the routine `follow`
     LIBRARY = 1  # by `kinematics.loop_closure`
     LOST = 2  # not at all: its numbers are NaN
 
