@@ -4,8 +4,7 @@ Let J be the Jacobian of F at the present point x. Each method goes from x to x 
 
     Newton-Raphson:       J h = -F; the full step is taken
     Gauss-Newton:         J h = -F; the step is halved until |F|^2 falls enough (backtracking, condition of Armijo)
-    Levenberg-Marquardt:  (J^T J + mu I) h = -J^T F, with mu after Nielsen: smaller if the linear model predicts |F| well, else
-    larger
+    Levenberg-Marquardt:  (J^T J + mu I) h = -J^T F; mu after Nielsen is smaller if the linear model predicts |F| well, else larger
 
 There may be more equations than unknowns if the equations are consistent; J h = -F is then solved in the least-squares sense.
 Sources: Nocedal and Wright, Numerical Optimization (2006), sections 3.1, 10.3 and 11.1; Madsen, Nielsen, Tingleff, Methods for
