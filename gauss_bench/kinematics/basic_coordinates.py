@@ -215,6 +215,7 @@ class _Follower:
         the largest step that the inputs could make in the direction of their motion.
         """
         # a solution for the inputs just ahead counts only if the points are near the present ones, in the same assembly.
+        # `residual(x)` is a function of the points p, which returns the residual and its Jacobian.
         # Levenberg-Marquardt comes as near as the links reach, where Gauss-Newton would diverge
         ahead = levenberg_marquardt(self.model.residual(self.x + PROBE * step), self.p, self.tolerance)
         same_branch = largest(ahead.x - self.p) < LARGEST_SLIDE * self.model.size

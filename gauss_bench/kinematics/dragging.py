@@ -32,13 +32,14 @@ LARGEST_STEP = 0.15  # largest displacement in one step, and largest turn of a l
 LARGEST_MISS = 0.25  # largest distance between prediction and projected position, as a share of the step
 SMALLEST_COSINE = 0.9  # smallest cosine of the angle between the free motions before and after a step
 HALVINGS = 12  # largest number of halvings of a step
-MOST_STEPS = 60  # nine sizes of the linkage; then the studio reads the place of the pointer anew
-NEAR = 1e-13  # distance from the target that only rounding leaves
-RESTING = 1e-8  # size of a tiny step: the next step, of the order of its square, would be rounding
+MOST_STEPS = 60  # largest number of steps of one call of `Drag.to`; they lead as far as nine sizes of the linkage
+NEAR = 1e-13  # a distance from the target that is smaller is only rounding
+RESTING = 1e-8  # a smaller step is the last: the next step, of the order of its square, would be rounding
 REACHED = 1e-10  # distance at which the point counts as being at its target
 FLAT = 1e-9  # share of the largest curvature below which a curvature counts as zero
 MARGIN = 1e-3  # smallest |det P|: about one degree before an arm is stretched, 1e-4 of its length
-STANDING = 5e-3  # smallest move of the point per move of the linkage in a direction in which it can move; above MARGIN
+# in a direction in which the point can move, it moves at least by this share of the linkage's own displacement; above MARGIN
+STANDING = 5e-3
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class Dragged:
         q: (n,) the position that the linkage has reached.
         reached: whether the point is at its target.
         apart: distance of the point from its target [m].
-        note: the reason why the point is not at its target; empty if it is.
+        note: the reason why the point is not at its target; empty if the point is at its target.
     """
 
     q: Array

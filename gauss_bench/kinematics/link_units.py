@@ -70,7 +70,7 @@ class LinkUnit:
         vector: (2,) vector A from the element at which the loop enters the link to the element at which it leaves [m].
         J: (2, C) derivatives of A by the link's C variables: its angle [m/rad] if it can turn, then the coordinates s of its moving
             elements [-].
-        J_rate: (2, C) time derivative of J.
+        J_rate: (2, C) time derivative of J, with a column for each of the C variables of the link.
     """
 
     vector: Array

@@ -103,7 +103,7 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
 
     if size:
         try:
-            walk(advance, SMALLEST_PART / size)
+            walk(advance, SMALLEST_PART / size)  # the shortest step, as a share of the whole change
         except Stopped as error:
             raise _end(equations, first, state, change / size, error) from error
     return state._replace(steps=steps)

@@ -217,6 +217,7 @@ def find_groups(model: PointModel) -> tuple[PointGroup, ...]:
     tops = sorted(node for node in graph if node[0] == "row")
     matched = nx.bipartite.hopcroft_karp_matching(graph, tops)
     row_of = {k: matched["column", k][1] for k in range(n) if ("column", k) in matched}  # unknown -> its equation
+    # an edge leads from an unknown to each unknown on which it depends
     needs = nx.DiGraph((k, other) for k, i in row_of.items() for other in columns_of[i])
     redundant: set[int] = set()  # unknowns in equations without a match, and those on which they depend
     for i in range(m):

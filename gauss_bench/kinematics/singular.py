@@ -186,20 +186,20 @@ def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list
     coordinates, driving = driving_coordinates(mechanism), input_coordinate(mechanism)
     positions: list[Singular] = []
     q = mechanism.q0
-    x = curve.tangent(q, gradient(driving.coordinate, q))  # unit tangent in the direction in which the driving coordinate grows
-    first, side = x, curve.orientation(q, x)
-    rates = [gradient(c.coordinate, q) @ x for c in coordinates]  # g . x of each coordinate at the last position
+    tangent = curve.tangent(q, gradient(driving.coordinate, q))  # in the direction in which the driving coordinate grows
+    first, side = tangent, curve.orientation(q, tangent)
+    rates = [gradient(c.coordinate, q) @ tangent for c in coordinates]  # g . x of each coordinate at the last position
     for count in range(LONGEST):
         if ended is not None and ended.is_set():
             raise ChangePoint("the search was ended")
-        q = curve.step(q, x)
-        x = curve.tangent(q, x)
-        if curve.orientation(q, x) * side < 0:
+        q = curve.step(q, tangent)
+        tangent = curve.tangent(q, tangent)
+        if curve.orientation(q, tangent) * side < 0:
             raise ChangePoint(f"change point near {_describe(driving, q)}: the curve forks, the motion can go on in two ways")
         for k, c in enumerate(coordinates):
-            rate = gradient(c.coordinate, q) @ x
+            rate = gradient(c.coordinate, q) @ tangent
             if rate * rates[k] < 0 or (count == 0 and abs(rates[k]) < TOLERANCE):  # a reversal since the last position, or at q0
-                at = curve.refine(c, q, x)
+                at = curve.refine(c, q, tangent)
                 kind = "limit" if c.name == driving.name else "dead centre"
                 # a start at a dead centre is found a second time when the curve closes
                 if not any(known.coordinate == c.name and _distance(at, known.q) < SAME for known in positions):
@@ -207,7 +207,7 @@ def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list
                     positions.append(Singular(c.name, kind, here, there, driving, at))
             rates[k] = rate
         # the curve is closed where it comes back to its start in the same sense; the first steps are still near the start
-        if count > 2 and _distance(q, mechanism.q0) < 0.75 * STEP and x @ first > 0:
+        if count > 2 and _distance(q, mechanism.q0) < 0.75 * STEP and tangent @ first > 0:
             break
     return positions
 

@@ -48,20 +48,20 @@ def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | No
     finer = rows_of(case, engine, numbers, values[numbers], parts)
     usable = np.isin(finer["status"], USED)
     lost, changes = int((~usable).sum()), {}  # changes: unit -> largest change
-    off = np.zeros(len(chosen))  # largest change of a figure of each sample, relative to its limit
+    ratios = np.zeros(len(chosen))  # largest ratio of a figure's change to its limit, for each sample
     for unit in UNITS:
         names = [name for name, x in units(mechanism).items() if x == unit]
-        # (chosen,) largest change of a figure with this unit; zeros, as `off` still is, if there is no such figure
-        gaps = np.abs([finer[name] - good[name].to_numpy()[chosen] for name in names] or [off]).max(axis=0)
+        # (chosen,) largest change of a figure with this unit
+        gaps = np.abs([finer[name] - good[name].to_numpy()[chosen] for name in names] or [ratios]).max(axis=0)
         changes[unit] = float(gaps[usable].max(initial=0.0))
-        off = np.maximum(off, gaps / limits[unit])
-    largest = float(off[usable].max(initial=0.0))
+        ratios = np.maximum(ratios, gaps / limits[unit])
+    largest = float(ratios[usable].max(initial=0.0))
     return {
         "how": how,
         "samples": len(chosen),
         "m": changes["m"],
         "rad": changes["rad"],
-        "worst": int(numbers[usable][off[usable].argmax()]) if largest else None,
+        "worst": int(numbers[usable][ratios[usable].argmax()]) if largest else None,
         "lost": lost,
         "ok": not lost and largest <= 1.0,
     }

@@ -135,18 +135,18 @@ def sweep(
     samples_plan = plan(vary, samples, sampling, seed)
     case = _case(linkage, samples_plan, engines, how, where.jobs)
     nominal = family(case).nominal
-    figures = units(nominal)  # name of a figure, a number that is computed from each motion -> its unit
+    units_by_figure = units(nominal)  # name of a figure (a number that is computed from each motion) -> its unit
     stamp = _stamp(case, vary, samples_plan, sampling, seed)
     check(out, stamp)  # before the kernels are compiled, which takes long
     for engine in filter(in_batches, engines):
         # names of the numbers that stay inputs of the kernel; `kernel` compiles it, and all batches share it
         left_open = ", ".join(kernel(case, engine).parameters)
         tell(f"{engine}: generated and compiled, with {left_open or 'nothing'} left open")
-    with Folder(out, stamp, dict.fromkeys(samples_plan.paths, "") | figures) as folder:
+    with Folder(out, stamp, dict.fromkeys(samples_plan.paths, "") | units_by_figure) as folder:
         _run(folder, case, samples_plan, engines, where, tell)
         rows = folder.read()
     tell("repeating some samples at half the step")
-    by_engine = summary(rows, samples_plan, list(figures))
+    by_engine = summary(rows, samples_plan, list(units_by_figure))
     for engine in engines:
         by_engine[engine]["half_the_step"] = halve(case, engine, rows[rows["engine"] == engine], samples_plan.values)
     result: SweepSummary = {
@@ -158,7 +158,7 @@ def sweep(
         "sampling": "sobol" if samples_plan.base else "random",
         "engines": by_engine,
     }
-    write_text(out / PICTURE, plots(rows, samples_plan, list(figures)) + SIGN)
+    write_text(out / PICTURE, plots(rows, samples_plan, list(units_by_figure)) + SIGN)
     write_text(out / "summary.json", json.dumps(result, indent=1) + "\n")
     return result
 

@@ -150,7 +150,7 @@ def _guide_point(d: Drawing, guide: str, at: complex) -> str:
 def join(d: Drawing, message: Message) -> None:
     """Move a pin onto another pin, and join all points of both in one joint.
 
-    The pin `a` of the message moves onto the pin `b`. If `a` is fixed to the ground, `b` moves onto `a` instead.
+    The pin `pin` of the message moves onto the pin `to`. If `pin` is fixed to the ground, `to` moves onto `pin` instead.
     """
     a, b = d.pin(message.get("pin")), d.pin(message.get("to"))
     if a.id == b.id:
