@@ -136,7 +136,8 @@ def _end(equations: LoopEquations, first: Array, last: _State, direction: Array,
     """Return the exception that tells why a motion ends after the state `last`.
 
     If the loops can be closed just beyond this state by a small turn of the links, the motion goes on, and the end is a singular
-    position. If they can be closed only by a large turn, or not at all, the end is a limit of motion.
+    position. It is a singular position too if the Jacobian loses rank there. If the loops can be closed only by a large turn, or
+    not at all, the end is a limit of motion.
 
     Args:
         first: (TU + TK,) the state at the last sample time that was reached.

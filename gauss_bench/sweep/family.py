@@ -264,7 +264,7 @@ class Family:
         turn = float(np.abs(goals[:, 0] - old[0]).max(initial=0.0))
         strides = min(100, 1 + int(max(max(lengths, default=0.0) / (STRIDE * mechanism.size), turn / STEP)))
 
-        def rows(part: float) -> Callable[[Array], tuple[Array, Array]]:
+        def constraints_at(part: float) -> Callable[[Array], tuple[Array, Array]]:
             """Return the function q (k, n) -> residual (k, m) and Jacobian (k, m, n) of joints and prescribed coordinates.
 
             The open numbers and the prescribed values are interpolated between those of the file (`part` = 0) and those of the
@@ -293,8 +293,8 @@ class Family:
         q = np.repeat(np.array(mechanism.q0)[None], k, axis=0)
         with np.errstate(all="ignore"):
             for part in np.arange(1, strides + 1) / strides:
-                q = project(q, rows(part), _solve, NEWTON, still=_is_still, longest=LONGEST)
-            phi, J = rows(1.0)(q)
+                q = project(q, constraints_at(part), _solve, NEWTON, still=_is_still, longest=LONGEST)
+            phi, J = constraints_at(1.0)(q)
             # J v: joints do not move, and held coordinates have their rates
             right = np.concatenate([np.zeros((k, phi.shape[1] - goals.shape[2])), goals[:, 1]], axis=1)
             v = _solve(J, right)

@@ -46,7 +46,7 @@ def drive(d: Drawing, message: Message) -> None:
         else:
             size = d.reading.mechanism.size if d.reading.mechanism else 1.0
             usual = {"law": "sine", "travel": round_digits(STROKE * size), "time": 1.0}
-        drivers.append(coordinate | ({"law": usual["law"]} | law if law else usual))  # a given law, of the usual kind by default
+        drivers.append(coordinate | (({"law": usual["law"]} | law) if law else usual))  # a given law, of the usual kind by default
     if not drivers:
         scenarios.pop(DRIVEN, None)
         return
