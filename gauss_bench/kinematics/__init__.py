@@ -1,14 +1,28 @@
 """Kinematics: the motion of a linkage without forces.
 
-Two methods compute the motion that the drivers of a scenario, the inputs, prescribe. Both return a `motion` and raise the
-exceptions of `errors`.
-- Loop closure: `topology` (links and pairs as a graph, and its independent loops), `link_units` (the contribution of one link to
-  the equations of a loop), `loop_equations` (all loops as one system), `loop_closure` (the motion).
-- Point coordinates: `points` (the points that determine a linkage), `point_equations` (the equations between them),
-  `basic_coordinates` (the motion).
+Two methods, loop closure and point coordinates, compute the motion that the drivers of a scenario (the inputs) prescribe. Both
+methods return the `Motion` of the module `motion`, and raise the exceptions of the module `errors`.
 
-`root_finding` has the solvers of the point equations at one position, and `basins` studies from how far away they converge.
-`singular` finds limits of motion and dead centres, `branches` other assemblies with the same inputs, `assembly` the loop of a
-drawing that does not close, `synthesis` four-bars through given poses. `centres` and `advantage` compute instant centres and ratios
-of velocities and forces. `freedom` has the free motions at a position, and `dragging` moves a linkage by one of its points.
+Modules of the loop closure:
+- `topology`: links and pairs as a graph, and its independent loops.
+- `link_units`: the contribution of one link to the equations of a loop.
+- `loop_equations`: the equations of all loops as one system.
+- `loop_closure`: the motion.
+
+Modules of the point coordinates:
+- `points`: the points that determine a linkage.
+- `point_equations`: the equations between these points.
+- `basic_coordinates`: the motion.
+- `root_finding`: the solvers of the point equations at one position.
+- `basins`: a study from how far away these solvers converge.
+
+Other modules:
+- `singular`: limits of motion and dead centres.
+- `branches`: the other assemblies with the same inputs.
+- `assembly`: the loop of a drawn linkage that cannot be closed.
+- `synthesis`: four-bars through given poses.
+- `centres`: instant centres.
+- `advantage`: ratios of velocities and of forces.
+- `freedom`: the free motions at a position.
+- `dragging`: a linkage is moved by one of its points.
 """

@@ -1,16 +1,17 @@
 """Velocity ratios and mechanical advantage of a linkage with one degree of freedom.
 
-With x the free motion and g_in, g_out the gradients of two coordinates, the ratio of their rates is
+Let x (n,) be the free motion of the linkage, and g_in, g_out (n,) the gradients of two coordinates "in" and "out". The ratio of the
+rates of these coordinates is
 
-    d out / d in = (g_out . x) / (g_in . x)
+    d out / d in = (g_out . x) / (g_in . x).
 
-Without losses and weights the power that enters at the input leaves at the output. The force or torque F_in at the input that
-balances F_out at the output is therefore
+Without losses and weights the power that enters at the input leaves at the output. If the force or torque F_in at the input
+balances F_out at the output, then
 
-    F_in / F_out = d out / d in,        mechanical advantage  F_out / F_in = d in / d out
+    F_in / F_out = d out / d in.
 
-The advantage is infinite where the output stands still (a toggle, a dead centre) and zero where the input does (a limit of its
-motion).
+The mechanical advantage F_out / F_in = d in / d out is infinite where the output is at rest (at a toggle, a dead centre), and zero
+where the input is at rest (at a limit of its motion).
 """
 
 from dataclasses import dataclass

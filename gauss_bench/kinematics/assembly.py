@@ -1,12 +1,13 @@
 """Find the loop of a drawn linkage that cannot be closed, how far it stays open, and the lengths that would close it.
 
 Without the pairs that close the loops, the linkage is a tree, which can always be assembled. The loops are then closed one after
-the other: a drag brings the two ends of the pin that closes the next loop as near to each other as possible, with the loops before
-it closed. At the nearest position, with g the gap from one end to the other and w the vector of the loop through a link,
+the other. One pin of each loop is cut (its "chord"), and its two ends are dragged as near to each other as possible, while all
+earlier loops stay closed. At the nearest position let g be the gap, the vector from one end to the other, and w the vector through
+one link of the loop. Then
 
-    |g| = |sum w|,    d|g| / d|w| = (w / |w|) . g / |g|
+    |g| = |sum w|,    d|g| / d|w| = (w / |w|) . g / |g|.
 
-A link along the gap therefore closes it by a change of length equal to the gap; a link across the gap cannot.
+A link that is parallel to the gap can therefore close it if its length changes by |g|. A link at right angles to the gap cannot.
 """
 
 from contextlib import suppress
@@ -33,7 +34,7 @@ MOVED = 0.5  # smallest displacement of a linkage that moves, as a share of the 
 
 @dataclass(frozen=True)
 class Length:
-    """A change that would close a loop.
+    """A change of the length of one link that would close a loop.
 
     Attributes:
         link: name of the link.
@@ -52,11 +53,12 @@ class OpenLoop:
     """A loop that does not close.
 
     Attributes:
-        links: names of the links around the loop; the frame is "ground".
-        at: name of the pin whose ends stay apart.
-        apart: smallest distance of these ends [m].
-        alone: whether the loop stays open even without the loops before it.
-        lengths: single changes that would close it, the smallest relative change first, those of the ground last.
+        links: names of the links around the loop; the fixed link is "ground".
+        at: name of the pin whose two ends cannot be brought together.
+        apart: smallest distance of these two ends [m].
+        alone: whether the loop stays open even if the other loops of the linkage need not be closed.
+        lengths: changes of the length of one link, each of which alone would close the loop; the smallest relative change comes
+            first, and changes of lengths on the ground come last.
     """
 
     links: tuple[str, ...]
@@ -100,7 +102,7 @@ def find_open_loop(mechanism: Mechanism) -> OpenLoop | None:
 
 
 def _joints(mechanism: Mechanism, loop: Loop) -> list[Joint]:
-    """Return the pairs of a loop in file order."""
+    """Return the pairs of a loop in the order of the linkage file."""
     names = {x.leave.name for x in loop.passages}
     return [x for x in mechanism.joints if x.name in names]
 
@@ -116,10 +118,10 @@ def _chord(mechanism: Mechanism, loop: Loop, before: tuple[Loop, ...]) -> Joint:
 
 
 def _close(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
-    """Return the position near q (n,) that closes the given joints.
+    """Return the position near q (n,) in which the given joints are closed.
 
     Raises:
-        ValueError: they cannot be closed.
+        ValueError: the joints cannot be closed by a search that begins at q.
     """
     place = Freedom(replace(mechanism, joints=tuple(joints))).close(q)
     if place is None:
@@ -128,12 +130,18 @@ def _close(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
 
 
 def _approach(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Place) -> tuple[Place, float]:
-    """Return the position in which the ends of `chord` are nearest to each other, and their distance there [m].
+    """Return the position in which the two ends of `chord` are nearest to each other, and their distance there [m].
 
-    The given joints stay closed; `place` is the position from which the search begins.
+    The search begins at the position `place`. It is repeated from positions with randomly turned links, because a drag may stop at
+    a local minimum of the distance.
+
+    Args:
+        joints: pairs that stay closed.
+        chord: the pair that still has to be closed. A slide has no point to drag: the distance is then 0 if it can be closed, and
+            infinite if it cannot.
     """
     part = replace(mechanism, joints=tuple(joints))
-    if chord.slides:  # all pairs of the loop are slides, which have no point to drag
+    if chord.slides:  # all pairs of the loop are slides
         closed = Freedom(replace(part, joints=(*joints, chord))).close(place.q)
         return (place, np.inf) if closed is None else (closed, 0.0)
     best, apart, rng = place, np.inf, np.random.default_rng(0)
@@ -152,12 +160,12 @@ def _approach(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Pl
 
 
 def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, apart: float) -> tuple[Length, ...]:
-    """Return the changes of length that would close a loop, in the order of `OpenLoop.lengths`.
+    """Return the changes of the length of one link that would close a loop, in the order of `OpenLoop.lengths`.
 
     Args:
         chord: the pin whose ends stay apart.
         q: (n,) position in which these ends are nearest to each other.
-        apart: their distance there [m].
+        apart: distance of these ends in this position [m].
     """
     if chord.slides:
         return ()
@@ -185,18 +193,19 @@ def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, a
 
 
 def rank_about(mechanism: Mechanism, q: Array) -> int:
-    """Return the rank of the joint rows at a generic position near q (n,), or at q itself if the joints are open there.
+    """Return the rank of the Jacobian J of the joints at a generic position near q (n,), or at q if the joints are open there.
 
-    The generic rank is the largest of the ranks at q and at neighbouring positions. Some linkages cannot move although J loses
-    rank, for example two bars stretched along one line, and then have no neighbouring position. The rank is then computed with
-    all links turned slightly and the joints open. That is the rank that links of slightly different lengths would have.
+    The generic rank is the largest of the ranks at q and at neighbouring positions, to which the linkage can move. Some linkages
+    cannot move although J loses rank, for example two bars stretched along one line, and then have no neighbouring position. The
+    rank is then computed with all links turned slightly, which opens the joints. J would have the same rank if the lengths of the
+    links were slightly different.
     """
     freedom, rng = Freedom(replace(mechanism, drivers=(), knife_edges=())), np.random.default_rng(0)
     place = freedom.close(q)
     if place is None:
         return _rank(freedom.at(q)[1])
     rank = _rank(place)
-    has_moved = not place.free.size  # without a free motion J has full column rank, and needs no neighbour
+    is_generic = not place.free.size  # without a free motion J has full column rank, and no neighbour can have a larger one
     for _ in range(3):
         motion = place.free @ rng.normal(size=place.free.shape[1])  # a random free motion in scaled coordinates
         size = largest(motion) or 1.0
@@ -205,14 +214,15 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
         # a projection that comes back to the start shows that the linkage cannot move like this
         if neighbour is None or np.abs((neighbour.q - place.q) * freedom.scale).max() < MOVED * np.abs(step * freedom.scale).max():
             continue
-        has_moved, rank = True, max(rank, _rank(neighbour))
-    if has_moved or rank == len(place.J):
+        is_generic, rank = True, max(rank, _rank(neighbour))
+    if is_generic or rank == len(place.J):  # the rank cannot exceed the number of rows
         return rank
+    # there is no neighbouring position: turn the links and leave the joints open
     turned = np.array(place.q)
     angles(turned)[:] += rng.uniform(-GENERIC, GENERIC, size=len(mechanism.links))
     return max(rank, _rank(freedom.at(turned)[1]))
 
 
 def _rank(place: Place) -> int:
-    """Return the rank of the joint rows: the number of coordinates less that of the free motions."""
+    """Return the rank of the Jacobian of the joints: the number of coordinates minus the number of free motions."""
     return len(place.q) - int(place.free.shape[1])

@@ -1,17 +1,22 @@
 """Motion of a linkage in basic coordinates: positions from the equations between its points, velocities and accelerations exactly.
 
-With the unknown points p, the equations phi(p, t) = 0 of `point_equations` and J = dphi/dp, in least squares where redundant:
+Let p be the coordinates of the unknown points, x the inputs, phi(p, x) = 0 the equations of `point_equations`, and J = dphi/dp.
 
-    positions      phi(p) = 0, by a root search from the previous state and J dp = -(dphi/dx) dx for the turn dx of the inputs
-    velocities     J p' = -phi_t
-    accelerations  J p'' = gamma = -(known points' part of phi'') - (products of speeds)
+    prediction:     J dp = -(dphi/dx) dx, for the change dx of the inputs from the previous state
+    positions:      phi(p, x) = 0, by a root search that starts at the prediction
+    velocities:     J p' = -phi_t, where phi_t is the rate of phi if the unknown points rest and the inputs move
+    accelerations:  J p'' = gamma = -(known points' part of phi'') - (products of velocities)
 
-The state of a link follows from two of its points A and B, at the places a and b in the link: with E = (B - A) / (b - a),
-theta = arg E plus the whole turns that bring it nearest to the prediction, omega = Im(E' conj E), alpha = Im(E'' conj E). A step is
-halved if the search fails, or ends far from the prediction or on the other side of a singular position. The motion therefore
-follows an input up to its limit, and never changes to another assembly.
-Source: Men, Feng, He (see `point_equations`), section 2, for the search from the previous state; differentiated constraints after
-Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 3.2.
+Redundant equations are solved in least squares.
+
+The state of a link follows from two of its points. They lie at the complex places A and B in the world, and at a and b in the frame
+of the link. With E = (B - A) / (b - a) the angle theta of the link is arg E plus the whole turns that bring it nearest to its
+predicted value; its rates are omega = Im(E' conj E) and alpha = Im(E'' conj E).
+
+A step is halved if the search fails, or ends far from the prediction or on the other side of a singular position. The motion
+therefore follows an input up to its limit, and never changes to another assembly.
+Sources: the search from the previous state follows Men, Feng, He (see `point_equations`), section 2. The differentiated constraints
+follow Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 3.2.
 """
 
 from collections.abc import Mapping
@@ -70,11 +75,13 @@ def _motion(mechanism: Mechanism, states: list[Array], corrections: list[int]) -
 
 
 def branch_of(mechanism: Mechanism, q: Array) -> Branch:
-    """Return the side, +1 or -1, of each group of points at q (n,), by name; the sides distinguish assemblies.
+    """Return name of a group of points -> its side, +1 or -1, at the position q (n,); the sides distinguish assemblies.
 
-    The side is the sign of the determinant of the group's own equations. For a dyad it is the side of the line between its ends on
-    which its middle point lies. It changes at singular positions only. A group other than a dyad may have several assemblies with
-    the same side. Groups with a single assembly, or with more equations than unknowns, are left out.
+    The unknown points of `point_equations` fall into groups that can be solved one after the other. The side of a group is the sign
+    of the determinant of the Jacobian of the group's own equations, and changes only at singular positions. A dyad is a group of
+    one point, the joint between two links whose other joints are known: its side tells on which side of the line between these two
+    joints the point lies. A larger group may have several assemblies with the same sign of the determinant. Groups that have only
+    one assembly, or more equations than unknowns, are left out.
     """
     model = PointModel(mechanism)
     _, J = model.residual(model.points.inputs_at(q))(model.points.unknown_at(q))
@@ -82,20 +89,21 @@ def branch_of(mechanism: Mechanism, q: Array) -> Branch:
 
 
 class _StepTooLong(ArithmeticError):
-    """A step failed, or its result may belong to another assembly."""
+    """A step of the inputs failed, or its result may belong to another assembly: a shorter step has to be tried."""
 
 
 class _Follower:
-    """A linkage that follows its inputs from the assembled start, by a prediction and a search in each step.
+    """A linkage that follows its i inputs from the assembled start, by a prediction and a root search in each step.
 
     Attributes:
         x: (i,) present inputs [rad, m].
-        p: (2 u,) present unknown points [m].
-        theta: present angles of the links [rad].
-        max_change: (i,) largest change of an input in one step [rad, m].
-        signs: (g,) sign of the determinant of each group of points at the start, as in `PointModel.signs`: they show the assembly.
+        p: (2 u,) present coordinates of the u unknown points [m].
+        theta: (links,) present angles of the links [rad].
+        max_change: (i,) largest change of each input in one step [rad, m].
+        signs: (g,) sign of the determinant of each group of points at the start, as in `PointModel.signs`: the assembly that the
+            motion must not leave.
         tolerance: largest residual of a solution [m].
-        corrections: iterations of all searches since the last call of `move_to`.
+        corrections: number of iterations of all root searches since the beginning of the last call of `move_to`.
     """
 
     def __init__(self, model: PointModel):
@@ -122,31 +130,33 @@ class _Follower:
         if not np.isfinite(goal).all():
             raise ValueError(f"inputs are not finite: {goal}")
         start, change = self.x, goal - self.x
-        # at least this number of equal steps, in which no input changes by more than its `max_change`
+        # smallest number of equal steps in which no input changes by more than its `max_change`; 1e-9: rounding must not add a step
         count = max(1, int(np.ceil(largest(change / self.max_change) - 1e-9)))
-        max_share = 1 / count  # of the change, in one step
+        max_share = 1 / count  # the largest step, as a share of the whole change
         self.corrections = 0
 
         def advance(share: float) -> None:
-            """Move the inputs to this share of the change."""
+            """Move the inputs to their values at the start plus the given share of the whole change."""
             self._step(goal if share == 1.0 else start + share * change)
 
         try:
             walk(advance, SHORTEST * max_share, max_share)
-        except _StepTooLong as error:
+        except _StepTooLong as error:  # even the shortest step failed: find out why
             raise self._failure(max_share * change) from error
 
     def _step(self, x: Array) -> None:
-        """Move to the inputs x (i,) by one prediction and one search.
+        """Move to the inputs x (i,) by one prediction and one root search; see the equations at the top of this file.
 
         Raises:
-            _StepTooLong: the result is doubtful; the old position is kept.
+            _StepTooLong: the search fails, or its result may belong to another assembly; the old position is then kept.
         """
         model = self.model
         # prediction to first order: dp from J dp = -(dphi / dx) dx, with dphi = Re(r dz)
-        Z = model.points.known(self.x, x - self.x, np.zeros_like(x))  # rows z, dz: the change of the inputs as their rate
+        # z: all inputs and points as complex numbers. The change of the inputs takes the place of their rate, so that the first
+        # rows of Z are z and dz
+        Z = model.points.known(self.x, x - self.x, np.zeros_like(x))
         Z[0] = model.fill(Z[0], self.p)
-        r = model.rows(Z[0])
+        r = model.rows(Z[0])  # complex derivatives of phi with respect to z
         dp = -self._inverse(model.jacobian(r)) @ (r @ Z[1]).real
         Z[1] = model.fill(Z[1], dp)
         # correction: a root search from the prediction, which must end near it
@@ -155,7 +165,7 @@ class _Follower:
         max_correction = STRAY * largest(Z[1, model.points.first :]) + np.sqrt(self.tolerance)
         if root.flag != ExitFlag.CONVERGED or largest(root.x - self.p - dp) > max_correction:
             raise _StepTooLong
-        # angles: they must be near their prediction too, and no group of points may have changed its side
+        # angles: they must be near their prediction too, and no group of points may have changed its side (see `branch_of`)
         E, dE = model.directions @ Z[0], model.directions @ Z[1]  # exp(i theta) of every link, and its change
         near = self.theta + (dE * E.conj()).imag  # predicted angles
         turn = np.angle(model.directions @ model.at(x, root.x) * np.exp(-1j * near))  # from these to the solution
@@ -164,10 +174,10 @@ class _Follower:
         self.x, self.p, self.theta = x, root.x, near + turn
 
     def _inverse(self, J: Array) -> Array:
-        """Return the pseudo-inverse of J.
+        """Return the pseudo-inverse (2 u, m) of the Jacobian J (m, 2 u).
 
         Raises:
-            _StepTooLong: the columns of J are dependent.
+            _StepTooLong: the columns of J are dependent: this position is singular, and a step from it has no unique prediction.
         """
         if not J.shape[1]:
             return np.zeros(J.T.shape)
@@ -177,7 +187,7 @@ class _Follower:
         return np.asarray(Vt.T / s @ U.T)
 
     def state(self, rate: Array, second: Array) -> Array:
-        """Return q, v, a as rows (3, n) at the present position, for first and second derivatives (i,) of the inputs.
+        """Return q, v, a as the rows of (3, n) at the present position, for first and second time derivatives (i,) of the inputs.
 
         Raises:
             SingularPosition: J has lost rank, so that the rates are undetermined.
@@ -199,10 +209,13 @@ class _Follower:
         return np.stack([centre.real, centre.imag, turns], axis=-1).reshape(3, -1)
 
     def _failure(self, step: Array) -> MotionError:
-        """Return the exception for the end of the motion: a limit if there is no solution just ahead, else a singular position.
+        """Return the exception that tells why the motion ends at the present position.
 
-        `step` (i,) is the largest step in the direction of the motion.
+        It is a limit of motion if the equations have no solution for inputs just ahead, else a singular position. `step` (i,) is
+        the largest step that the inputs could make in the direction of their motion.
         """
+        # a solution for the inputs just ahead counts only if the points are near the present ones, in the same assembly.
+        # `residual(x)` is a function of the points p, which returns the residual and its Jacobian.
         # Levenberg-Marquardt comes as near as the links reach, where Gauss-Newton would diverge
         ahead = levenberg_marquardt(self.model.residual(self.x + PROBE * step), self.p, self.tolerance)
         same_branch = largest(ahead.x - self.p) < LARGEST_SLIDE * self.model.size
@@ -213,7 +226,7 @@ class _Follower:
         return LimitOfMotion(f"no solution beyond {self._inputs()}: a limit of motion; {opening}", self.x)
 
     def _inputs(self) -> str:
-        """Describe the present inputs."""
+        """Return a text with the names and present values of the inputs."""
         points = self.model.points
         return describe_drivers(points.mechanism, {d.name: x for d, x in zip(points.drivers, self.x, strict=True)})
 

@@ -1,8 +1,9 @@
 """Study of convergence: three root finders from random starts at different distances from the right assembly.
 
-Men, Feng, He (2009) start from the assembly as drawn and then from the last position, and call the search insensitive to its start.
-That depends on the distance: from starts as near as theirs every root finder finds the assembly, but from starts anywhere within
-the size of the linkage none finds it always.
+Men, Feng, He (2009) start a search from the assembly as drawn, and later searches from the previous position. They call the search
+insensitive to its start. The success of a search depends on the distance of its start from the right assembly: from starts as near
+as those of the paper every root finder finds the assembly, but from starts anywhere within the size of the linkage none of them
+always finds it.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,8 +29,8 @@ class Basin:
     Attributes:
         method: name of the root finder.
         spread: largest distance of a start from the solution in any coordinate [m, or rad for angles].
-        right: share of starts from which the search ended at the solution.
-        other: share of starts from which it ended at another root; from the rest it did not converge.
+        right: share of the starts from which the search ended at the solution.
+        other: share of the starts from which the search ended at another root; from the remaining starts it did not converge.
         iterations: mean number of iterations to the solution; NaN if no search ended there.
     """
 
@@ -41,13 +42,20 @@ class Basin:
 
 
 def point_form(mechanism: Mechanism) -> tuple[Residual, Array]:
-    """Return the point equations for the inputs of the start, as a function of the unknown points p (2 u,), and their solution."""
+    """Return the point equations with the inputs fixed at their values in q0, and their solution there.
+
+    The equations are a function of the coordinates p (2 u,) of the unknown points; the solution is p at the assembled start q0.
+    """
     model = PointModel(mechanism)
     return model.residual(model.points.inputs_at(mechanism.q0)), model.points.unknown_at(mechanism.q0)
 
 
 def loop_form(mechanism: Mechanism) -> tuple[Residual, Array]:
-    """Return the loop equations for the inputs of the start, as a function of the unknown angles and slides, and their solution."""
+    """Return the loop equations with the inputs fixed at their values in q0, and their solution there.
+
+    The equations are a function of the unknown angles and slides (unknown variables,); the solution has their values at the
+    assembled start q0.
+    """
     equations = LoopEquations(mechanism)
     start = equations.start()  # unknown variables, then inputs
     unknown, zero_rates = len(equations.unknown), np.zeros(len(start))
@@ -61,7 +69,10 @@ def loop_form(mechanism: Mechanism) -> tuple[Residual, Array]:
 
 
 def whole_turns_apart(x: Array, y: Array) -> Array:
-    """Return x - y of loop variables, modulo whole turns of the angles; slides [m] must be shorter than pi."""
+    """Return the difference x - y of the unknowns of the loop equations, with whole turns removed from the angles.
+
+    Displacements of slides [m] are treated like angles, so that two of them must differ by less than pi metres.
+    """
     return np.asarray((x - y + np.pi) % (2 * np.pi) - np.pi)
 
 
@@ -73,14 +84,16 @@ def basins(
     form: Form = point_form,
     difference: Callable[[Array, Array], Array] = np.subtract,
 ) -> tuple[Basin, ...]:
-    """Count how often each root finder finds the assembled start q0 from the same random guesses: a row per spread and method.
+    """Count how often each root finder finds the assembled start q0 from the same random guesses.
+
+    There is one result per spread and root finder.
 
     Args:
         spreads: largest distances of a guess from the solution in any coordinate [m, or rad for angles].
         starts: number of random guesses.
-        seed: of the random guesses.
+        seed: seed of the random guesses.
         form: function of the mechanism that returns the equations and their solution: `point_form` or `loop_form`.
-        difference: function of two points in these coordinates that returns their difference.
+        difference: function of two vectors of unknowns that returns their difference: `whole_turns_apart` for `loop_form`.
     """
     residual, solution = form(mechanism)
     rows = []

@@ -27,11 +27,16 @@ SAME = 1e-5  # [sizes of the linkage, rad] distance below which two assemblies a
 def branches(mechanism: Mechanism, q: Array) -> tuple[Array, ...]:
     """Return the positions (n,) of all assemblies that the search finds: q itself first, then from the nearest to the farthest.
 
-    The coordinates of the drivers, or the crank's angle, have the same values in all. Angles are within half a turn of those in q.
+    The inputs (the coordinates of the drivers, or the crank's angle) have the same values in all assemblies. The links' angles are
+    within half a turn of those in q.
+
+    The search closes the joints from random positions. It ends after MOST starts, or after PATIENCE starts in a row that give no
+    new assembly.
 
     Raises:
         ValueError: the fixed inputs leave a motion free, or the joints are open at q.
     """
+    # `freedom.scale` makes angles and lengths comparable, `freedom.size` is the size of the linkage [m]
     freedom = Freedom(hold_inputs(mechanism, q))
     here = freedom.close(q)
     if here is None:
@@ -57,10 +62,10 @@ def branches(mechanism: Mechanism, q: Array) -> tuple[Array, ...]:
 
 
 def hold_inputs(mechanism: Mechanism, q: Array) -> Mechanism:
-    """Return the linkage with its drivers, else its crank, fixed at their values in q (n,).
+    """Return the linkage with its drivers fixed at their values in q (n,); if it has no drivers, its crank is fixed.
 
     Raises:
-        ValueError: it has neither.
+        ValueError: the linkage has neither drivers nor a crank.
     """
     if mechanism.drivers:
         still = tuple(replace(x, law=constant(float(value(x.coordinate, q)), 0.0)) for x in mechanism.drivers)
@@ -72,7 +77,7 @@ def hold_inputs(mechanism: Mechanism, q: Array) -> Mechanism:
 
 
 def _apart(freedom: Freedom, a: Array, b: Array) -> float:
-    """Return the largest distance of two positions in scaled coordinates [m]."""
+    """Return the largest difference of any scaled coordinate [m] between two positions a and b."""
     return float(np.abs((a - b) * freedom.scale).max())
 
 

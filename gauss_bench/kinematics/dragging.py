@@ -1,15 +1,17 @@
 """Drag a linkage by one of its points: find the smallest change that brings the point to its target, or as near as possible.
 
-With N a basis of the free motions, y (f,) their amounts, P = dp/dy the Jacobian of the point p, and r = p - target, each step
-solves
+Let the columns of N be a basis of the f free motions of the linkage, y (f,) the amplitudes of these motions, p (2,) the dragged
+point, P = dp/dy its Jacobian, and r = p - target. A step y follows from the equation of Levenberg-Marquardt,
 
-    (P^T P + sum_k r_k d^2 p_k / dy^2 + mu 1) y = -P^T r        (Levenberg-Marquardt; mu makes the matrix positive definite)
+    (P^T P + sum_k r_k d^2 p_k / dy^2 + mu 1) y = -P^T r,
 
-and Gauss-Newton projects the result back onto the constraints. A step is halved until the linkage certainly moves continuously: the
-free motions turn little, and the projected position is near the prediction to second order. The linkage therefore reaches another
-assembly only by moving there. At a fork, a position from which it can move in several ways, it keeps its direction. If the point
-determines two degrees of freedom, the linkage stays on its side of the singular positions det P = 0: an arm that is pulled straight
-folds back to the side from which it came.
+in which mu makes the matrix positive definite. Gauss-Newton then projects the position after the step back onto the constraints.
+
+A step is halved until the linkage certainly moves continuously: the directions of the free motions change little along the step,
+and the projected position is near the prediction of second order. The linkage therefore reaches another assembly only by moving
+there. At a fork, a position from which the linkage can move in several ways, it keeps its direction. If the linkage has two free
+motions, so that P is square, it does not cross a singular position det P = 0: an arm that is pulled straight folds back to the side
+from which it came.
 """
 
 from collections.abc import Iterator
@@ -30,18 +32,19 @@ LARGEST_STEP = 0.15  # largest displacement in one step, and largest turn of a l
 LARGEST_MISS = 0.25  # largest distance between prediction and projected position, as a share of the step
 SMALLEST_COSINE = 0.9  # smallest cosine of the angle between the free motions before and after a step
 HALVINGS = 12  # largest number of halvings of a step
-MOST_STEPS = 60  # nine sizes of the linkage; then the studio reads the place of the pointer anew
-NEAR = 1e-13  # distance from the target that only rounding leaves
-RESTING = 1e-8  # size of a tiny step: the next step, of the order of its square, would be rounding
+MOST_STEPS = 60  # largest number of steps of one call of `Drag.to`; they lead as far as nine sizes of the linkage
+NEAR = 1e-13  # a distance from the target that is smaller is only rounding
+RESTING = 1e-8  # a smaller step is the last: the next step, of the order of its square, would be rounding
 REACHED = 1e-10  # distance at which the point counts as being at its target
 FLAT = 1e-9  # share of the largest curvature below which a curvature counts as zero
 MARGIN = 1e-3  # smallest |det P|: about one degree before an arm is stretched, 1e-4 of its length
-STANDING = 5e-3  # smallest move of the point per move of the linkage in a direction in which it can move; above MARGIN
+# in a direction in which the point can move, it moves at least by this share of the linkage's own displacement; above MARGIN
+STANDING = 5e-3
 
 
 @dataclass(frozen=True)
 class Locks:
-    """Parts that a drag must not move.
+    """Parts of a linkage that must not move while one of its points is dragged.
 
     Attributes:
         links: names of links that keep their angle.
@@ -61,10 +64,10 @@ class Dragged:
     """The result of a drag.
 
     Attributes:
-        q: (n,) the position.
+        q: (n,) the position that the linkage has reached.
         reached: whether the point is at its target.
         apart: distance of the point from its target [m].
-        note: the reason why the point is not at its target; empty if it is.
+        note: the reason why the point is not at its target; empty if the point is at its target.
     """
 
     q: Array
@@ -77,7 +80,7 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
     """Return the linkage without its drivers, with all locked parts fixed at their positions in q (n,).
 
     Raises:
-        ValueError: there is no link, point, slide or joint of that name.
+        ValueError: the linkage has no link, point, slide or pin joint with a name in `locks`.
     """
     pins, drivers = [], []  # joints that fix points, and drivers that hold angles and slides at constant values
     for reference in locks.points:
@@ -102,13 +105,13 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
 
 
 def _check_found(found: list[Any], kind: str, name: str) -> None:
-    """Raise ValueError if no part of that name was found."""
+    """Raise ValueError if the list `found` of the parts with this name is empty; `kind` is the kind of part, such as "link"."""
     if not found:
         raise ValueError(f"no {kind} {name!r} that could be locked")
 
 
 def _second_pin(mechanism: Mechanism, q: Array, joint: Revolute) -> Revolute:
-    """Return a second pin between the two links of a pin, away from it, so that both pins connect the links rigidly."""
+    """Return a second pin that joins the two links of a pin at another point, so that both pins together connect them rigidly."""
     at = position(q, joint.a) + np.array([mechanism.size, 0.0])
     ends = []
     for link in (joint.a.link, joint.b.link):
@@ -118,10 +121,10 @@ def _second_pin(mechanism: Mechanism, q: Array, joint: Revolute) -> Revolute:
 
 
 def find_point(mechanism: Mechanism, reference: str) -> Point:
-    """Return the point "link.point".
+    """Return the point of a linkage that a text "link.point" names.
 
     Raises:
-        ValueError: there is no such point.
+        ValueError: the linkage has no such link or point.
     """
     try:
         return mechanism.find_point(reference)
@@ -130,21 +133,24 @@ def find_point(mechanism: Mechanism, reference: str) -> Point:
 
 
 class Drag:
-    """A drag of one point; each call of `to` continues from the last position.
+    """A linkage of which one point is dragged; each call of the method `to` continues from the position that the last call reached.
 
-    Below, N (n, f) is the basis of the free motions at the present position in scaled coordinates, as in `Freedom`, and y (f,) a
-    step in this basis.
+    In the methods, N (n, f) is the basis of the f free motions at the present position in scaled coordinates, as in `Freedom`.
+    y (f,) is a step: the amplitudes of these motions. P (2, f) is the Jacobian of the dragged point with respect to y.
 
     Attributes:
-        place: present position.
-        side: sign of det P, which the linkage keeps; 0 until |det P| has exceeded MARGIN, and unless P is square.
-        directions: number of directions in which the point could move at the beginning, at least 1.
+        place: present position of the linkage.
+        side: sign of det P, which must not change: the linkage does not cross a singular position det P = 0. It is 0, and nothing
+            is forbidden, until |det P| has exceeded MARGIN, and always if P is not square.
+        directions: number of directions in which the point could move at the beginning. It is at least 1, so that a point that
+            could not move at the beginning counts as a point at its limit.
     """
 
     def __init__(self, mechanism: Mechanism, q: Array, point: str | Point, locks: Locks = Locks(), onto: Point | None = None):
-        """Begin a drag of the point "link.point" at an assembled q (n,).
+        """Begin to drag the point "link.point" of a linkage that is assembled at the position q (n,).
 
-        Targets are places in the world or, if a point `onto` of another link is given, vectors from `onto` to the point.
+        The targets of the point are places in the world. If a point `onto` of another link is given, they are instead values of the
+        vector from `onto` to the dragged point; the target 0 then brings both points together.
 
         Raises:
             ValueError: the point is on the ground, a name is unknown, or the joints are open at q.
@@ -183,7 +189,10 @@ class Drag:
         return Dragged(self.q, False, apart, why)
 
     def is_at_limit(self) -> bool:
-        """Tell whether the point is at the end of its path or the edge of its area: it can move in fewer directions than before."""
+        """Tell whether the point is at the end of its path, or at the edge of the area that it can reach.
+
+        There it can move in fewer directions than at the beginning of the drag.
+        """
         return self._count_directions() < self.directions
 
     def _count_directions(self) -> int:
@@ -196,9 +205,10 @@ class Drag:
         return float(np.hypot(*(self.at(place) - target)))
 
     def _step(self, target: Array, apart: float) -> bool:
-        """Take the first proposed step that brings the point nearer to its target than now, and tell whether another may help.
+        """Take the first proposed step that brings the point nearer to its target than it is now.
 
-        `apart` is the present distance of the point from its target [m].
+        Return whether a further step may bring the point still nearer. `apart` is the present distance of the point from its target
+        [m].
         """
         bends = self._bends()
         for y in self._propose_steps(self.at(self.place) - target, bends):
@@ -213,7 +223,7 @@ class Drag:
         return False
 
     def _bends(self) -> Array:
-        """Return the second derivatives (f, f, n) of the scaled coordinates with respect to the free motions."""
+        """Return the second derivatives (f, f, n) of the scaled coordinates by the amplitudes y of the free motions."""
         N = self.place.free
         f = N.shape[1]
         i, j = np.triu_indices(f)
@@ -225,22 +235,24 @@ class Drag:
         return bends
 
     def _propose_steps(self, r: Array, bends: Array) -> Iterator[Array]:
-        """Yield HALVINGS steps y (f,) that bring the point nearer to its target, each half as long as the one before.
+        """Yield HALVINGS steps y (f,) that may bring the point nearer to its target, each half as long as the one before.
 
-        The first solves the equation at the top of this file. It is shortened to LARGEST_STEP, and changed if it leaves its side.
+        The first step solves the equation at the top of this file. It is changed if it would cross a singular position (see
+        `_stay_on_side`), and shortened if it is longer than LARGEST_STEP.
 
         Args:
             r: (2,) vector from the target to the point [m].
-            bends: (f, f, n) as from `_bends`.
+            bends: (f, f, n) second derivatives of the scaled coordinates by y, from `_bends`.
         """
         P, limit = self._point_jacobian(self.place), LARGEST_STEP * self.freedom.size
         N = self.place.free / self.freedom.scale[:, None]  # (n, f) free motions in absolute coordinates
         states, rates = np.broadcast_to(self.q, bends.shape), bends / self.freedom.scale
-        # second derivatives (f, f, 2) of the point: from those of the coordinates, and from turns of its arm
+        # second derivatives (f, f, 2) of the point by y. `velocity` is linear in its second argument: it gives the part from second
+        # derivatives of the coordinates. The other part is centripetal
         bent = velocity(states, rates, self.point) - self._centripetal(N, self.point)
         if self.onto:
             bent = bent - velocity(states, rates, self.onto) + self._centripetal(N, self.onto)
-        gradient, H = P.T @ r, P.T @ P + bent @ r  # of |r|^2 / 2 by y
+        gradient, H = P.T @ r, P.T @ P + bent @ r  # first and second derivatives of |r|^2 / 2 by y
         curvature, V = np.linalg.eigh(H)
         largest = float(np.abs(curvature).max())
         # mu makes the smallest curvature positive, and as large as its size if it is negative
@@ -256,29 +268,31 @@ class Drag:
             y = y / 2
 
     def _stay_on_side(self, y: Array, P: Array, bent: Array, gradient: Array, H: Array) -> Array:
-        """Return the step y (2,) if, to first order, it stays on this side of det P = 0, else another step that does.
+        """Return the step y (2,) if, to first order, det P keeps its sign s = `side` during the step, else another step.
 
-        With s the side and d the gradient of s det P by y, a step stays if d . y >= MARGIN - s det P. The other step lies on the
-        limiting line, d . y = MARGIN - s det P, at the smallest value of gradient . y + y . H y / 2 there.
+        Let d be the gradient of s det P with respect to y. The sign is kept, with a margin, if d . y >= MARGIN - s det P. Otherwise
+        the returned step lies on the line d . y = MARGIN - s det P, at the minimum of the function gradient . y + y . H y / 2 on
+        this line. This function approximates the change of half the squared distance from the target.
 
         Args:
             P: (2, 2) Jacobian of the point by y.
             bent: (2, 2, 2) second derivatives of the point: bent[j, k] by y_j and y_k.
-            gradient, H: (2,) and (2, 2) derivatives of half the squared distance from the target by y.
+            gradient, H: (2,) and (2, 2) first and second derivatives of half the squared distance from the target by y.
         """
         least = MARGIN - self.side * float(np.linalg.det(P))
         # d det P / dy_k: one column of P at a time is replaced by its derivative
         d = self.side * np.array([np.linalg.det([bent[k, 0], P[:, 1]]) + np.linalg.det([P[:, 0], bent[k, 1]]) for k in (0, 1)])
-        if d @ y >= least or not d.any():
+        if d @ y >= least or not d.any():  # d = 0: to first order no step changes det P
             return y
-        base, along = d * least / (d @ d), np.array([-d[1], d[0]])  # a point of the line, and its direction
+        base, along = d * least / (d @ d), np.array([-d[1], d[0]])  # a point of the line, and the direction of the line
+        # minimum on the line base + t along; FLAT keeps the curvature in the denominator away from zero
         curved = abs(float(along @ H @ along))
         return np.asarray(base - along * float(along @ (gradient + H @ base)) / max(curved, FLAT * float(along @ along)))
 
     def _try_step(self, y: Array, bends: Array) -> Place | None:
         """Return the position after a step y (f,), or None if the linkage might have jumped to another assembly.
 
-        `bends` (f, f, n) is the result of `_bends`.
+        `bends` (f, f, n) has the second derivatives of the scaled coordinates by y, from `_bends`.
         """
         N, scale = self.place.free, self.freedom.scale
         move = N @ y  # (n,) first-order displacement in scaled coordinates
@@ -294,34 +308,39 @@ class Drag:
             return None
         # give the new basis the orientation of the old one, so that the signs of det P can be compared
         place = replace(place, free=place.free * np.append(np.ones(N.shape[1] - 1), np.sign(np.linalg.det(turned))))
-        # a step stays on its side to first order with MARGIN to spare, of which half is left for higher orders
+        # `_stay_on_side` keeps |det P| >= MARGIN to first order; half of this margin may be used up by terms of higher order
         return None if self.side and self.side * self._det(place) < MARGIN / 2 else place
 
     def _det(self, place: Place) -> float:
-        """Return det P; 0 if P is not square, or if targets are vectors from a point `onto`."""
+        """Return the determinant of the Jacobian P of the dragged point at a position of the linkage.
+
+        It is 0 if P is not square, and also if the targets are vectors from a point `onto`: singular positions may then be crossed.
+        """
         return float(np.linalg.det(self._point_jacobian(place))) if place.free.shape[1] == 2 and self.onto is None else 0.0
 
     def _side(self) -> float:
-        """Return the sign of det P, which distinguishes the two sides of a singular position; 0 near it."""
+        """Return the sign of det P, which distinguishes the two sides of a singular position; 0 if |det P| is at most MARGIN."""
         det = self._det(self.place)
         return float(np.sign(det)) if abs(det) > MARGIN else 0.0
 
     def at(self, place: Place) -> Array:
-        """Return the place (2,) of the point [m], or the vector to it from a point `onto`, at a position of the linkage."""
+        """Return the world position (2,) [m] of the dragged point, or the vector to it from the point `onto` if one is given."""
         here = position(place.q, self.point)
         return here if self.onto is None else here - position(place.q, self.onto)
 
     def _point_jacobian(self, place: Place) -> Array:
-        """Return P (2, f): the derivatives of the point, or of the vector to it from `onto`, by the amounts of the free motions."""
+        """Return P (2, f): the derivatives of the result of `at` by the amplitudes of the f free motions at `place`."""
         motions = place.free.T / self.freedom.scale  # (f, n) in absolute coordinates
+        # the velocity of the point in the free motion k is the derivative of its position by the amplitude of this motion
         states = np.broadcast_to(place.q, motions.shape)
         rates = velocity(states, motions, self.point)
         return (rates if self.onto is None else rates - velocity(states, motions, self.onto)).T
 
     def _centripetal(self, N: Array, point: Point) -> Array:
-        """Return the centripetal part (f, f, 2) of a point's second derivatives: omega_i omega_j times its arm.
+        """Return the arrays omega_i omega_j arm (f, f, 2); minus this is the centripetal part of a point's second derivatives by y.
 
-        N (n, f) has the free motions in absolute coordinates; omega_i is the turn of the point's link in the free motion i.
+        The columns of N (n, f) are the free motions in absolute coordinates, and omega_i is the rotation of the point's link in the
+        free motion i. The arm (2,) is the vector from the centre of mass of the link to the point, in world axes.
         """
         turns = N[angle_slot(point.link)]  # for the ground this is a meaningless row, but its arm is zero
         return np.outer(turns, turns)[..., None] * arm(self.q, point)

@@ -11,8 +11,8 @@ class MotionError(ArithmeticError):
 
     Attributes:
         inputs: the last values that the inputs reached [rad, m], by name or in order.
-        time: the first sample time that was not reached [s]; NaN if it is not known.
-        reached: the motion up to the sample before that time.
+        time: the first sample time that was not reached [s]; NaN if the one who raises the exception does not know the time.
+        reached: the motion up to the last sample time that was reached.
     """
 
     def __init__(self, message: str, inputs: Any, time: float = float("nan"), reached: Any = None):
@@ -21,7 +21,7 @@ class MotionError(ArithmeticError):
 
 
 class LimitOfMotion(MotionError):
-    """The linkage cannot be closed beyond these inputs."""
+    """The loops of the linkage cannot be closed for values of the inputs beyond `inputs`."""
 
 
 class SingularPosition(MotionError):

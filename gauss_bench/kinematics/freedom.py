@@ -1,12 +1,13 @@
 """Free motions at a position: a basis, their second derivatives, and the projection back onto the constraints.
 
-Coordinates are scaled: a turn of one radian counts as a displacement by the size of the linkage. With J the joint rows in scaled
-coordinates, N a basis of the free motions and y (f,) their amounts,
+Coordinates are scaled: a turn of one radian counts as a displacement by the size of the linkage. Let J be the constraint Jacobian
+in scaled coordinates, and J^+ its pseudo-inverse. The columns of N are an orthonormal basis of the f free motions, and y (f,) are
+the amplitudes of these motions:
 
-    J N = 0,  N^T N = 1,    q(y) = q + N y + J^+ gamma(q, N y) / 2 + ...,    J^+ the pseudo-inverse
+    J N = 0,  N^T N = 1,    q(y) = q + N y + J^+ gamma(q, N y) / 2 + ...
 
-where gamma is the quadratic form in the velocities that `Constraints` evaluates. Drivers keep their values at t = 0. Knife edges
-are left out, because they constrain velocities, not positions.
+Here gamma = -(dJ/dt) v is the quadratic form in the velocities v that `Constraints` evaluates. Drivers keep their values at t = 0.
+Knife edges are left out, because they constrain velocities, not positions.
 """
 
 from dataclasses import dataclass, replace
@@ -28,7 +29,7 @@ class Place:
 
     Attributes:
         q: (n,) absolute coordinates.
-        J: (m, n) joint rows in scaled coordinates.
+        J: (m, n) Jacobian of the joints and drivers in scaled coordinates.
         inverse: (n, m) pseudo-inverse of J.
         free: (n, f) orthonormal basis N of the free motions in scaled coordinates.
     """
@@ -40,22 +41,30 @@ class Place:
 
 
 class Freedom:
-    """The joint rows of one linkage in scaled coordinates."""
+    """The constraints of joints and drivers of one linkage, in scaled coordinates.
+
+    Attributes:
+        size: size of the linkage [m].
+        scale: (n,) factors that turn absolute coordinates q into scaled coordinates q * scale, which are all in metres.
+    """
 
     def __init__(self, mechanism: Mechanism):
         """Set up the constraints of joints and drivers, without knife edges."""
         self.mechanism = mechanism
         self.constraints = Constraints(replace(mechanism, knife_edges=()))
         self.size = mechanism.size
-        self.scale = np.tile([1.0, 1.0, self.size], len(mechanism.links))  # scaled coordinates are q * scale, all in metres
+        self.scale = np.tile([1.0, 1.0, self.size], len(mechanism.links))
 
     def rows(self, q: Array) -> tuple[Array, Array]:
-        """Return the residual phi (m,), and J (m, n) in scaled coordinates."""
+        """Return the constraint residual phi (m,) at q (n,), and its Jacobian J (m, n) in scaled coordinates."""
         phi, J = self.constraints.residual(q)
         return phi, J / self.scale
 
     def at(self, q: Array) -> tuple[Array, Place]:
-        """Return the residual phi (m,) and the free motions at any q (n,), at which the joints may be open."""
+        """Return the constraint residual phi (m,) and the `Place` (J, its pseudo-inverse, the free motions) at any q (n,).
+
+        The joints may be open at q.
+        """
         phi, J = self.rows(q)
         if not len(J):
             return phi, Place(q, J, np.zeros((len(q), 0)), np.eye(len(q)))
@@ -64,8 +73,9 @@ class Freedom:
         return phi, Place(q, J, (Vt[:rank].T / s[:rank]) @ U[:, :rank].T, Vt[rank:].T)
 
     def close(self, q: Array) -> Place | None:
-        """Return a position near q (n,) that satisfies the constraints, found by Gauss-Newton, or None if it does not converge."""
-        before = np.inf  # residual of the last iteration; rounding may keep it from falling below CLOSED
+        """Return a position near q (n,) that satisfies the constraints, found by Gauss-Newton; None if it does not converge."""
+        # residual of the last iteration. Rounding may keep the residual above CLOSED: if it stops falling, 1000 CLOSED is accepted
+        before = np.inf
         for _ in range(CORRECTIONS):
             if not np.isfinite(q).all():
                 return None
@@ -73,13 +83,14 @@ class Freedom:
             error = largest(phi)
             if error <= CLOSED * self.size or (error >= before / 2 and error <= 1e3 * CLOSED * self.size):
                 return place
-            before, q = error, q - place.inverse @ phi / self.scale
+            before, q = error, q - place.inverse @ phi / self.scale  # the correction is in scaled coordinates, q is not
         return None
 
     def bend(self, place: Place, directions: Array) -> Array:
-        """Return the second derivatives (k, n) of the scaled coordinates along k free motions, scaled directions (k, n).
+        """Return the second derivatives (k, n) of the scaled coordinates along k free motions.
 
-        Along a free motion with the velocity v they are J^+ gamma, with gamma = -(dJ/dt) v and the pseudo-inverse J^+ of J.
+        `directions` (k, n) are these motions in scaled coordinates. Along a free motion with the velocity v the second derivatives
+        are J^+ gamma, with gamma = -(dJ/dt) v and the pseudo-inverse J^+ of the scaled Jacobian J.
         """
         positions = np.tile(place.q, (len(directions), 1))
         gamma = self.constraints(0.0, positions, directions / self.scale).gamma  # at t = 0, like all values of drivers here

@@ -1,21 +1,31 @@
 """Link units: the contribution of one link to the loop equations, computed from its own shape alone.
 
-A loop passes a link from the element at which it enters to the element at which it leaves. An element lies at r in the frame of the
-link; an element that moves along the link by s (the guide of a slide, the far end of an active bar) lies at r + s u. Vectors of the
-plane are complex numbers, E = exp(i phi) is the direction of the link, and w is the vector from element to element in its frame:
+An element is the half of a joint that belongs to one link. A loop passes a link from the element at which it enters the link to the
+element at which it leaves. In the frame of the link an element lies at r. The guide of a slide and the far end of an active bar (a
+bar whose length is an input) move along the link: they lie at r + s u, where u is the unit vector of the direction and s the
+coordinate along it. Vectors of the plane are complex numbers, and E = exp(i phi) is the direction of the link. The vector from the
+first to the second element is w in the frame of the link, and A in the world:
 
-    w = (r + s u)_leave - (r + s u)_enter
-    vector unit         A = E w
-    Jacobian unit       J = [dA/dphi, dA/ds, ...] = [i E w, +-E u, ...]
-    Jacobian-rate unit  J' = [i E (w' + i phi' w), +-i phi' E u, ...]
+    vector in the link:   w = (r + s u)_leave - (r + s u)_enter
+    vector unit:          A = E w
+    Jacobian unit:        J = [dA/dphi, dA/ds, ...] = [i E w, +-E u, ...]
+    Jacobian-rate unit:   J' = [i E (w' + i phi' w), +-i phi' E u, ...]
 
-The sign is + for the element at which the loop leaves. These formulas cover every type of link of the paper: links with two, three
-or four pins (RR, RRR, 4R), with a pin and the block of a slide (RP1, no s) or a pin and the guide of a slide (RP2, with s), with
-two slides (PP), active bars, whose length is an input (S), and the frame. A link that cannot turn has no column of phi. Table 1 of
-the paper has a misprint: the first column of J' of RP2 ends there in -phi' sin phi, phi' cos phi, in place of -s' sin phi,
-s' cos phi.
-Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Trans. CSAM 41(2), 2010,
-eqs. (6)-(10) and table 1.
+The sign is + for the element at which the loop leaves the link. A link that cannot turn has no variable phi, so that its J and J'
+lack the first column.
+
+These formulas cover every type of link of the paper, which has a code for each:
+
+    RR, RRR, 4R:  links with two, three or four pins
+    RP1:          a pin and the block of a slide; no variable s
+    RP2:          a pin and the guide of a slide; with a variable s
+    PP:           two slides
+    S:            an active bar
+
+and the frame. Table 1 of the paper has a misprint: the first column of J' of RP2 ends there in -phi' sin phi, phi' cos phi, in
+place of -s' sin phi, s' cos phi.
+Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Transactions of CSAM 41(2),
+2010, eqs. (6)-(10) and table 1.
 """
 
 import cmath
@@ -57,9 +67,10 @@ class LinkUnit:
     """The contribution of one link to a loop: the vector A through it and its derivatives, see the top of this file.
 
     Attributes:
-        vector: (2,) vector A from the element at which the loop enters the link to the one at which it leaves [m].
-        J: (2, C) derivatives of A by the link's C variables: its angle [m/rad] if it can turn, then its slides [-].
-        J_rate: (2, C) time derivative of J.
+        vector: (2,) vector A from the element at which the loop enters the link to the element at which it leaves [m].
+        J: (2, C) derivatives of A by the link's C variables: its angle [m/rad] if it can turn, then the coordinates s of its moving
+            elements [-].
+        J_rate: (2, C) time derivative of J, with a column for each of the C variables of the link.
     """
 
     vector: Array
@@ -69,11 +80,13 @@ class LinkUnit:
 
 @dataclass(frozen=True)
 class Way:
-    """The path of a loop through one link, from one element to another; the reverse path has the same `LinkUnit` times -1.
+    """The path of a loop through one link, from one of its elements to another.
+
+    The path in the reverse direction has the same `LinkUnit` multiplied by -1.
 
     Attributes:
         link: index of the link.
-        enter, leave: the two elements.
+        enter, leave: the elements (halves of joints) at which the loop enters and leaves the link.
         turns: whether the angle of the link is variable.
     """
 
@@ -84,28 +97,34 @@ class Way:
 
     @cached_property
     def moving(self) -> list[tuple[float, Element]]:
-        """The elements that have a coordinate s: (+1 where the loop leaves, -1 where it enters; element), by the name of s."""
+        """The elements of this path that have a coordinate s, each with a sign, sorted by the name of s.
+
+        The sign is +1 for the element at which the loop leaves the link, and -1 for the element at which it enters.
+        """
         # this order does not depend on the sense of the path, so that the reverse path has the same columns
         ends = [(-1.0, self.enter), (1.0, self.leave)]
         return sorted(((sign, x) for sign, x in ends if x.kind in MOVING), key=lambda end: end[1].slide)
 
     @property
     def slides(self) -> tuple[str, ...]:
-        """The names of the coordinates s, in the order of their columns, which follow the column of the angle."""
+        """The names of the coordinates s on this path, in the order of their columns in J.
+
+        The column of the link's angle, if it can turn, comes before these columns.
+        """
         return tuple(element.slide for _, element in self.moving)
 
     def units(self, angle: float, speed: float, places: Sequence[float] | Array, speeds: Sequence[float] | Array) -> LinkUnit:
-        """Return vector, Jacobian and rate of the Jacobian of this path, by the equations at the top of this file.
+        """Return the vector A of this path, its Jacobian J, and the time derivative of J, by the equations at the top of this file.
 
         Args:
-            angle, speed: of the link [rad, rad/s].
-            places, speeds: coordinates s of its slides [m] and their rates [m/s], in the order of `slides`.
+            angle, speed: angle [rad] and angular speed [rad/s] of the link.
+            places, speeds: coordinates s of the path's moving elements [m] and their rates [m/s], in the order of `slides`.
         """
         E = cmath.exp(1j * angle)
-        w = self.leave.at - self.enter.at  # from element to element in the frame of the link
+        w = self.leave.at - self.enter.at  # vector from element to element in the frame of the link
         w_rate = 0j
-        columns: list[complex] = []  # of J
-        rates: list[complex] = []  # of J'
+        columns: list[complex] = []  # columns of J
+        rates: list[complex] = []  # columns of J'
         for (sign, element), s, s_rate in zip(self.moving, places, speeds, strict=True):
             w += sign * s * element.along
             w_rate += sign * s_rate * element.along
@@ -118,18 +137,19 @@ class Way:
 
 
 def planar(vectors: Sequence[complex]) -> Array:
-    """Return C complex numbers as columns x, y: (2, C)."""
+    """Return C complex numbers as an array (2, C): real parts in the first row, imaginary parts in the second."""
     z = np.array(vectors, dtype=complex)
     return np.array([z.real, z.imag])
 
 
 def link_type(elements: Iterable[Element], frame: bool = False) -> str:
-    """Return the paper's code for the type of a link with these elements.
+    """Return the paper's code for the type of the link that has these elements; `frame` tells whether the link is the frame.
 
-    The code has an R for each pin and a P for each slide; four or more of a kind are written as a number and the letter, as in 4R.
-    A single P is followed by 1 for a block or 2 for a guide. The code of the frame has a 0 at the end. An active bar has the code
-    S. A multiple joint counts as one pin.
+    The code has an R for each pin and a P for each slide of the link. Four or more letters of a kind are written as a number and
+    the letter, as in 4R. If a moving link has only one slide, its P is followed by 1 if the link carries the block, or by 2 if it
+    carries the guide. The code of the frame ends in 0 instead. An active bar has the code S. A multiple joint counts as one pin.
     """
+    # elements with the same `node` belong to one multiple joint
     kinds = list({element.node: element.kind for element in elements}.values())
     if ROD_END in kinds:
         return "S"
@@ -139,5 +159,5 @@ def link_type(elements: Iterable[Element], frame: bool = False) -> str:
 
 
 def _letters(letter: str, count: int) -> str:
-    """Return the letter `count` times; from four on, the count and the letter."""
+    """Return the letter `count` times, such as "RRR"; if `count` is four or more, the number and the letter, such as "4R"."""
     return f"{count}{letter}" if count > 3 else letter * count

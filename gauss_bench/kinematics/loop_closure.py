@@ -1,12 +1,15 @@
 """Motion of a linkage that follows its inputs, by closing its loops.
 
-A state x (TU + TK,) has TU unknown variables, then TK inputs, as in `LoopEquations`. From one sample to the next the inputs change
-along a straight line. A step is halved until it certainly stays on its assembly: every angle turns little, Newton's method ends
-near the prediction to second order, and det(J^T J_next) > 0 (for a square J: its determinant keeps its sign). The motion ends where
-even the shortest step fails: at a limit, beyond which the loops cannot be closed, or at a singular position, where they can be
-closed in more than one way.
-Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Trans. CSAM 41(2), 2010,
-fig. 4 (the flow: position, velocity, acceleration at each time; exit where there is no solution or a singular position).
+A state x has TU + TK entries, named as in the paper: the values of the TU unknown variables, followed by those of the TK inputs
+(the known variables), as in `LoopEquations`. A state is closed if the vectors around every loop add up to zero.
+
+Between two sample times all inputs change linearly, in proportion to each other. A step between two states is halved until the new
+state certainly belongs to the same assembly: every angle turns little, Newton's method ends near the prediction of second order,
+and det(J^T J_next) > 0, where J and J_next are the Jacobians at both states (for a square J: its determinant keeps its sign). The
+motion ends where even the shortest step fails: at a limit, beyond which the loops cannot be closed, or at a singular position,
+where they can be closed in more than one way.
+Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Transactions of CSAM 41(2),
+2010, fig. 4 (the flow: position, velocity, acceleration at each time; exit where there is no solution or a singular position).
 """
 
 from typing import NamedTuple
@@ -27,7 +30,7 @@ BEYOND = 1e-3  # [rad, m] distance beyond the end of a motion: if the loops can 
 
 
 class _State(NamedTuple):
-    """A closed state x (TU + TK,) with the Jacobian J (2L, TU) of its L loops, and the number of Newton steps that led to it."""
+    """A closed state x (TU + TK,), the Jacobian J (2L, TU) of the equations of the L loops, and the number of Newton steps to x."""
 
     x: Array
     J: Array
@@ -35,10 +38,10 @@ class _State(NamedTuple):
 
 
 class _End(Stopped):
-    """The motion cannot be followed beyond the state x (TU + TK,), even with the shortest step."""
+    """The motion cannot be followed beyond the state x (TU unknown variables, then TK inputs), even with the shortest step."""
 
     def __init__(self, text: str, singular: bool, x: Array):
-        """`singular` tells whether x is near a singular position, not at a limit of motion."""
+        """`singular` is True if x is near a singular position, and False if x is at a limit of the motion."""
         super().__init__(text, singular)
         self.x = x
 
@@ -79,39 +82,42 @@ def loop_motion(mechanism: Mechanism, times: Array) -> Motion:
 
 
 def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
-    """Return the closed state at the inputs `goal` (TK,), reached in steps that are halved if necessary.
+    """Return the closed state at the values `goal` (TK,) of the TK inputs, reached from `state` in steps.
+
+    `walk` calls `advance` with increasing shares of the whole change of the inputs, and halves a step that fails.
 
     Raises:
-        _End: the inputs cannot be followed to the goal.
+        _End: the motion ends before the inputs reach their values `goal`, even with the shortest step.
     """
     first, steps = state.x, 0
-    inputs = first[len(equations.unknown) :]  # at the start
+    inputs = first[len(equations.unknown) :]  # values of the inputs at the start
     change = goal - inputs
     size = largest(change)
 
     def advance(share: float) -> None:
-        """Move the inputs to this share of the change."""
+        """Move the inputs to their values at the start plus the given share of their whole change."""
         nonlocal state, steps
-        # at the end of the change the goal itself: a sum would be rounded
+        # at the end of the change the inputs are the goal itself: the sum would be rounded
         state = _advance(equations, state, goal if share == 1.0 else inputs + share * change)
         steps += state.steps
 
     if size:
         try:
-            walk(advance, SMALLEST_PART / size)
+            walk(advance, SMALLEST_PART / size)  # the shortest step, as a share of the whole change
         except Stopped as error:
             raise _end(equations, first, state, change / size, error) from error
     return state._replace(steps=steps)
 
 
 def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
-    """Return the closed state at the inputs `target` (TK,), which certainly belongs to the same assembly.
+    """Return the closed state at the values `target` (TK,) of the inputs; it certainly belongs to the same assembly as `state`.
 
     Raises:
         Stopped: the step is too long, or leads to no regular position.
     """
     unknowns, x = len(equations.unknown), state.x
-    # prediction to second order: derivatives of x by the share, from 0 to 1, of a step along which the inputs change evenly
+    # prediction of second order: the inputs change linearly with a parameter s from 0 to 1, and `first`, `second` are derivatives
+    # of x by s at s = 0
     first, second = equations.rates(x, target - x[unknowns:], np.zeros_like(target))
     guess = x + first + second / 2
     guess[unknowns:] = target
@@ -127,12 +133,16 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
 
 
 def _end(equations: LoopEquations, first: Array, last: _State, direction: Array, why: Stopped) -> _End:
-    """Return the exception for the end of a motion: a limit if the loops cannot be closed just beyond it, else a singular position.
+    """Return the exception that tells why a motion ends after the state `last`.
+
+    If the loops can be closed just beyond this state by a small turn of the links, the motion goes on, and the end is a singular
+    position. It is a singular position too if the Jacobian loses rank there. If the loops can be closed only by a large turn, or
+    not at all, the end is a limit of motion.
 
     Args:
-        first: (TU + TK,) the state at the last sample, from which the inputs moved towards the next one.
-        last: the last state that could be reached from there.
-        direction: (TK,) change of the inputs from one sample to the next, divided by its largest entry.
+        first: (TU + TK,) the state at the last sample time that was reached.
+        last: the last state that was reached on the way from there to the next sample time.
+        direction: (TK,) change of the inputs between these two sample times, divided by its largest entry.
         why: the reason why the last step failed.
     """
     unknowns, x = len(equations.unknown), last.x
@@ -151,11 +161,11 @@ def _end(equations: LoopEquations, first: Array, last: _State, direction: Array,
 
 
 def _motion(equations: LoopEquations, states: list[_State], given: list[Array]) -> Motion:
-    """Return the motion through states in absolute coordinates.
+    """Return the motion through some closed states, in absolute coordinates.
 
-    `given` has the first and the second derivatives (k, TK) of the inputs at k times.
+    `given` has two arrays: the first and the second time derivatives (k, TK) of the TK inputs at k times.
     """
-    # x, x', x'' of each state; a motion that ends early has fewer states than the inputs have times
+    # (states, 3, TU + TK): x, x', x'' of each state; a motion that ends early has fewer states than the inputs have times
     levels = [(s.x, *equations.rates(s.x, *derivatives)) for s, *derivatives in zip(states, *given, strict=False)]
     x = np.array(levels).reshape(len(states), 3, len(equations.variables)).swapaxes(0, 1)
     return Motion(*equations.absolute(*x), np.array([s.steps for s in states], dtype=int))

@@ -1,21 +1,27 @@
 """The loop equations of a linkage, whose drivers are the inputs, put together from link units.
 
-phi are the unknown and q the known variables: angles of links [rad] and coordinates along slides and active bars [m]. Links that
-are joined by slides have one angle. A loop l is closed if the vectors through its links add up to zero. Its matrices are sums of
-the link units A_i, J_i, J_i'; U_i and K_i move their columns to those of the unknown and known variables. The matrices of all loops
-are stacked:
+The variables are angles of links [rad], and coordinates [m] along slides and active bars (bars whose length is an input). Those
+that the drivers prescribe are the known variables q, the others are the unknown variables phi. In the notation of the paper there
+are L loops, TU unknown and TK known variables. Links that are joined by slides share one angle.
 
-    A_l = sum A_i,   J_l = sum J_i U_i,   B_l = sum J_i K_i,   Jd_l = sum J_i' U_i,   Bd_l = sum J_i' K_i
+A loop is closed if the vectors through its links add up to zero. The link i contributes its vector A_i, the Jacobian J_i of this
+vector by the variables of the link, and the time derivative J_i' (see `link_units`). The matrices U_i and K_i, of zeros and ones,
+move the columns of J_i to the columns of the unknown and of the known variables of the whole linkage. Sums over the links i of the
+loop l give
 
-    A(phi; q) = 0:   J dphi = -A,   phi += dphi
-    J phi' = -B q'
-    J phi'' = -B q'' - Bd q' - Jd phi'
+    A_l = sum A_i,   J_l = sum J_i U_i,   B_l = sum J_i K_i,   J_l' = sum J_i' U_i,   B_l' = sum J_i' K_i.
 
-There are L loops, TU unknown and TK known variables, as the paper writes. All equations are solved in the least-squares sense. That
-is the exact solution if J is square, and the common solution of consistent equations if redundant joints make loops depend on each
-other.
-Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Trans. CSAM 41(2), 2010,
-eqs. (1)-(5), (9)-(15); (13)-(15) print the stack as a transposed row, which would put the loops side by side.
+The rows of all loops, stacked, are the matrices A, J, B, J', B' of the linkage. They give
+
+    positions A(phi; q) = 0 by Newton's method:   J dphi = -A,   phi += dphi
+    velocities:                                   J phi' = -B q'
+    accelerations:                                J phi'' = -B q'' - B' q' - J' phi'
+
+All these equations are solved in the least-squares sense. The least-squares solution is the exact solution if J is square, and the
+common solution of consistent equations if redundant joints make the equations of the loops dependent.
+Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Transactions of CSAM 41(2),
+2010, eqs. (1)-(5), (9)-(15). The paper prints the stacked matrices of (13)-(15) as a transposed row, which would put the loops side
+by side.
 """
 
 from collections.abc import Sequence
@@ -47,11 +53,13 @@ class Stopped(ArithmeticError):
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable of the loop equations: the angle of a link, or the coordinate along a slide or an active bar.
+    """A variable of the loop equations: the angle of a link, the coordinate along a slide, or the length of an active bar.
+
+    An active bar is a bar whose length is an input.
 
     Attributes:
         name: name of the link, slide or bar.
-        link: index of the link, whose angle is also that of the links connected to it by slides; None for a slide or bar.
+        link: index of the link, whose angle is also the angle of the links that slides connect to it; None for a slide or bar.
     """
 
     name: str
@@ -60,12 +68,12 @@ class Variable:
 
 @dataclass(frozen=True, eq=False)
 class Matrices:
-    """The stacked loop equations at a state.
+    """The stacked equations of L loops at a state, with TU unknown and TK known variables.
 
     Attributes:
         A: (2L,) sums of the vectors around the loops [m], zero if the loops are closed.
-        J, J_rate: (2L, TU) derivatives of A by the unknown variables, and the time derivatives of these.
-        B, B_rate: (2L, TK) the same for the known variables.
+        J, J_rate: (2L, TU) Jacobian of A with respect to the unknown variables, and the time derivative of this Jacobian.
+        B, B_rate: (2L, TK) Jacobian of A with respect to the known variables, and the time derivative of this Jacobian.
     """
 
     A: Array
@@ -77,13 +85,15 @@ class Matrices:
 
 @dataclass(frozen=True, eq=False)
 class PlacedWay:
-    """The path of a loop through a link, and the indices of its variables in a state x (TU + TK,).
+    """The path of a loop through a link, and the indices of the variables of this path in a state x.
+
+    A state x (TU + TK,) has the values of the TU unknown variables, then those of the TK known variables.
 
     Attributes:
         way: the path.
-        slides: indices in x of the coordinates of its slides.
-        factors: (C, TU + TK) U and K of eqs. (9)-(10) side by side: row c has a 1 in the column of the variable of column c of the
-            link unit, and zeros elsewhere.
+        slides: indices in x of the coordinates s along slides or active bars on this path.
+        factors: (C, TU + TK) matrices U and K of eqs. (9)-(10) side by side. The link unit has C columns; the row c of `factors`
+            has a 1 at the index in x of the variable that belongs to column c, and zeros elsewhere.
     """
 
     way: Way
@@ -92,28 +102,32 @@ class PlacedWay:
 
 
 def solve_rows(J: Array, rhs: Array) -> Array:
-    """Return the shortest least-squares solution x (TU,) of J x = rhs, for J (2L, TU)."""
+    """Return the shortest least-squares solution x (TU,) of J x = rhs, for J (2L, TU) and rhs (2L,)."""
     return np.asarray(np.linalg.lstsq(J, rhs, rcond=RANK_TOLERANCE)[0]) if J.size else np.zeros(J.shape[1])
 
 
 class LoopEquations:
-    """The equations of L loops; states x (TU + TK,) have TU unknown variables, then TK known ones.
+    """The equations of the L loops of a linkage.
 
-    Unknown variables are in the order of the links, then of the slides; known variables are in the order of the drivers. A driver
-    of a length is treated as an active bar: one more link without mass, whose length is a variable (type S of the paper).
+    A state x (TU + TK,) has the values of the TU unknown variables, then those of the TK known variables, the inputs. Unknown
+    variables are in the order of the links, then of the slides; known variables are in the order of the drivers. A driver of a
+    length is treated as an active bar: one more link without mass, whose length is a variable (type S of the paper).
+
+    Slides make links turn by the same angle. One link of such a group, its root, stands for the angles of all links of the group
+    (see `shared_angles`).
 
     Attributes:
-        bars: the drivers of lengths.
-        graph: links and pairs, with the bars as links after those of the mechanism.
-        unknown, known: the variables of each kind.
+        bars: the drivers of lengths, treated as active bars.
+        graph: links and pairs of the linkage, with the active bars as links after those of the mechanism.
+        unknown, known: the unknown and the known variables.
         variables: all variables in the order of x.
         column: index of a link, or name of a slide or bar -> index of its variable in x.
-        is_angle: (TU + TK,) True for angles.
-        turning: (links + 1, TU + TK) matrix that, times x, plus `phase` gives the angles of all links, the frame last.
-        roots: for each of these links, the link with which it shares its angle.
-        phase: angle of each of these links minus that of its root [rad].
-        ways: for each loop its paths through the links.
-        lengths: (TU,) factors that make columns of J per metre and per radian comparable.
+        is_angle: (TU + TK,) True for variables that are angles.
+        turning: (links + 1, TU + TK) matrix; turning x + phase are the angles of all links, with the frame last.
+        roots: index of the root of each link, in the same order of the links.
+        phase: (links + 1,) angle of each link minus the angle of its root [rad], in the same order.
+        ways: for each loop the list of its paths through its links.
+        lengths: (TU,) factors of the columns of J that make derivatives by lengths and by angles comparable.
 
     Raises:
         ValueError: there are not as many drivers as degrees of freedom; a driver turns a link that cannot turn; two drivers
@@ -121,7 +135,7 @@ class LoopEquations:
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Find the variables and the loops."""
+        """Find the variables and the loops of a linkage."""
         self.mechanism, self.drivers = mechanism, mechanism.drivers
         if mechanism.couplings:
             self._refuse(f"has the coupling {mechanism.couplings[0].name}, which loop equations do not describe")
@@ -170,38 +184,43 @@ class LoopEquations:
         return max((abs(way.leave.at - way.enter.at) for way in ways), default=0.0) or 1.0
 
     def _place(self, way: Way) -> PlacedWay:
-        """Return the path of a loop through a link with the indices of its variables in a state."""
+        """Return the path of a loop through a link, with the indices of this path's variables in a state x."""
+        # the variables of this path in the order of the columns of the link unit: the angle of the link's root, then slides
         own: list[Variable] = [x for x in self.variables if way.turns and x.link == self.roots[way.link]]
-        own += [Variable(name) for name in way.slides]  # in the order of the columns of the link unit
+        own += [Variable(name) for name in way.slides]
         # the shape is given because `own` may be empty
         factors = np.array([[float(c == x) for x in self.variables] for c in own]).reshape(len(own), len(self.variables))
         return PlacedWay(way, [self.column[name] for name in way.slides], factors)
 
     def input_levels(self, times: Array) -> Levels:
-        """Return the known variables and their first and second derivatives, (k, TK) each, at times (k,).
+        """Return the values of the TK known variables and their first and second time derivatives, (k, TK) each, at times (k,).
 
         Raises:
-            ValueError: a law has a value that is not finite.
+            ValueError: a motion law has a value that is not finite.
         """
         # (TK, 3, k) value, rate and second rate of every driver, then (3, k, TK); the shape is given because there may be no driver
         levels = [np.array([np.broadcast_to(x, np.shape(times)) for x in driver.law(times)]) for driver in self.drivers]
         prescribed = np.moveaxis(np.array(levels).reshape(len(levels), 3, len(times)), 0, -1)
         if not np.isfinite(prescribed).all():
             self._refuse("has an input that is not finite")
-        # a law gives the angle of its own link, but the variable is the angle of this link's root
+        # a motion law gives the angle of the driven link, but the variable is the angle of this link's root
         return prescribed[0] - self._phases(), prescribed[1], prescribed[2]
 
     def input_values(self, x: Array) -> dict[str, float]:
-        """Return the value of each input in a state x [rad, m] by name, as its law gives it."""
+        """Return name of an input -> its value in a state x [rad, m], as its motion law gives it."""
         values = x[len(self.unknown) :] + self._phases()
         return {driver.name: float(value) for driver, value in zip(self.drivers, values, strict=True)}
 
     def _phases(self) -> Array:
-        """Return the constant angle (TK,) of each driven link minus its known variable, its root's angle [rad]; 0 for others."""
+        """Return the constants (TK,) by which the inputs exceed the known variables [rad].
+
+        For the angle of a driven link this is the angle of the link minus the angle of its root, which is the variable. For driven
+        slides and bars it is 0.
+        """
         return np.array([self.phase[x.link] if isinstance(x, AngleDriver) else 0.0 for x in self.drivers])
 
     def start(self) -> Array:
-        """Return the state x (TU + TK,) of the mechanism's start q0."""
+        """Return the state x at the mechanism's start q0: values of the TU unknown variables, then of the TK known variables."""
         q = self.mechanism.q0
         values: dict[str | int, float] = {i: float(theta) for i, theta in enumerate(q[2::3])}
         for slide in self.mechanism.slides:
@@ -212,8 +231,12 @@ class LoopEquations:
         return np.array([values[key] for key in self.column])  # `column` has the order of x
 
     def at(self, x: Array, x_rate: Array) -> Matrices:
-        """Evaluate A, J, B and the rates of J and B at a state x and its rate x_rate, (TU + TK,) each."""
-        theta, omega = self.turning @ x + self.phase, self.turning @ x_rate  # of all links
+        """Return the matrices of the loop equations at a state x with the time derivative x_rate, (TU + TK,) each.
+
+        They are A (the residuals of the loops), J and B (the Jacobians with respect to the unknown and the known variables), and
+        the time derivatives of J and B.
+        """
+        theta, omega = self.turning @ x + self.phase, self.turning @ x_rate  # angles and angular speeds of all links
         L, unknowns = len(self.ways), len(self.unknown)
         A, both, both_rate = np.zeros(2 * L), np.zeros((2 * L, len(x))), np.zeros((2 * L, len(x)))  # both: J and B side by side
         for l, ways in enumerate(self.ways):
@@ -226,7 +249,10 @@ class LoopEquations:
         return Matrices(A, both[:, :unknowns], both[:, unknowns:], both_rate[:, :unknowns], both_rate[:, unknowns:])
 
     def close(self, x: Array) -> tuple[Array, Array, int]:
-        """Return the closed state near x with the same inputs, its J, and the number of Newton steps.
+        """Return the closed state near x with the same inputs, the Jacobian J there, and the number of Newton steps.
+
+        x has the values of the unknown variables, then those of the inputs, which are kept. J (2L, TU) is the Jacobian of the loop
+        equations with respect to the unknown variables.
 
         Raises:
             Stopped: Newton's method does not converge, or J has lost rank at the solution.
@@ -245,31 +271,37 @@ class LoopEquations:
         return x, here.J, count
 
     def check_rank(self, J: Array, tolerance: float) -> None:
-        """Check that no singular value of J is below a share `tolerance` of the largest.
+        """Check that J (2L, TU) has full column rank: every singular value is above `tolerance` times the largest one.
 
         Raises:
-            Stopped: a singular value is smaller.
+            Stopped: a singular value is smaller, or J has fewer rows than columns.
         """
+        # the factors `lengths` make columns that belong to angles and to lengths comparable
         sizes = np.linalg.svd(J * self.lengths, compute_uv=False) if J.size else np.zeros(0)
         rank = int((sizes > tolerance * sizes.max(initial=0.0)).sum())
         if rank < len(self.unknown):
             raise Stopped(f"the Jacobian has rank {rank} of {len(self.unknown)}", singular=True)
 
     def rates(self, x: Array, speed: Array, second: Array) -> tuple[Array, Array]:
-        """Return the first and second derivatives of a closed state x (TU + TK,).
+        """Return the first and second time derivatives (TU + TK,) of a closed state x = [phi, q].
+
+        phi are the TU unknown variables, and q the TK known variables, the inputs. The equations are those at the top of this file.
 
         Args:
-            speed, second: (TK,) first and second derivatives of the inputs, the known variables.
+            speed, second: (TK,) first and second time derivatives of the inputs.
         """
         here = self.at(x, np.zeros_like(x))
         x_rate = np.concatenate([solve_rows(here.J, -here.B @ speed), speed])  # J phi' = -B q'
-        here = self.at(x, x_rate)
-        # J phi'' = -(B q'' + Bd q' + Jd phi')
+        here = self.at(x, x_rate)  # once more, with the rates: for the time derivatives J' and B'
+        # J phi'' = -(B q'' + B' q' + J' phi')
         bias = here.B @ second + here.B_rate @ speed + here.J_rate @ x_rate[: len(self.unknown)]
         return x_rate, np.concatenate([solve_rows(here.J, -bias), second])
 
     def absolute(self, x: Array, x_rate: Array, x_second: Array) -> Levels:
-        """Return absolute coordinates, velocities, accelerations, (k, n) each, for states x (k, TU + TK) and their derivatives."""
+        """Return absolute coordinates, velocities and accelerations, (k, n) each, of k states and their time derivatives.
+
+        x, x_rate and x_second (k, TU + TK) have the values of the TU unknown variables, then those of the TK known variables.
+        """
         angles = (x @ self.turning.T + self.phase, x_rate @ self.turning.T, x_second @ self.turning.T)
         # variables without a link are coordinates along slides and bars
         slides = {v.name: (x[:, k], x_rate[:, k], x_second[:, k]) for k, v in enumerate(self.variables) if v.link is None}

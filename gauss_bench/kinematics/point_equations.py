@@ -1,24 +1,29 @@
 """The equations between the points of a linkage, their exact Jacobian and bias, and the groups that can be solved separately.
 
-With z the vector of all points and inputs, as in `points`, every equation is at most quadratic and has three constant rows a, b, c:
+Let z (N,) be the complex vector of all points and inputs, as in `points`. Every equation phi = 0 is at most quadratic in z, and has
+three constant rows of coefficients a, b, c (N,) each:
 
-    phi = Re(conj(a z) (b z) + c z),    dphi = Re(r dz)  with  r = conj(b z) a + conj(a z) b + c
-    phi'' = Re(r z'') + 2 Re(conj(a z') (b z'))
+    equation:           phi = Re(conj(a z) (b z) + c z)
+    first derivative:   dphi = Re(r dz),  with  r = conj(b z) a + conj(a z) b + c
+    second derivative:  phi'' = Re(r z'') + 2 Re(conj(a z') (b z'))
 
-so that Jacobian and acceleration bias are exact. The kinds of equations are, with u the unit vector of a line through G:
+Jacobian and acceleration bias are therefore exact. The expressions phi of the equations are listed here with the parts to which
+they belong. In this list A, B, C, P are points in the world, a, b, c are the places of A, B, C in the frame of a link, and u is the
+unit vector of a slide's line through the point G:
 
-    (|B - A|^2 - L^2) / 2 L            the two points that show a link's direction
-    C - A - (c - a) (B - A) / (b - a)  two rows: every further point of a link, or of one that slides on it and shares its angle
-    C - A - (c - a) exp(i theta)       two rows: every further point of a link of known direction
-    u x (P - G) - offset               the block point of a slide
-    u . (P - G) - s                    a driven slide
-    (|B - A|^2 - L(t)^2) / 2 size      an active bar
+    (|B - A|^2 - L^2) / 2 L:             the two points that show a link's direction
+    C - A - (c - a) (B - A) / (b - a):   two rows, for every further point of a link, or of a link that shares its angle
+    C - A - (c - a) exp(i theta):        two rows, for every further point of a link whose direction is known
+    u x (P - G) - offset:                the point P of a slide's block
+    u . (P - G) - s:                     the point P of the block of a driven slide
+    (|B - A|^2 - L(t)^2) / 2 size:       an active bar, whose length L(t) is an input
 
-All residuals are in metres. With its distances from A and B alone, a third point of a link could also lie at its mirror image, and
-a cross product of two directions is zero after a turn by 180 degrees too; the linear rows exclude both. The paper prints the
-equation of a line as a quotient of differences, which is 0/0 if the line is parallel to the x axis; here it is a cross product.
-Source: Men, Feng, He, General simulation software of planar linkages based on geometric constraints, J. Mechanical Transmission
-33(4), 2009, section 1: eq. (2).
+All residuals are in metres. Two equations of this list are linear on purpose. If only its distances from A and B were given, a
+third point of a link could also lie at the mirror image of its place. If only a cross product of two directions had to be zero, one
+of them could also be turned by 180 degrees. The paper prints the equation of a line as a quotient of differences, which is 0/0 if
+the line is parallel to the x axis; here it is a cross product.
+Source: Men, Feng, He, General simulation software of planar linkages based on geometric constraints, Journal of Mechanical
+Transmission 33(4), 2009, section 1: eq. (2).
 """
 
 from cmath import exp
@@ -40,12 +45,13 @@ Equation = tuple[Vectors, Vectors, Vectors]  # rows a, b, c (N,) of Re(conj(a z)
 class PointGroup:
     """Points that can only be solved together (an Assur group).
 
-    The sign of its determinant distinguishes assemblies: for a dyad it is the side on which the middle point lies. The sign changes
-    only at a singular position.
+    The sign of the determinant of the group's block of the Jacobian distinguishes assemblies, and changes only at a singular
+    position. In a dyad two links are joined at one unknown point, and their other joints are known: the sign then tells on which
+    side of the line between these two joints the point lies.
 
     Attributes:
         name: names of the points, joined by "+".
-        rows, columns: indices of the group's equations and unknowns in the Jacobian.
+        rows, columns: indices of the group's equations (rows) and unknowns (columns) in the Jacobian.
     """
 
     name: str
@@ -54,23 +60,27 @@ class PointGroup:
 
 
 def link_equations(p: Points, link: int) -> Iterator[Equation]:
-    """Yield the equations that keep the points of one link at their places in it."""
+    """Yield the equations (rows a, b, c each) that keep the points of one link at their places in the frame of the link."""
     anchor, zeros = p.anchor[link], np.zeros(p.N, dtype=complex)
     # the points A and B of the link `owner` show the direction of this link too; no owner if the direction is an input
     owner, A, B = p.base.get(p.frames[link][0], (None, -1, -1))
     if link == owner:
         L = abs(p.local(link, B) - p.local(link, A))
-        bar = (p.unit(B) - p.unit(A)) / np.sqrt(2 * L)
-        yield bar, bar, -L / 2 * p.unit(0)  # (|B - A|^2 - L^2) / 2 L = 0
+        bar = (p.unit(B) - p.unit(A)) / np.sqrt(2 * L)  # a = b = bar: the product conj(a z) (b z) is |B - A|^2 / 2 L
+        yield bar, bar, -L / 2 * p.unit(0)  # (|B - A|^2 - L^2) / 2 L = 0; entry 0 of z is 1
+    # every further point C: neither the anchor A, from which the others are computed, nor known already, nor the point B above
     for k in p.entries_of[link]:
         if k != anchor and p.placed_by.get(k) != link and (link != owner or k != B):
-            row = p.unit(k) - p.point(link, p.local(link, k))
+            row = p.unit(k) - p.point(link, p.local(link, k))  # C minus its place computed from A and the direction of the link
             yield zeros, zeros, row  # real part of C - A - ... = 0
             yield zeros, zeros, -1j * row  # imaginary part
 
 
 def slide_equations(p: Points, slide: Prismatic) -> Iterator[Equation]:
-    """Yield the equation that keeps the block on the line of a slide and, if the slide is driven, that of its coordinate s."""
+    """Yield the equation that keeps the block on the line of a slide and, if the slide is driven, the equation of its coordinate s.
+
+    Each equation is a triple of rows a, b, c (N,), as at the top of this file.
+    """
     u = exp(1j * slide.angle) * p.direction(slide.guide.link)  # unit vector along the line
     gap = p.unit(p.block(slide)) - p.point(slide.guide.link, place(slide.guide))  # P - G, from guide to block
     yield u, -1j * gap, -slide.offset * p.unit(0)  # Re(conj(u) (-i) gap) is the cross product u x gap
@@ -79,31 +89,39 @@ def slide_equations(p: Points, slide: Prismatic) -> Iterator[Equation]:
 
 
 def bar_equation(p: Points, name: str) -> Equation:
-    """Return the equation (|B - A|^2 - L^2) / 2 size = 0 of an active bar from A to B; L^2 is an entry of z."""
+    """Return the equation (|B - A|^2 - L^2) / 2 size = 0 of an active bar from A to B, as rows a, b, c (N,).
+
+    The squared length L^2 is an entry of z, and `size` is the size of the linkage [m].
+    """
     bar, root = p.bars[name], np.sqrt(2 * p.size)
     gap = (p.point(bar.b.link, place(bar.b)) - p.point(bar.a.link, place(bar.a))) / root  # (B - A) / sqrt(2 size)
     return gap, gap, -p.unit(p.stretched[name]) / root**2
 
 
 class PointModel:
-    """Points and equations of a mechanism, whose drivers are the inputs; z (N,) is the vector of `Points`.
+    """The points of a mechanism, whose drivers are the i inputs, and the m equations between the points.
 
-    Unknowns are p (2 u,), x before y of each unknown point [m]. There are m >= 2 u equations, more if the linkage is redundant.
+    z (N,) is the complex vector of 1, all inputs and all points, as in `Points`. p (2 u,) has the coordinates of the u unknown
+    points [m], x and y of one point after the other. The number m of equations is 2 u, or larger if the linkage has redundant
+    constraints.
 
     Attributes:
-        a, b, c: (m, N) rows of the equations.
+        points: the points, and the rows of quantities that are linear in z.
+        a, b, c: (m, N) coefficients of the equations, see the top of this file.
+        size: largest distance of two points of a link [m].
         unknown: (u,) indices in z of the unknown points.
         names: names of the unknown points.
-        directions: (links, N) rows whose products with z are exp(i theta) of the links.
-        centres: (links, N) rows whose products with z are the centres of mass.
+        directions: (links, N) matrix; directions z are the unit vectors exp(i theta) of the links.
+        centres: (links, N) matrix; centres z are the centres of mass of the links [m].
+        groups: the groups of points that can only be solved together and have more than one assembly.
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Set up the equations.
+        """Set up the equations of a mechanism.
 
         Raises:
-            ValueError: there are not as many drivers as degrees of freedom, or they contradict each other; or the mechanism has
-                couplings or knife edges.
+            ValueError: there are not as many drivers as degrees of freedom, or the drivers contradict each other; or the mechanism
+                has couplings or knife edges.
         """
         if mechanism.couplings:
             raise ValueError(f"{mechanism.name}: points have no equation for the coupling {mechanism.couplings[0].name}")
@@ -118,6 +136,7 @@ class PointModel:
         for slide in mechanism.slides:
             equations += slide_equations(p, slide)
         equations += [bar_equation(p, name) for name in p.stretched]
+        # (m, 3, N): a, b, c of every equation; the shape is given because there may be no equation
         self.a, self.b, self.c = np.array(equations, complex).reshape(-1, 3, p.N).transpose(1, 0, 2)
         self.size, self.unknown = p.size, p.unknown
         self.names = tuple(p.points[k - p.first].name for k in self.unknown)
@@ -132,7 +151,7 @@ class PointModel:
         return z
 
     def at(self, x: Array, p: Array) -> Vectors:
-        """Return z (N,) at inputs x (i,) [rad, m] and unknown points p (2 u,)."""
+        """Return the vector z (N,) of all inputs and points for inputs x (i,) [rad, m] and unknown coordinates p (2 u,) [m]."""
         still = np.zeros_like(x)
         return self.fill(self.points.known(x, still, still)[0], p)
 
@@ -150,32 +169,42 @@ class PointModel:
         return np.stack([part.real, -part.imag], axis=-1).reshape(len(r), 2 * len(self.unknown))
 
     def residual(self, x: Array) -> Residual:
-        """Return the function p -> phi (m,), J (m, 2 u) at the inputs x (i,) [rad, m]."""
+        """Return the equations with the inputs fixed at x (i,) [rad, m], as a function.
+
+        The function maps the coordinates p (2 u,) of the u unknown points to the residual phi (m,) and its Jacobian J (m, 2 u).
+        """
         known = self.at(x, np.zeros(2 * len(self.unknown)))
 
         def evaluate(p: Array) -> tuple[Array, Array]:
-            """Return residual and Jacobian at the unknown points p."""
+            """Return the residual and its Jacobian at the coordinates p of the unknown points."""
             z = self.fill(known, p)
             return self.phi(z), self.jacobian(self.rows(z))
 
         return evaluate
 
     def bias(self, dz: Vectors) -> Array:
-        """Return 2 Re(conj(a z') (b z')) (m,), the part of phi'' that is quadratic in the speeds dz (N,)."""
+        """Return 2 Re(conj(a z') (b z')) (m,), the part of phi'' that is quadratic in the rates z' = dz (N,) of inputs and points.
+
+        a and b are the coefficients of the equations, see the top of this file.
+        """
         return np.asarray(2 * ((self.a @ dz).conj() * (self.b @ dz)).real)
 
     def signs(self, J: Array) -> Array:
-        """Return for each group the sign (g,) of the determinant of its block of J (m, 2 u): its equations and its unknowns."""
+        """Return for each of the g groups of points the sign (g,) of a determinant, which distinguishes the group's assemblies.
+
+        It is the determinant of the block of J (m, 2 u) that consists of the group's equations (rows) and unknowns (columns).
+        """
         signs = [np.sign(np.linalg.det(J[np.ix_(group.rows, group.columns)])) for group in self.groups]
         return np.array(signs, dtype=int)
 
 
 def find_groups(model: PointModel) -> tuple[PointGroup, ...]:
-    """Return the groups that have more than one assembly, in an order in which they can be solved.
+    """Return the groups of points that have more than one assembly, in an order in which they can be solved one after the other.
 
-    Each unknown is matched with an equation, and so depends on the other unknowns in that equation. Unknowns that depend on each
-    other form a group. Two kinds of groups are left out: those of linear equations, which have one solution, and those that depend
-    on redundant equations, which have more equations than unknowns and therefore no determinant.
+    Each unknown coordinate is matched with an equation, from which it can be computed if the other unknowns in this equation are
+    known: it depends on them. Unknowns that depend on each other (a strongly connected component of the graph of dependences) form
+    a group. Two kinds of groups are left out: those of linear equations, which have only one solution, and those that depend on
+    redundant equations, which have more equations than unknowns and therefore no determinant.
     """
     # the pattern of J at random points, where no entry is zero by chance
     z: Vectors = np.random.default_rng(0).normal(size=(model.points.N, 2)) @ np.array([1.0, 1.0j])
@@ -187,7 +216,8 @@ def find_groups(model: PointModel) -> tuple[PointGroup, ...]:
     graph = nx.Graph((("row", i), ("column", k)) for i in range(m) for k in columns_of[i])
     tops = sorted(node for node in graph if node[0] == "row")
     matched = nx.bipartite.hopcroft_karp_matching(graph, tops)
-    row_of = {k: matched["column", k][1] for k in range(n) if ("column", k) in matched}
+    row_of = {k: matched["column", k][1] for k in range(n) if ("column", k) in matched}  # unknown -> its equation
+    # an edge leads from an unknown to each unknown on which it depends
     needs = nx.DiGraph((k, other) for k, i in row_of.items() for other in columns_of[i])
     redundant: set[int] = set()  # unknowns in equations without a match, and those on which they depend
     for i in range(m):
@@ -200,6 +230,6 @@ def find_groups(model: PointModel) -> tuple[PointGroup, ...]:
         columns = sorted(part)
         rows = sorted(row_of[k] for k in columns)
         if curved[rows].any() and not part & redundant:
-            name = "+".join(dict.fromkeys(model.names[k // 2] for k in columns))
+            name = "+".join(dict.fromkeys(model.names[k // 2] for k in columns))  # unknowns 2 k and 2 k + 1: x and y of point k
             groups.append(PointGroup(name, np.array(rows), np.array(columns)))
     return tuple(groups)

@@ -1,12 +1,15 @@
 """Basic points of a linkage: known points, which pivots and inputs determine, and unknown points, which determine all links.
 
-Points and directions of the plane are complex numbers. A position of the linkage is one vector
+Points and directions of the plane are complex numbers. A position of the linkage is one complex vector
 
-    z = [1, inputs, points]        an input: exp(i theta) of a link, s along a slide, or L^2 of an active bar
+    z = [1, inputs, points].
 
-A vector s in the frame of a link is s (B - A) / (b - a) in the world, with A and B two points of the link and a and b their places
-in its frame. This is linear in z. If an input gives the direction exp(i theta) of a link, a point C of the link with the place c in
-its frame follows from one other point: C = A + (c - a) exp(i theta), which is linear in z too.
+The entry of an input is exp(i theta) for the driven angle of a link, the coordinate s for a driven slide, or the squared length L^2
+for an active bar (a bar whose length is an input).
+
+Many quantities are linear in z. Let A and B be two points of a link, and a and b their places in the frame of the link. A vector
+that is s in the frame of the link is s (B - A) / (b - a) in the world. If an input gives the direction exp(i theta) of the link, a
+point C of the link with the place c in its frame follows from one other point: C = A + (c - a) exp(i theta).
 """
 
 from cmath import exp
@@ -26,7 +29,7 @@ SAME = 1e-12  # [m] distance below which two places in a file are the same up to
 
 @dataclass(frozen=True, eq=False)
 class BasicPoint:
-    """A point of one or more links.
+    """A point of one or more links: its place in the world is an entry of z.
 
     Attributes:
         name: name of the point.
@@ -46,17 +49,22 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
     """Return the basic points: pins (merged if they coincide in a link), blocks of slides, and points that show directions.
 
     Args:
-        frames: link -> (root, phase) as from `shared_angles`: links joined by slides share the angle of one of them, the root.
-        turned: roots whose angle is an input, or the frame. The links of a root need no second point to show their direction.
+        frames: link -> (root, phase) as from `shared_angles`: links that slides join turn by the same angle, and one of them, the
+            root, stands for their angles.
+        turned: roots whose angle is known, because it is an input or because the root is the ground. Links that have one of these
+            roots need no second point to show their direction.
     """
     basic: list[BasicPoint] = []
 
     def add(name: str, *ends: Point) -> None:
-        """Add a point that lies at `ends` of one or more links, merged with the points at the same place of one of these links."""
+        """Add a point to the list `basic`; `ends` has its places in the frames of one or more links.
+
+        Points of the list that coincide with it in one of these links are merged with it to one point.
+        """
         at = {end.link: place(end) for end in ends}
 
         def coincides(x: BasicPoint) -> bool:
-            """Tell whether an earlier point lies at the same place of one of the links."""
+            """Tell whether the point x of the list has the same place as the new point in the frame of one of its links."""
             return any(link in x.at and abs(x.at[link] - s) < SAME for link, s in at.items())
 
         same = [x for x in basic if coincides(x)]
@@ -104,34 +112,36 @@ def active_bars(mechanism: Mechanism) -> dict[str, LengthDriver]:
 
 
 class Points:
-    """The vector z (N,) of a mechanism, whose drivers are the inputs, and rows (N,) of quantities linear in z.
+    """The vector z (N,) of a mechanism, whose drivers are the inputs, and rows (N,) of quantities that are linear in z.
 
-    The product of a row with z is the value of the quantity. An entry is an index in z. A root is the link that stands for all
-    links whose angles differ by constants because slides join them, as in `shared_angles`.
+    The quantities are places of points and directions of links. A row has N complex coefficients; its product with z is the value
+    of the quantity. An entry is an index in z. A point is known if its place follows from the ground and the inputs alone. Slides
+    make links turn by the same angle; one of these links, their root, stands for their angles, as in `shared_angles`.
 
     Attributes:
         N: number of entries of z.
-        frames: link -> (root, angle of the link minus that of the root [rad]).
-        bars: active bars by name.
+        frames: link -> (its root, angle of the link minus angle of the root [rad]).
+        bars: name of an active bar (a bar whose length is an input) -> its driver.
         points: all basic points.
-        first: entry of the first of these points; the others follow.
-        unknown: (u,) entries of the points whose places do not follow from the ground and the inputs alone.
-        entries_of: link -> entries of its points.
-        anchor: link -> entry of the point from which its other points are computed.
-        turned: root of known direction -> entry of its direction; for the ground this is entry 0, which is 1 = exp(0 i).
-        pushed: driven slide -> entry of its coordinate.
-        stretched: active bar -> entry of its squared length.
-        base: root of unknown direction -> a link, and entries A, B of two of its points, which give the direction.
-        placed_by: entry of a known point -> link that carries it.
-        rows: entry of a known point -> row of its place, in the order in which they can be evaluated.
+        first: entry of the first basic point; the entries of the others follow.
+        unknown: (u,) entries of the points that are not known.
+        entries_of: link -> entries of the points of this link.
+        anchor: link -> entry of the point from which the other points of this link are computed.
+        turned: root whose direction is known -> entry of this direction; for the ground this is entry 0, which is 1 = exp(0 i).
+        pushed: name of a driven slide -> entry of the coordinate along it.
+        stretched: name of an active bar -> entry of its squared length.
+        base: root whose direction is not known -> (a link with this root, entries A and B of two points of this link, from which
+            the direction is computed).
+        placed_by: entry of a known point -> link from whose position the place of the point follows.
+        rows: entry of a known point -> row of its place; the rows can be evaluated in this order.
         size: largest distance of two points of a link [m].
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Choose the points, and find those that are known.
+        """Choose the basic points of a mechanism, and find those that are known.
 
         Raises:
-            ValueError: a link has no joint, or a driver prescribes something that is known already.
+            ValueError: a link has no joint, or a driver prescribes a quantity that another driver or the joints already determine.
         """
         self.mechanism, self.drivers = mechanism, mechanism.drivers
         self.frames = shared_angles(mechanism)
@@ -154,18 +164,19 @@ class Points:
         self.anchor |= {link: A for link, A, _ in self.base.values()}
 
     def _enter_inputs(self) -> tuple[dict[int, int], dict[str, int], dict[str, int]]:
-        """Return `turned`, `pushed` and `stretched`: root, slide or active bar -> entry of z that its driver prescribes.
+        """Return the attributes `turned`, `pushed` and `stretched`.
 
-        Driver k has the entry k, counted from 1. Entry 0 is the constant 1 = exp(0 i), the direction of the ground.
+        These are dictionaries from a root, the name of a slide or the name of an active bar to the entry of z that its driver
+        prescribes. The driver k has the entry k, counted from 1. Entry 0 is the constant 1 = exp(0 i), the direction of the ground.
 
         Raises:
-            ValueError: a driver prescribes something that is known already.
+            ValueError: a driver prescribes a quantity that another driver or the joints already determine.
         """
         turned: dict[int, int] = {GROUND: 0}
         pushed: dict[str, int] = {}
         stretched: dict[str, int] = {}
         for entry, driver in enumerate(self.drivers, 1):
-            match driver:  # `setdefault` returns an older entry if the same thing is prescribed already
+            match driver:  # `setdefault` enters the driver, or returns the older entry if this quantity is already determined
                 case AngleDriver():
                     is_known = turned.setdefault(self.frames[driver.link][0], entry) != entry
                 case SlideDriver():
@@ -183,12 +194,12 @@ class Points:
         return row
 
     def local(self, link: int, entry: int) -> complex:
-        """Return the place x + i y, in the frame of a link, of its point with this entry [m]."""
+        """Return the place x + i y [m], in the frame of a link, of the point of this link that has the given entry in z."""
         return self.points[entry - self.first].at[link]
 
     def direction(self, link: int) -> Vectors:
-        """Return the row (N,) of exp(i theta) of a link, which follows from an input or from two points."""
-        root, phase = self.frames[link]
+        """Return the row (N,) whose product with z is exp(i theta) of a link: from an input, or from two points."""
+        root, phase = self.frames[link]  # theta of the link is theta of the root plus `phase`
         if root in self.turned:
             return self.unit(self.turned[root]) * exp(1j * phase)
         owner, A, B = self.base[root]  # of all links with this root, `owner` is the one whose points A and B show the direction
@@ -196,10 +207,13 @@ class Points:
         return (self.unit(B) - self.unit(A)) * turn / (self.local(owner, B) - self.local(owner, A))
 
     def point(self, link: int, s: complex) -> Vectors:
-        """Return the row (N,) of the world position of the point with the place s = x + i y [m] in the frame of a link."""
+        """Return the row (N,) whose product with z is the world position of a point of a link.
+
+        s = x + i y [m] is the place of the point in the frame of the link.
+        """
         if link == GROUND:
             return self.unit(0) * s  # entry 0 of z is 1
-        anchor = self.anchor[link]
+        anchor = self.anchor[link]  # position = anchor + (s - place of the anchor) exp(i theta)
         rest = s - self.local(link, anchor)
         return self.unit(anchor) + rest * self.direction(link) if rest else self.unit(anchor)
 
@@ -209,9 +223,10 @@ class Points:
         return min(self.entries_of[link], key=lambda k: abs(self.local(link, k) - place(slide.block)))
 
     def _place(self) -> None:
-        """Fill `placed_by` and `rows` with the known points: those of the ground, then of driven links that have a known point.
+        """Fill `placed_by` and `rows` with the known points: those of the ground, then those of driven links.
 
-        A link whose direction is an input is determined by one known point, its anchor, and so makes its other points known.
+        A link whose direction is an input is determined by one known point, which becomes its anchor; its other points are then
+        known too.
         """
         link: int | None = GROUND
         waiting = {i for i, (root, _) in self.frames.items() if root in self.turned and i != GROUND}
@@ -226,26 +241,29 @@ class Points:
                 waiting.remove(link)
 
     def _base(self, root: int) -> tuple[int, int, int]:
-        """Return (link, A, B): the line from point A to point B of this link gives the direction of all links with this root.
+        """Return (link, A, B): the line from A to B, two points of this link, gives the direction of all links that have this root.
 
-        A is a known point if possible, and A and B are as far apart as possible; A and B are entries of z.
+        A and B are entries of z. A is a known point if one of these links has one, and the distance from A to B is the largest.
         """
         members = [link for link, (r, _) in self.frames.items() if r == root]
         pairs = [(link, A, B) for link in members for A, B in permutations(self.entries_of[link], 2)]
 
         def rank(pair: tuple[int, int, int]) -> tuple[bool, float, int]:
-            """Return the rank of a pair: a known point A counts first, then a large distance, then an early B."""
+            """Return the key by which the best pair of points A, B is chosen: the largest key wins.
+
+            Pairs with a known point A win first, then larger distances, then points B that come earlier in z.
+            """
             link, A, B = pair
             return A in self.placed_by, abs(self.local(link, B) - self.local(link, A)), -B
 
         return max(pairs, key=rank)
 
     def known(self, x: Array, rate: Array, second: Array) -> Vectors:
-        """Return z, z', z'' as rows (3, N), in which the entries of unknown points are zero.
+        """Return z, z', z'' as the rows of (3, N), in which the entries of unknown points are zero.
 
         Args:
-            x: (i,) values of the inputs [rad, m]; an active bar has its length here, but the square of it in z.
-            rate, second: (i,) their first and second derivatives by time.
+            x: (i,) values of the inputs [rad, m]; x has the length of an active bar, whereas z has its squared length.
+            rate, second: (i,) first and second time derivatives of x.
         """
         Z = np.zeros((3, self.N), dtype=complex)
         Z[0, 0] = 1.0  # the constant of z
@@ -267,7 +285,7 @@ class Points:
         return np.array([float(value(driver.coordinate, q)) for driver in self.drivers])
 
     def unknown_at(self, q: Array) -> Array:
-        """Return the unknown points (2 u,) at a state q (n,), x before y of each [m]."""
-        owners = [next(iter(self.points[k - self.first].at.items())) for k in self.unknown]  # a link of each, and the place in it
+        """Return the coordinates (2 u,) [m] of the u unknown points at a state q (n,): x and y of one point after the other."""
+        owners = [next(iter(self.points[k - self.first].at.items())) for k in self.unknown]  # a link of each point, its place there
         places = [position(q, Point(link, np.array([s.real, s.imag]), "")) for link, s in owners]
         return np.array(places).reshape(-1)

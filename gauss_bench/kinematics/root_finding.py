@@ -1,12 +1,12 @@
 """Three methods that find a root of F(x) = 0, with the same arguments and result.
 
-With the Jacobian J at x, the step h of each is
+Let J be the Jacobian of F at the present point x. Each method goes from x to x + h. The step h follows from
 
-    Newton-Raphson        J h = -F, taken in full
-    Gauss-Newton          the same h, halved until |F|^2 falls enough (backtracking, condition of Armijo)
-    Levenberg-Marquardt   (J^T J + mu I) h = -J^T F, mu after Nielsen: smaller if the linear model predicts |F| well, else larger
+    Newton-Raphson:       J h = -F; the full step is taken
+    Gauss-Newton:         J h = -F; the step is halved until |F|^2 falls enough (backtracking, condition of Armijo)
+    Levenberg-Marquardt:  (J^T J + mu I) h = -J^T F; mu after Nielsen is smaller if the linear model predicts |F| well, else larger
 
-There may be more equations than unknowns if they are consistent; J h = -F is then solved in the least-squares sense.
+There may be more equations than unknowns if the equations are consistent; J h = -F is then solved in the least-squares sense.
 Sources: Nocedal and Wright, Numerical Optimization (2006), sections 3.1, 10.3 and 11.1; Madsen, Nielsen, Tingleff, Methods for
 Non-Linear Least Squares Problems (2004), algorithm 3.16.
 """
@@ -66,7 +66,7 @@ def at_rest(x: Array, h: Array) -> bool:
 
 
 def end_search(x: Array, F: Array, tolerance: float, iteration: int) -> Root | None:
-    """Return the result of a search at x (n,) if it is a root, or if F is not finite there; else None."""
+    """Return the result of a search if it ends at x (n,): x is a root, or F is not finite there; None if the search goes on."""
     if largest(F) <= tolerance:
         return Root(x, ExitFlag.CONVERGED, iteration, largest(F))
     return None if np.isfinite(F).all() else Root(x, ExitFlag.STALLED, iteration, largest(F))
@@ -81,9 +81,9 @@ def full_step(F: Array, J: Array) -> Array | None:
 
 
 def newton_raphson(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
-    """Search for a root from x (n,) by at most LIMIT full steps, until max |F| <= `tolerance`.
+    """Search for a root from x (n,) by at most LIMIT full steps of Newton's method, until max |F| <= `tolerance`.
 
-    This is the fastest method near a root. Far from a root its steps may lead anywhere.
+    Newton-Raphson is the fastest of the methods near a root. Far from a root its full steps may lead anywhere.
     """
     return search_along(residual, x, tolerance, lengths=0)
 
@@ -96,10 +96,10 @@ def gauss_newton(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> 
 def search_along(residual: Residual, x: Array, tolerance: float, lengths: int) -> Root:
     """Search for a root from x (n,) by Newton's method, with steps h that solve J h = -F.
 
-    A step is tried at the lengths h, h/2, h/4, ... until |F|^2 falls enough, and the search has stalled if it does at none of them.
+    The steps h, h/2, h/4, ... are tried until |F|^2 falls enough. The search has stalled if |F|^2 falls enough at none of them.
 
     Args:
-        lengths: largest number of lengths of a step that are tried; with 0 every step is taken in full, even if |F| grows.
+        lengths: largest number of these steps that are tried; with 0 every step h is taken in full, even if |F| grows.
     """
     F, J = residual(x)
     for iteration in range(LIMIT):
@@ -109,7 +109,8 @@ def search_along(residual: Residual, x: Array, tolerance: float, lengths: int) -
         h = full_step(F, J)
         if h is None:
             return Root(x, ExitFlag.SINGULAR, iteration, largest(F))
-        # Armijo's condition: to first order |F|^2 falls by 2 part |J h|^2, and must fall by a share SUFFICIENT of this
+        # Armijo's condition: to first order the step part h reduces |F|^2 by 2 part |J h|^2; it must reduce it by a share
+        # SUFFICIENT of this
         size, required = float(F @ F), 2.0 * SUFFICIENT * float((J @ h) @ (J @ h))
         for part in 0.5 ** np.arange(max(1, lengths)):
             G, K = residual(x + part * h)  # F and J after the step
@@ -117,14 +118,14 @@ def search_along(residual: Residual, x: Array, tolerance: float, lengths: int) -
                 break
         else:
             return Root(x, ExitFlag.STALLED, iteration, largest(F))
-        if at_rest(x, part * h):
+        if at_rest(x, part * h):  # the step changes x only within rounding
             return Root(x, ExitFlag.STALLED, iteration, largest(F))
         x, F, J = x + part * h, G, K
     return give_up(x, F, tolerance)
 
 
 def give_up(x: Array, F: Array, tolerance: float) -> Root:
-    """Return the result after the last allowed step."""
+    """Return the result of a search that has made all LIMIT allowed iterations: x may be a root by now."""
     return end_search(x, F, tolerance, LIMIT) or Root(x, ExitFlag.TOO_MANY, LIMIT, largest(F))
 
 

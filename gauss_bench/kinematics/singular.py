@@ -1,9 +1,12 @@
 """Find the singular positions of a linkage with one degree of freedom, limits of motion and dead centres, to rounding.
 
-The positions form a curve q(s) with the tangent x, J x = 0. A coordinate c(q) with gradient g reverses where g . x = 0, and cannot
-drive the linkage there. For the crank this is a limit of its motion, for any other coordinate a dead centre. The curve is followed
-in steps of its length s, because q(s) is smooth even where a coordinate reverses. If g . x changes its sign between two positions,
-the root between them is searched along the tangent, with the constraints closed at every trial.
+The positions of the linkage form a curve q(s), where s is the length along the curve. Its tangent x satisfies J x = 0. A coordinate
+c(q) with the gradient g reverses where g . x = 0, and cannot drive the linkage there. If this coordinate is the crank's angle, the
+position is a limit of its motion; for any other coordinate it is a dead centre.
+
+The curve is followed in steps of equal length, because q(s) is smooth even where a coordinate reverses its direction. If g . x
+changes its sign between two positions, a root finder searches along the tangent for the position between them at which g . x = 0,
+and solves the constraints at every trial.
 Source: Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria (2000), sections 2.4 and 3.2 (fold points).
 """
 
@@ -31,12 +34,15 @@ RANK_TOLERANCE = 1e-7  # share of the largest singular value below which a singu
 
 
 class ChangePoint(ArithmeticError):
-    """The curve of positions forks: the joint rows lose rank, and the motion can go on in more than one way."""
+    """The curve of positions forks: the Jacobian of the joints loses rank, and the motion can go on in more than one way.
+
+    It is also raised if the search is ended from outside.
+    """
 
 
 @dataclass(frozen=True, eq=False)
 class Singular:
-    """A position at which a coordinate reverses.
+    """A position at which a coordinate reverses its direction.
 
     Attributes:
         coordinate: name of the link (for its angle) or slide that reverses.
@@ -63,7 +69,7 @@ class Singular:
 def input_coordinate(mechanism: Mechanism) -> Measured:
     """Return the driving coordinate: the crank's angle, or the measured coordinate of a linkage without crank.
 
-    If the measured coordinate is one of `driving_coordinates`, it is returned with its name there.
+    If the measured coordinate is one of `driving_coordinates`, the member of that list is returned, which has a shorter name.
     """
     if mechanism.crank is not None:
         return Measured(mechanism.links[mechanism.crank].name, Angle(GROUND, mechanism.crank))
@@ -101,7 +107,7 @@ class Curve:
         self.constraints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
 
     def tangent(self, q: Array, along: Array | None = None) -> Array:
-        """Return the unit tangent (n,) at q (n,), with the sign for which its product with the vector `along` is not negative.
+        """Return the unit tangent (n,) of the curve at q (n,); its product with the vector `along` (n,) is not negative.
 
         Raises:
             ChangePoint: J has lost rank.
@@ -114,12 +120,15 @@ class Curve:
         return -x if along is not None and x @ along < 0 else x
 
     def orientation(self, q: Array, x: Array) -> float:
-        """Return the sign of det [J; x], which changes at a crossing with another curve; 0 if the matrix is not square."""
+        """Return the sign of det [J; x] for the unit tangent x (n,) at q (n,); 0 if the matrix is not square.
+
+        The sign changes where the curve crosses another curve of positions.
+        """
         A = np.vstack([self.constraints.residual(q)[1], x])
         return float(np.linalg.slogdet(A)[0]) if A.shape[0] == A.shape[1] else 0.0
 
     def step(self, q: Array, x: Array) -> Array:
-        """Return the next position: a step along the tangent, projected back onto the constraints."""
+        """Return the next position on the curve: a step from q along the unit tangent x, projected back onto the constraints."""
         return self._close(q + STEP * x)
 
     def _close(self, q: Array) -> Array:
@@ -136,19 +145,19 @@ class Curve:
         return project(q, self.constraints.residual, shortest, NEWTON_STEPS, still=is_still)
 
     def refine(self, coordinate: Measured, q: Array, x: Array) -> Array:
-        """Return the position (n,) at which a coordinate reverses, g . x = 0, between the last position of the curve and q.
+        """Return the position (n,) at which a coordinate reverses, g . x = 0, on the last step of the curve before q.
 
         Args:
-            coordinate: with the gradient g.
-            q: (n,) the position after the reversal.
-            x: (n,) unit tangent at q.
+            coordinate: the coordinate that reverses; its gradient is g.
+            q: (n,) the first position of the curve after the reversal; the position before it was one step (STEP) away.
+            x: (n,) unit tangent of the curve at q.
 
         Raises:
-            ChangePoint: there is no such position, as at a fork of the curve.
+            ChangePoint: the coordinate does not reverse at a single position near here, because the curve forks.
         """
 
         def rate(back: float) -> float:
-            """Return g . x at the position that lies the distance `back` behind q along the tangent, closed by projection."""
+            """Return g . x at the position that is reached from q by the distance `back` against the tangent and a projection."""
             here = self._close(q - back * x)
             return float(gradient(coordinate.coordinate, here) @ self.tangent(here, x))
 
@@ -161,53 +170,56 @@ class Curve:
 
 
 def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list[Singular]:
-    """Return all positions at which a coordinate that could drive reverses, in the order in which the curve from q0 meets them.
+    """Return all positions at which a coordinate that could serve as an input reverses its direction.
+
+    They are in the order in which the curve of positions, followed from q0, meets them. These coordinates are
+    `driving_coordinates`.
 
     Args:
-        ended: another thread sets it to end the search.
+        ended: an event that another thread sets to end the search.
 
     Raises:
-        ValueError: more or fewer than one degree of freedom.
-        ChangePoint: the curve forks on the way, or the search was ended.
+        ValueError: the linkage has more or fewer than one degree of freedom.
+        ChangePoint: the curve of positions forks before it is closed, or the search was ended by `ended`.
     """
     curve = Curve(mechanism)
     coordinates, driving = driving_coordinates(mechanism), input_coordinate(mechanism)
     positions: list[Singular] = []
     q = mechanism.q0
-    x = curve.tangent(q, gradient(driving.coordinate, q))  # so that the driving coordinate grows
-    first, side = x, curve.orientation(q, x)
-    rates = [gradient(c.coordinate, q) @ x for c in coordinates]  # g . x of each coordinate at the last position
+    tangent = curve.tangent(q, gradient(driving.coordinate, q))  # in the direction in which the driving coordinate grows
+    first, side = tangent, curve.orientation(q, tangent)
+    rates = [gradient(c.coordinate, q) @ tangent for c in coordinates]  # g . x of each coordinate at the last position
     for count in range(LONGEST):
         if ended is not None and ended.is_set():
             raise ChangePoint("the search was ended")
-        q = curve.step(q, x)
-        x = curve.tangent(q, x)
-        if curve.orientation(q, x) * side < 0:
+        q = curve.step(q, tangent)
+        tangent = curve.tangent(q, tangent)
+        if curve.orientation(q, tangent) * side < 0:
             raise ChangePoint(f"change point near {_describe(driving, q)}: the curve forks, the motion can go on in two ways")
         for k, c in enumerate(coordinates):
-            rate = gradient(c.coordinate, q) @ x
+            rate = gradient(c.coordinate, q) @ tangent
             if rate * rates[k] < 0 or (count == 0 and abs(rates[k]) < TOLERANCE):  # a reversal since the last position, or at q0
-                at = curve.refine(c, q, x)
+                at = curve.refine(c, q, tangent)
                 kind = "limit" if c.name == driving.name else "dead centre"
                 # a start at a dead centre is found a second time when the curve closes
                 if not any(known.coordinate == c.name and _distance(at, known.q) < SAME for known in positions):
                     here, there = float(value(c.coordinate, at)), float(value(driving.coordinate, at))
                     positions.append(Singular(c.name, kind, here, there, driving, at))
             rates[k] = rate
-        # the curve is closed where it comes back to its start in the same sense
-        if count > 2 and _distance(q, mechanism.q0) < 0.75 * STEP and x @ first > 0:
+        # the curve is closed where it comes back to its start in the same sense; the first steps are still near the start
+        if count > 2 and _distance(q, mechanism.q0) < 0.75 * STEP and tangent @ first > 0:
             break
     return positions
 
 
 def _describe(driving: Measured, q: Array) -> str:
-    """Describe a position by the value of the driving coordinate."""
+    """Return a text that describes a position by the name and value of the driving coordinate."""
     x = float(value(driving.coordinate, q))
     return f"{driving.name} at {np.degrees(x):.1f} deg" if isinstance(driving.coordinate, Angle) else f"{driving.name} = {x:.4g} m"
 
 
 def _distance(q: Array, other: Array) -> float:
-    """Return the distance between two positions modulo whole turns."""
+    """Return the distance [m, rad] between two positions (n,) after removal of whole turns of the links."""
     gap = q - other
     angles(gap)[:] = np.angle(np.exp(1j * angles(gap)))
     return float(np.linalg.norm(gap))

@@ -1,9 +1,10 @@
 """Find a four-bar whose coupler takes three given poses, and tell whether it moves through them without being taken apart.
 
-A pin of the coupler takes three places, and the centre of the circle through them is its fixed pivot. In kinematic inversion, seen
-from the coupler, a fixed pivot takes three places, and the centre of the circle through them is the pin. If the three places of a
-pin lie on a line, the pin slides. Places are complex numbers x + i y [m]. A pose is the place and the angle [rad] of the coupler's
-frame.
+The coupler is the link of the four-bar that carries a body through three poses. In these poses a pin of the coupler has three
+places, and the centre of the circle through them is the fixed pivot of the bar that guides the pin. In kinematic inversion, seen
+from the coupler, a fixed pivot has three places, and the centre of the circle through them is the pin. If the three places of a pin
+lie on a line, a slide along this line guides the pin. Places are complex numbers x + i y [m]. A pose is the place and the angle
+[rad] of the coupler's frame.
 Source: Sandor, Erdman (1984), Advanced Mechanism Design, vol. 2; for branch and order Waldron, Kinzel (1999), Kinematics, Dynamics,
 and Design of Machinery.
 """
@@ -48,23 +49,24 @@ class Connection:
         return abs(self.places[0] - self.pivot)
 
     def input(self, place: complex) -> float:
-        """Return the angle of the bar [rad], or the distance along the slide [m], if the pin is at a place."""
+        """Return the input at which the pin is at a place: the angle of the bar [rad], or the coordinate along the slide [m]."""
         along = place - self.pivot
         return phase(along) if self.direction is None else (along * self.direction.conjugate()).real
 
     def at(self, value: float) -> complex:
-        """Return the place of the pin at a value of the input [rad, m]."""
+        """Return the place of the pin at a value of the input, the angle of the bar [rad] or the coordinate along the slide [m]."""
         return self.pivot + (rect(self.length, value) if self.direction is None else self.direction * value)
 
 
 @dataclass(frozen=True)
 class Drive:
-    """The motion of a four-bar through its three poses if one of its connections is driven.
+    """The motion of a four-bar through its three poses if one of its two connections to the ground is driven.
 
     Attributes:
-        fault: "branch" if it does not get from pose to pose; "order" if it passes the third pose before the second; else "".
-        text: a sentence for the user.
-        travel: travel of the input from the first to the third pose [rad, m]; 0 if there is a fault.
+        fault: "branch" if the four-bar cannot move from pose to pose without being taken apart; "order" if it passes the third pose
+            before the second; else "".
+        text: a sentence for the user that describes the motion or the fault.
+        travel: change of the input from the first to the third pose [rad, m]; 0 if there is a fault.
     """
 
     fault: str
@@ -74,17 +76,20 @@ class Drive:
 
 @dataclass(frozen=True)
 class FourBar:
-    """A four-bar through three poses: its two connections, and its motion if the first or the second is driven."""
+    """A four-bar through three poses: its two connections to the ground, and its motion if the first or the second is driven."""
 
     connections: tuple[Connection, Connection]
     drives: tuple[Drive, Drive]
 
 
 def four_bar_of_pins(poses: Sequence[Pose], pins: Sequence[complex]) -> FourBar:
-    """Find the fixed pivots, or slides, of two pins given in the coupler's frame.
+    """Return the four-bar whose coupler takes three poses, and has its two pins at given places in the coupler's frame.
+
+    A pin whose three places lie on a line gets a slide along it. Any other pin gets a bar that turns about the centre of the circle
+    through the three places.
 
     Raises:
-        NoFourBar: a pin has no pivot, or both pins, both pivots, or a pin and its pivot coincide.
+        NoFourBar: a pin has no pivot; or both pins coincide, or both pivots, or a pin and its pivot.
     """
     connections = []
     for name, pin in zip(NAMES, pins, strict=True):
@@ -94,15 +99,16 @@ def four_bar_of_pins(poses: Sequence[Pose], pins: Sequence[complex]) -> FourBar:
 
 
 def four_bar_of_pivots(poses: Sequence[Pose], pivots: Sequence[complex]) -> FourBar:
-    """Find the pins of the coupler that turn about two fixed pivots.
+    """Return the four-bar whose coupler takes three poses, and whose bars turn about two given fixed pivots.
 
     Raises:
-        NoFourBar: a pivot has no pin, or both pins, both pivots, or a pin and its pivot coincide.
+        NoFourBar: a pivot has no pin; or both pins coincide, or both pivots, or a pin and its pivot.
     """
     connections = []
     for name, pivot in zip(NAMES, pivots, strict=True):
         # kinematic inversion: in the coupler's frame the pivot moves on a circle about the pin
         seen = [(pivot - place) * rect(1.0, -angle) for place, angle in poses]  # the pivot in the coupler's frame
+        # here the pivot takes the part of a guided pin; only the circle's centre is used, so that the first argument is arbitrary
         circle = connect(0j, (seen[0], seen[1], seen[2]), f"the {name} fixed pivot, seen from the coupler,")
         if circle.direction is not None:
             raise NoFourBar(f"the {name} fixed pivot has no pin: seen from the coupler its three places lie on a line")
@@ -115,8 +121,13 @@ def four_bar_of_pivots(poses: Sequence[Pose], pivots: Sequence[complex]) -> Four
 def connect(pin: complex, places: tuple[complex, complex, complex], name: str) -> Connection:
     """Return the connection that guides a pin through three places: a bar from their circle's centre, or a slide along their line.
 
+    Args:
+        pin: place of the pin in the frame of the coupler.
+        places: places of the pin at the three poses.
+        name: text for the pin with which the message of an exception begins.
+
     Raises:
-        NoFourBar: places coincide, or the circle is too large; `name` begins the message.
+        NoFourBar: two of the three places coincide, or the circle through them is too large.
     """
     a, b, c = places
     sides = sorted((b - a, c - b, a - c), key=abs)
@@ -134,12 +145,14 @@ def connect(pin: complex, places: tuple[complex, complex, complex], name: str) -
 
 
 def cross(a: complex, b: complex) -> float:
-    """Return the vector product of two vectors of the plane."""
+    """Return the vector product a x b of two vectors of the plane, given as complex numbers."""
     return (a.conjugate() * b).imag
 
 
 def join(first: Connection, second: Connection) -> FourBar:
-    """Return the four-bar of two connections, with its motion if the one or the other is driven.
+    """Return the four-bar that two connections form with the coupler and the ground, and its motions.
+
+    One motion is that with the first connection driven, the other that with the second connection driven.
 
     Raises:
         NoFourBar: the coupler, the frame or a bar would have no length.
@@ -156,9 +169,10 @@ def join(first: Connection, second: Connection) -> FourBar:
 
 
 def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
-    """Return the motion through the three poses if one connection is driven.
+    """Return the motion of the four-bar through the three poses if the connection `driven` is driven.
 
-    It has no fault if the coupler passes the poses in their order on one branch. `name` of the driven connection begins the text.
+    The motion has no fault if the coupler passes the poses in their order on one branch. `name` is the name of the driven
+    connection, "first" or "second", for the text of the result.
     """
     coupler = abs(driven.pin - other.pin)  # length of the coupler between its pins
     part = f"the {name} bar" if driven.direction is None else f"the {name} slide"
@@ -173,7 +187,7 @@ def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
         if 0 < sense * second < sense * third and stays_closed(driven, other, coupler, *sorted((values[0], values[0] + third))):
             turning = {1: "counter-clockwise", -1: "clockwise"}[sense] if driven.direction is None else "along it"
             return Drive("", f"Driven by {part} {turning}, it takes the three poses in their order, on one branch.", third)
-    # the poses in any order: the loop stays closed over some range of the input that has all of them
+    # the poses in any order: the loop stays closed over some range of the input that includes all three poses
     for _, travels in list_travels(driven, values):
         ends = min(0.0, *travels), max(0.0, *travels)
         if stays_closed(driven, other, coupler, values[0] + ends[0], values[0] + ends[1]):
@@ -182,10 +196,15 @@ def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
 
 
 def side_of(other: Connection, a: complex, b: complex, coupler: float) -> int:
-    """Return the branch of a pose: 1 or -1, or 0 at a dead point; a and b are the places of the driven and of the other pin.
+    """Return the branch on which the four-bar is in a pose: 1 or -1, or 0 at a dead point, which belongs to both branches.
 
-    The branch is the sign of the sine of the angle between the coupler and the other bar, or between the coupler and the normal of
-    the other slide.
+    The branch is the sign of the sine of the angle between the coupler and the bar that is not driven. If a slide takes the place
+    of this bar, the angle is that between the coupler and the normal of the slide.
+
+    Args:
+        other: the connection that is not driven, a bar or a slide.
+        a, b: places of the pin of the driven connection, and of the pin of the other one.
+        coupler: length of the coupler between its two pins [m].
     """
     if other.direction is None:
         sine = cross(b - a, other.pivot - b) / (coupler * other.length)
@@ -197,11 +216,11 @@ def side_of(other: Connection, a: complex, b: complex, coupler: float) -> int:
 
 
 def list_travels(driven: Connection, values: list[float]) -> list[tuple[int, tuple[float, float]]]:
-    """Return (sense, travels) of the input from the first pose to the other two, for all ways in which it can move there.
+    """Return the ways in which the input can move from the first pose to the second and to the third, as (sense, travels).
 
-    The sense is +1 or -1. The two travels [rad, m] lead to the second and to the third pose. A slide has one travel to each pose,
-    and both senses are returned. A bar can turn to each pose in both directions, which gives four pairs. `values` are those of the
-    input at the three poses.
+    The sense is +1 or -1. The two travels are the changes of the input [rad, m] from the first to the second pose, and from the
+    first to the third. A slide has only one travel to each pose, which is returned with both senses. A bar can turn to each pose in
+    both directions, which gives four pairs of travels. `values` are the values of the input at the three poses.
     """
     second, third = (x - values[0] for x in values[1:])
     if driven.direction is not None:
@@ -213,10 +232,12 @@ def list_travels(driven: Connection, values: list[float]) -> list[tuple[int, tup
 
 
 def stays_closed(driven: Connection, other: Connection, coupler: float, start: float, end: float) -> bool:
-    """Tell whether the coupler reaches the other connection at every input from `start` to the larger `end`.
+    """Tell whether the four-bar stays closed at every input of the driven connection from `start` to the larger `end`.
 
-    The coupler reaches it if the driven pin is neither too far from the other pivot or line nor too near. The extremes of this
-    distance are at `start` or `end`, or at inputs between them at which the pin is nearest or farthest; all these are tried.
+    A connection is a bar that turns about a fixed pivot, or a slide along a fixed line. `driven.at(x)` is the place of the driven
+    pin at the input x. The loop can be closed if this pin is neither too far from the other connection's pivot (or line) nor too
+    near it. The distance between the pin and this pivot (or line) has its extremes at `start`, at `end`, or at inputs between them
+    at which the pin is nearest or farthest. All these inputs are tried.
     """
     tried = [start, end]
     if driven.direction is None:  # a bar

@@ -1,15 +1,16 @@
 """The links and pairs of a linkage as a graph, and its independent loops.
 
-Links are nodes and pairs are edges. A joint of m links is m - 1 pairs J, J.001, ... at the same place, so that every pair joins two
-links. Two links may share several pairs. A tree has n - 1 of the p pairs between n links (frame included). Each of the other
+In the graph of a linkage the links are the nodes, and the kinematic pairs are the edges. A joint of m links consists of m - 1 pairs
+J, J.001, ... at the same place, so that every pair joins two links. Two links may share several pairs. A spanning tree of the n
+links (frame included) has n - 1 of the p pairs. Each of the other
 
     L = p - n + 1
 
-pairs closes one loop, whose other pairs lie on the path through the tree. The tree is the breadth-first one from the frame, which
-keeps the loops short and near the frame.
-Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Trans. CSAM 41(2), 2010,
-sections 2.2 and 3.1, for the number L of loops and the pairs of multiple joints. The paper does not say how loops are chosen, but
-its examples have those of the breadth-first tree.
+pairs closes one loop; the other pairs of this loop lie on the path through the tree. The tree is the breadth-first tree from the
+frame, which keeps the loops short and near the frame.
+Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Transactions of CSAM 41(2),
+2010: sections 2.2 and 3.1 have the number L of loops and the pairs of multiple joints. The paper does not say how loops are chosen,
+but the loops of its examples are those of the breadth-first tree.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,13 +45,13 @@ class Pair:
         return self.elements[0].node
 
     def element(self, link: int) -> Element:
-        """Return the element that belongs to a link."""
+        """Return the element of this pair (its half) that belongs to a link, one of `links`."""
         return self.elements[self.links.index(link)]
 
 
 @dataclass(frozen=True)
 class Passage:
-    """The part of a loop in one link, which it enters by one pair and leaves by the next."""
+    """The part of a loop that runs through one link: the loop enters the link at one pair and leaves it at another."""
 
     link: int
     enter: Pair
@@ -63,10 +64,10 @@ class Passage:
 
 @dataclass(frozen=True)
 class Loop:
-    """A loop: its passages through links in cyclic order.
+    """A loop: its links in cyclic order, each with the two pairs at which the loop enters and leaves it.
 
-    The first link is the one nearest to the frame in the tree. Of this link's two pairs in the loop, the loop leaves by the one
-    that is earlier in the file.
+    The first link is the one that is nearest to the frame in the tree. Two pairs of this link belong to the loop; the loop leaves
+    the link by the pair that is earlier in the file.
     """
 
     passages: tuple[Passage, ...]
@@ -84,7 +85,7 @@ class Loop:
 
 @dataclass(frozen=True)
 class TreeEdge:
-    """An edge of the tree: a link, its parent, and the pair between them."""
+    """An edge of the spanning tree: a link, its parent (the next link towards the frame), and the pair between them."""
 
     link: int
     parent: int
@@ -93,12 +94,12 @@ class TreeEdge:
 
 @dataclass(frozen=True, eq=False)
 class LinkageGraph:
-    """The graph of a linkage.
+    """The graph of a linkage, whose nodes are links and whose edges are kinematic pairs.
 
     Attributes:
         links: number of links without the frame.
-        pairs: all pairs.
-        tree: edges of the breadth-first tree, parents first.
+        pairs: all pairs of the linkage.
+        tree: edges of the breadth-first spanning tree, parents first.
         loops: one loop for each pair outside the tree.
     """
 
@@ -108,12 +109,15 @@ class LinkageGraph:
     loops: tuple[Loop, ...]
 
     def elements(self, link: int) -> tuple[Element, ...]:
-        """Return all elements of a link."""
+        """Return all elements of a link: its halves of the pairs that join it to other links."""
         return tuple(pair.element(link) for pair in self.pairs if link in pair.links)
 
 
 def pairs_of(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> tuple[Pair, ...]:
-    """Return the pairs of the joints in file order, then two pins for each active bar; a bar is one more link after the others."""
+    """Return the kinematic pairs of a linkage: those of its joints in file order, then two pins for each active bar.
+
+    An active bar (a bar whose length is an input) is one more link, with an index after those of the linkage's links.
+    """
     pairs = [_pair(joint) for joint in mechanism.joints]
     for k, bar in enumerate(bars, start=len(mechanism.links)):
         a, b = bar.a, bar.b
@@ -200,9 +204,11 @@ def _loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair]) -> Loop:
 
 
 def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
-    """Return link -> (root, phase) with theta = theta_root + phase [rad]; links that slides join turn by the same angle.
+    """Return link -> (root, phase): the angle of the link is the angle of its root plus the constant `phase` [rad].
 
-    The root of links that slide on the frame is the frame. The root of other links is the first that is not the block of a slide.
+    Slides make the links that they join turn by the same angle. One link of such a group, the root, stands for the angles of all.
+    If the frame belongs to the group, the frame is its root. Otherwise the root is the first link of the group that is not the
+    block of a slide. A link without a slide is its own root.
     """
     blocks = {j.block.link for j in mechanism.slides}
     roots: dict[int, tuple[int, float]] = {}
@@ -218,22 +224,24 @@ def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
 
 
 def absolute_states(graph: LinkageGraph, links: int, angles: Levels, slides: Mapping[str, Levels]) -> Levels:
-    """Return q, v, a (k, 3 links) of the first `links` links, computed along the tree from the frame.
+    """Return q, v, a (k, 3 links) of the first `links` links at k times, computed along the tree from the frame.
 
     Args:
-        angles: angles, angular speeds and angular accelerations (k, links + 1) of all links, the frame last.
-        slides: name of a slide or active bar -> coordinate along it, speed and acceleration (k,).
+        angles: angles, angular speeds and angular accelerations, (k, all links + 1) each, with the frame last.
+        slides: name of a slide or active bar -> (coordinate along the slide or length of the bar, its speed, its acceleration),
+            (k,) each.
     """
     theta, omega, alpha = angles
     E = np.exp(1j * theta)
-    turning = 1j * alpha - omega**2  # E'' = turning E
+    turning = 1j * alpha - omega**2  # E' = i omega E, and E'' = turning E
 
     def arm(i: int, element: Element) -> tuple[Array, Array, Array]:
-        """Return the vector from the centre of link i to one of its elements, with two derivatives by time, complex (k,)."""
+        """Return the vector from the centre of link i to one of its elements, and its first two time derivatives, complex (k,)."""
         zero = np.zeros(len(theta))
         s, s_rate, s_second = (x * element.along for x in slides.get(element.slide, (zero, zero, zero)))
         local = element.at + s  # in the frame of the link
         e, rate = E[:, i], omega[:, i]
+        # e local, differentiated twice by the product rule
         return e * local, e * (s_rate + 1j * rate * local), e * (s_second + 2j * rate * s_rate + turning[:, i] * local)
 
     # link -> place of its centre and two derivatives, complex (k,)

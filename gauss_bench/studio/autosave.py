@@ -1,7 +1,7 @@
 """Keep unsaved drawings in the user's cache folder, so that the end of a browser or server loses nothing.
 
-A file in that folder belongs to one process and one document. After the process has ended, the studio offers the file when a user
-opens the document again.
+Each file of unsaved work in that folder belongs to one process of the studio and one document. After the process has ended, the
+studio offers the unsaved work when a user opens the document again.
 """
 
 import hashlib
@@ -50,10 +50,10 @@ class Picture:
 
 @dataclass(frozen=True)
 class Unsaved:
-    """Unsaved work that was kept.
+    """Unsaved work that was kept in a file.
 
     Attributes:
-        file: file in which it is kept.
+        file: path of this file.
         text: text of the linkage file.
         locks: ids of locked parts.
         picture: picture behind the grid, or None.
@@ -72,21 +72,22 @@ def folder() -> Path:
 
 
 class Autosave:
-    """The file in which this process keeps one document.
+    """The file in which this process keeps the unsaved work on one document.
 
     Attributes:
-        key: hash of the document's name, which is its path, or any text for a new drawing.
-        file: path of the file, KEY.PROCESS.json.
+        key: hash of the document's name. The name is the path of the document's file; for a new drawing it is any text.
+        file: path of the file in the cache folder, KEY.PROCESS.json.
     """
 
     def __init__(self, name: str):
-        """Choose the file for the document of this name."""
+        """Choose the file in the cache folder for the document with the given name."""
         self.key = hashlib.sha256(name.encode("utf-8", "surrogateescape")).hexdigest()[:20]
         self.file = folder() / f"{self.key}.{os.getpid()}.json"
 
     def keep(self, text: str, locks: tuple[str, ...], picture: Picture | None) -> None:
         """Write unsaved work to the file; if the file cannot be written, the work is not kept and no error is raised."""
         content = {"text": text, "locks": locks, "picture": picture and asdict(picture)}
+        # number and start time of this process ("since") tell later whether the studio that wrote the file still runs
         with suppress(OSError):
             self.file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             write_text(self.file, json.dumps(content | {"process": os.getpid(), "since": start_of(os.getpid())}))
@@ -103,7 +104,8 @@ class Autosave:
                         continue
                     content = json.loads(path.read_text(encoding="utf-8"))
                     process = int(content["process"])
-                    # process numbers are reused: only number and start time together identify a process
+                    # process numbers are reused: only number and start time together identify a process. This process writes only
+                    # `self.file`: another file with its number is from a process that has ended
                     if process == os.getpid() or start_of(process) != content["since"]:
                         left.append(_parse(path, content))
             return max(left, key=lambda x: x.file.lstat().st_mtime, default=None)
@@ -111,7 +113,7 @@ class Autosave:
 
 
 def _parse(file: Path, content: dict[str, Any]) -> Unsaved:
-    """Return the unsaved work that a file holds.
+    """Return the unsaved work from the content of a file that `Autosave.keep` has written.
 
     Raises:
         KeyError, TypeError, ValueError: the content is damaged.
@@ -127,7 +129,7 @@ def _parse(file: Path, content: dict[str, Any]) -> Unsaved:
 
 
 def list_kept(paths: Iterable[Path]) -> list[str]:
-    """List the names of those files on which an ended process left unsaved work."""
+    """List the names of those linkage files on which an ended process of the studio left unsaved work."""
     return [path.name for path in paths if Autosave(str(path)).find_left()]
 
 
@@ -173,7 +175,7 @@ def remove_orphans() -> None:
 def start_of(process: int) -> str:
     """Return the start time of a process in the system's own units; "" if it has ended, even if its parent has not waited for it.
 
-    On a system without /proc, the result is "alive" for every process that runs.
+    On a system without /proc the start time is not known; the function then returns "alive" for every process that runs.
     """
     with suppress(OSError, IndexError):
         # the fields after the name, which stands in brackets and may contain spaces: state first, start time as the 20th

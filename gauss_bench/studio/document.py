@@ -104,7 +104,10 @@ def _change(parsed: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: t
 
 
 def _rank(key: str) -> int:
-    """Return the position of a table in a file that is written anew; keys without an entry in ORDER come first."""
+    """Return the number by which the top-level keys of a newly written file are sorted.
+
+    A key that ORDER does not list, such as a plain value, comes first, because a value must stand before the first table.
+    """
     return ORDER.index(key) if key in ORDER else -1
 
 
@@ -119,9 +122,10 @@ def _rename(parsed: Any, old: str, new: str) -> None:
 
 
 def _item(value: Any, path: tuple[str, ...]) -> Any:
-    """Return a value as an item of tomlkit for a path of keys.
+    """Return a value as an item of tomlkit that can be stored at the given path of keys.
 
-    A table at the root of the file, and a table in one of the GROUPS there, has a [heading]. All other tables are inline.
+    A table at the top level of the file, and a table directly inside one of the top-level tables listed in GROUPS, gets a
+    [heading]. All other tables, and the table `expect`, are written inline.
     """
     has_heading = path != ("expect",) and (len(path) == 1 or (len(path) == 2 and path[0] in GROUPS))
     if not isinstance(value, dict) or not has_heading:

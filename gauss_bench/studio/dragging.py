@@ -52,10 +52,11 @@ def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Dra
 
 
 def drag_linkage(drag: Drag, reading: Reading, message: Message) -> dict[str, Any]:
-    """Drag the linkage towards the pointer and return the reply: its poses, and the processor time `ms` [ms].
+    """Drag the linkage towards the pointer, and return the reply to the page.
 
-    The reply has a note only if the pin can move in fewer directions than before, as at a limit of its motion. The pin of a crank
-    stays apart from a pointer that is not on its circle too, but it still moves along the circle, so that there is no note.
+    The reply has the poses of the links, the processor time `ms` [ms], and a note. The note is given only if the dragged pin can
+    move in fewer directions than at the beginning of the drag, as at a limit of its motion. For example, the pin of a crank cannot
+    reach a pointer away from its circle, but there is no note, because the pin can still move along the circle.
     """
     target, began = place(message.get("at")), time.thread_time()
     moved = drag.to(np.array([target.real, target.imag]), STEPS)
@@ -80,8 +81,8 @@ def closed_mechanism(reading: Reading, word: str) -> Mechanism:
 def inputs(reading: Reading) -> list[str]:
     """Return the names of the input links.
 
-    They are the links that the first driven scenario drives. Without such a scenario the input is the crank, and without a crank
-    the first link with a pin on the ground.
+    They are the links that are driven in the first scenario with a driven link. If no scenario drives a link, the input is the
+    crank. If there is no crank, it is the first link that is pinned to the ground.
     """
     document = reading.document
     for scenario in document.get("scenarios", {}).values():

@@ -1,4 +1,8 @@
-"""Simulate a drawing that is let go from rest, in engines, or search for the cheapest setting that meets a required accuracy."""
+"""Simulate a drawing that is released from rest, or search for the cheapest setting of an engine with a required accuracy.
+
+The studio first writes a scenario "released" into the file, which has no drivers and starts at rest where the linkage is drawn. One
+or more engines then simulate this scenario.
+"""
 
 from importlib.util import find_spec
 from typing import Any
@@ -23,25 +27,28 @@ def engines_here() -> list[dict[str, Any]]:
 
 
 def write_released(session: Session, message: Message) -> tuple[str, float]:
-    """Return the file's text with a scenario that lets the drawn linkage go from rest, and the end time of the simulation [s].
+    """Return the file's text with the scenario "released", and the end time of the simulation [s].
+
+    In this scenario the linkage starts at rest in the drawn position and moves without drivers. The end time is `until` of the
+    message, by default the scenario's duration in the file.
 
     Raises:
         Refused: the drawing does not assemble, or the end time is not valid.
     """
-    closed_mechanism(session.reading, "let go")
+    closed_mechanism(session.reading, "let go")  # raises if the drawing does not assemble
     document = session.document
     scenarios = document.setdefault("scenarios", {})
-    kept = scenarios.get(RELEASED, {"forces": [*document.get("forces", {})]})
+    kept = scenarios.get(RELEASED, {"forces": [*document.get("forces", {})]})  # the present scenario; if none, all forces act
     until = number(message, "until", float(kept.get("duration") or FREE))
     if not 0 < until <= LONGEST:
         raise Refused(f"until is a time of at most {LONGEST:g} s", field="until")
-    start = free_start(session.reading, [])
+    start = free_start(session.reading, [])  # there are no drivers
     scenarios[RELEASED] = {"duration": until, "forces": kept.get("forces", []), "start": start}
     return write_document(session.text, document), until
 
 
 def release(session: Session, message: Message) -> dict[str, Any]:
-    """Start a job that simulates the drawn linkage, let go from rest, in one or more engines.
+    """Start a job that simulates the drawn linkage, released from rest, in one or more engines.
 
     The reply has the number of the job, the end time [s] and the engines: the message's `engine` (by default `gauss-native`, or
     `gauss` without llvmlite), and for comparison those under `overlay`.
@@ -74,13 +81,15 @@ def _check_usable(engines: list[Any]) -> None:
 
 
 def recommend(session: Session, message: Message) -> dict[str, Any]:
-    """Start a job that searches for the cheapest setting that meets the required accuracy; return the reply with its number.
+    """Start a job that searches for the cheapest setting of an engine with the required accuracy, in the scenario "released".
+
+    Return the reply, which has the number of the job.
 
     Raises:
         Refused: no accuracy is required, or a number is not valid.
     """
     required = {key: number(message, key) for key in ("position", "angle", "force") if message.get(key) is not None}
-    if not required or not all(x > 0 for x in required.values()):
+    if not required or not all(x > 0 for x in required.values()):  # the page shows the refusal at its first field
         raise Refused("say what is required: a position, an angle or a force above 0", field="position")
     budget = number(message, "budget", BUDGET)
     if not 1 <= budget <= MOST_BUDGET:

@@ -57,7 +57,7 @@ def curves(mechanism: Mechanism, x: Trajectory) -> History:
 
 
 def _export_model(text: str, reading: Reading, kind: str, name: str) -> dict[str, Any]:
-    """Return the reply with the drawing as a model of one of `KINDS`, as text for another program.
+    """Return the reply that has the drawing as a model for another program: the name and the text of a file of one of `KINDS`.
 
     The model has the first scenario without drivers, or the first scenario if all have drivers.
 

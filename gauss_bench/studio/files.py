@@ -1,4 +1,4 @@
-"""Read templates and files of the working folder, save files, import models, and pack a linkage file into an address."""
+"""Read templates and files of the working folder, save files, import models, and encode a linkage file in a URL."""
 
 import base64
 import tomllib
@@ -85,7 +85,7 @@ def inside(folder: Path, name: str) -> Path:
 
 
 def list_files(folder: Path) -> list[str]:
-    """List the names of the linkage files in the working folder."""
+    """List the names of the linkage files in the working folder, at most SHOWN of them."""
     try:
         return sorted(x.name for x in folder.glob("*.toml") if x.is_file())[:SHOWN]
     except OSError:

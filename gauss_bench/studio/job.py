@@ -1,7 +1,7 @@
 """The process of a long job, which sends its results to the studio as lines of JSON on standard output.
 
-The request arrives as a line of JSON on standard input, which the studio keeps open as long as it lives. At its end this process
-kills itself and all processes that it has started.
+The request arrives as a line of JSON on standard input. The studio keeps this stream open as long as the studio runs. When the
+stream is closed, this process kills itself and all processes that it has started.
 """
 
 import contextlib
@@ -22,11 +22,15 @@ MOST = 3000  # largest number of poses of a motion that are sent
 
 
 def release(request: Mapping[str, Any], send: Send) -> None:
-    """Run a file in one engine after the other, and send each motion with its verdict and its distance from the first motion.
+    """Simulate the scenario "released" of a file in one engine after the other.
+
+    For each engine this sends an event "progress", an event "release" with the motion and its verdict, and from the second motion
+    on an event "compared" with the distance from the first motion.
 
     Args:
         request: the message that `dynamics.release` makes, with the `path` of the file.
     """
+    # imported here, because these modules take long to load
     from gauss_bench.api.simulate import simulate
     from gauss_bench.mechanism.coordinates import motion_of_links
     from gauss_bench.studio.motion import pose_motion
@@ -72,9 +76,10 @@ def compare(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -
 
     Args:
         engine: name of the engine of the second motion.
-        t, q: times (k,) and positions (k, n) of the first motion.
-        whole: the mechanism of the links whose positions are given.
-        other_t, other: times and positions of the second motion.
+        t, q: times (k,) and positions (k, n) of the links in the first motion.
+        whole: the mechanism in which every link of the file is a body of its own (welded links are not merged); q and `other` have
+            the positions of these links.
+        other_t, other: times (j,) and positions (j, n) of the links in the second motion.
     """
     times = t[t <= other_t[-1] + 1e-12]  # while both motions last
     rows = np.clip(np.searchsorted(other_t, times - 1e-9), 0, len(other_t) - 1)  # samples of the second motion at these times
@@ -105,7 +110,7 @@ def recommend(request: Mapping[str, Any], send: Send) -> None:
     from gauss_bench.api.recommend import setting_of
 
     def as_shown(x: Answer) -> dict[str, Any]:
-        """Return an answer with the words for its setting and with its first error, which the page shows."""
+        """Return an answer as the page shows it: with its setting in words, and with only the first of its error values."""
         setting = setting_of(x) if x.step is not None or x.tolerance is not None else ""
         return asdict(x) | {"setting": setting, "error": next(iter(x.errors.values()), None)}
 

@@ -30,6 +30,7 @@ class Jobs:
     """
 
     def __init__(self, tell: Callable[[dict[str, Any]], object]):
+        """Begin without jobs; `tell` is a function that sends an event to all pages."""
         self.tell = tell
         self.running: dict[int, subprocess.Popen[bytes]] = {}
         self.followers: dict[int, threading.Thread] = {}

@@ -27,7 +27,7 @@ def value_of(message: Message, key: str, kind: type, otherwise: Any = None) -> A
 
 
 def number(message: Message, key: str, otherwise: float | None = None) -> float:
-    """Return a number of a message, or `otherwise` if it is missing.
+    """Return the number at a key of a message, or `otherwise` if the message lacks the key.
 
     Raises:
         Refused: the value is no finite number.
@@ -42,7 +42,7 @@ def place(x: Any, field: str = "at") -> complex:
     """Return the point that a message gives as [x, y], as x + i y [m].
 
     Raises:
-        Refused: the value is no point, or is too far away.
+        Refused: the value is not a pair of numbers, or the point is too far from the origin.
     """
     is_pair = isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and not isinstance(y, bool) for y in x)
     if not is_pair or not all(abs(y) <= FARTHEST for y in x):

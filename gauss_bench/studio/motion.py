@@ -1,4 +1,4 @@
-"""Compute the kinematics of a drawing for the page: motions under laws, forces, singular positions and instant centres."""
+"""Compute the kinematics of a drawing for the page: driven motions, their forces, singular positions and instant centres."""
 
 from cmath import rect
 from threading import Event
@@ -33,11 +33,11 @@ SAMPLES, MOST = 120, 2000  # default and largest number of intervals of a motion
 
 
 def load_driven(text: str, reading: Reading, scenario: Any) -> Mechanism:
-    """Return the mechanism in a scenario.
+    """Return the mechanism with the drivers of a scenario.
 
     Args:
-        text: the linkage file.
-        reading: the reading of that file.
+        text: the text of the linkage file.
+        reading: the document, mechanism and positions that were read from this text.
         scenario: name of the scenario. None takes the first driven scenario; if the file has none, the first coordinate that can be
             driven moves at its default law.
 
@@ -87,7 +87,11 @@ def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Traj
 
 
 def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, dict[str, Any]]:
-    """Return the mechanism, and the reply with its motion; singular positions follow in an event.
+    """Return the driven mechanism, and the reply that describes its motion.
+
+    The reply has the poses of all links and the motion of observed points at all times, the input, transmission angles, forces and
+    ratios, and the reason `limits` if the motion stops early. Singular positions are not in the reply: the studio sends them to the
+    page later, in an event of its own.
 
     Raises:
         Refused, LinkageError, ChoiceError: the drawing cannot be moved.
@@ -119,7 +123,10 @@ def pose_motion(mechanism: Mechanism, q: Array) -> dict[str, list[list[float]]]:
 
 
 def forces(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
-    """Return the part of the reply on forces along a driven motion: of the first driver, and in pins and slides."""
+    """Return the part of the reply that gives forces along a driven motion.
+
+    They are the force or torque of the first driver, and the forces and moments in pins and slides.
+    """
     if not len(x.t):
         return {"torque": None, "pins": []}
     evaluator = Evaluator(mechanism)
@@ -135,7 +142,7 @@ def forces(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
 def ratios(mechanism: Mechanism, q: Array) -> dict[str, Any]:
     """Return the part of the reply on velocity ratios and mechanical advantages at states q (k, n).
 
-    It is empty for several degrees of freedom.
+    The list is empty if the linkage has more or less than one degree of freedom.
     """
     try:
         pairs = advantages(mechanism, q)
@@ -162,10 +169,11 @@ def instant_centres(reading: Reading, given: Any) -> list[dict[str, Any]]:
     """Return the instant centre of every pair of links.
 
     Args:
-        given: the poses {link: [x, y, theta]} that the page gives; None for the poses of the drawing.
+        given: the poses {link: [x, y, theta]} that the page gives; None for the poses in which the links are drawn.
 
     Raises:
-        Refused: nothing is drawn, the poses are not those of this drawing, or the drawing has no single free motion at them.
+        Refused: nothing is drawn; or a link has no valid pose in `given`; or at these poses the linkage has no free motion, or more
+            than one.
     """
     mechanism = reading.mechanism
     if mechanism is None:
@@ -185,7 +193,7 @@ def centres_along(reading: Reading, given: Any) -> list[dict[str, Any]]:
         given: the motion {link: [[x, y, theta], ...]} that the page gives.
 
     Raises:
-        Refused: the poses are not those of this drawing, or there are no centres at any of them.
+        Refused: the lists of poses are not valid for this drawing, or no pose of the motion has instant centres.
     """
     lists = [*given.values()] if isinstance(given, dict) else []
     if not lists or not all(isinstance(x, list) and 0 < len(x) == len(lists[0]) <= MOST for x in lists):
@@ -195,7 +203,7 @@ def centres_along(reading: Reading, given: Any) -> list[dict[str, Any]]:
         try:
             found.append(instant_centres(reading, {name: x[k] for name, x in given.items()}))
         except Refused:
-            if not any(found) and k == len(lists[0]) - 1:
+            if not any(found) and k == len(lists[0]) - 1:  # no pose had instant centres: refuse, with the reason of the last pose
                 raise
             found.append([])  # at a fork of the motion there are several free motions
     pairs = [x["links"] for x in next(filter(None, found))]
@@ -203,10 +211,12 @@ def centres_along(reading: Reading, given: Any) -> list[dict[str, Any]]:
 
 
 def state_of(reading: Reading, given: Any) -> Array:
-    """Return the positions q (n,) of poses {link: [x, y, theta]} that the page gives.
+    """Return the positions q (n,) that belong to poses {link: [x, y, theta]} given by the page.
+
+    A pose has the origin and the angle of a link's frame, whereas q has the centre of mass and the angle of each link.
 
     Raises:
-        Refused: the poses are not those of this drawing.
+        Refused: a link of this drawing has no valid pose.
     """
     mechanism, q = reading.mechanism, list[float]()
     for link in mechanism.links if mechanism else ():

@@ -1,7 +1,7 @@
 """Read a linkage file that may be incomplete or faulty, so that the page can show an unfinished drawing.
 
-A part that the loader refuses is reported as a problem at its place in the drawing, and is left out. Functions of the loader build
-and place the rest, so that the studio reads a file in the same way as all other verbs.
+A part that the loader refuses is reported as a problem at its place in the drawing, and is left out. The functions of the loader
+build and place everything else in the file, so that the studio reads it in the same way as all other subcommands.
 """
 
 import copy
@@ -41,14 +41,14 @@ CLOSED = 1e-9  # [m] largest gap of a pin that counts as closed
 
 @dataclass(frozen=True)
 class Problem:
-    """A fault or gap of a drawing.
+    """An error in a drawing, or something that the drawing still lacks.
 
     Attributes:
         level: "error", "warning" or "hint".
         text: the message for the user.
-        where: ids of the parts of the drawing that it concerns.
-        loop: links of the loop that does not close.
-        apart: gap of that loop, or of a pin that does not close [m].
+        where: ids of the parts of the drawing that the problem concerns.
+        loop: names of the links of a loop that does not close; None for any other problem.
+        apart: gap of that loop, or of a pin that does not close [m]; None for any other problem.
     """
 
     level: str
@@ -60,16 +60,16 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """The readable part of a document.
+    """The readable part of a document: its mechanism, the positions of the links, and the problems.
 
     Attributes:
         document: the document as given.
         rest: the document without its faulty parts, with a single scenario in which nothing acts.
-        mechanism: the mechanism of `rest`; None if `rest` has no links.
-        q: (n,) positions of the drawn links, with closed joints if `closed`.
+        mechanism: the mechanism of `rest`; None if `rest` has no links or cannot be built.
+        q: (n,) positions of the mechanism as drawn; if `closed`, the nearby positions with closed joints.
         closed: whether the joints can be closed from the drawn places.
-        unplaced: links whose places the drawing does not determine.
-        problems: errors first, then warnings and hints.
+        unplaced: names of links whose places the drawing does not determine.
+        problems: problems of the document, errors first, then warnings and hints.
     """
 
     document: Document
@@ -82,12 +82,15 @@ class Reading:
 
     @cached_property
     def joints(self) -> Constraints | None:
-        """The constraint rows of the joints alone, without drivers and knife edges."""
+        """The constraints of the joints alone, without drivers and knife edges; None without a mechanism."""
         return None if self.mechanism is None else Constraints(replace(self.mechanism, drivers=(), knife_edges=()))
 
     @cached_property
     def rank(self) -> int:
-        """The number of independent rows of the joints, at a position near the drawing that is not singular."""
+        """The number of independent constraints of the joints, at a position near the drawn one that is not singular.
+
+        It is 0 if there is no mechanism, or if the number cannot be computed.
+        """
         if self.mechanism is None:
             return 0
         with suppress(np.linalg.LinAlgError, ValueError):
@@ -100,9 +103,13 @@ class Reading:
 
 
 def of_links(mechanism: Mechanism, q: Array) -> Array:
-    """Return the positions of the file's links at positions q (..., n) of the mechanism's bodies; welded links are one body."""
-    if not mechanism.parts:
+    """Return the positions of all links of the file at positions q (..., n) of the mechanism's bodies.
+
+    Links that are welded to each other form one body of the mechanism.
+    """
+    if not mechanism.parts:  # nothing is welded: every link is a body
         return q
+    # `motion_of_links` takes a trajectory; its velocities and accelerations, zeros here, do not matter
     return motion_of_links(mechanism, Trajectory(np.zeros(1), q, 0 * q, 0 * q, 0)).q
 
 
@@ -120,7 +127,7 @@ def read(document: Document, starts: bool = True) -> Reading:
     """Read a document, which may be faulty.
 
     Args:
-        starts: whether to test if the scenarios can be assembled, which takes most of the time.
+        starts: whether to test if the scenarios can be assembled at their starts, which takes most of the time.
     """
     problems: list[Problem] = []
 
@@ -161,7 +168,7 @@ def read(document: Document, starts: bool = True) -> Reading:
 
 
 def find_part(document: Document, path: str) -> tuple[str, ...]:
-    """Return the id of the part of the drawing to which a path in the file belongs, as a tuple of one; empty if there is none."""
+    """Return a tuple with the id of the part of the drawing to which a path in the file belongs; empty if there is none."""
     parts = path.split(".")
     if len(parts) < 2:
         return ()
@@ -180,14 +187,18 @@ def find_part(document: Document, path: str) -> tuple[str, ...]:
 
 
 def lone_pins(document: Document) -> dict[str, list[float]]:
-    """Return name -> [x, y] of pins that join nothing: entries of the sketch that have the name of no joint and no point."""
+    """Return name -> [x, y] of the pins that join nothing.
+
+    They are the entries of the sketch whose name is neither that of a joint or cylinder nor a reference "LINK.POINT", which has a
+    dot.
+    """
     named = {*table(document, "joints"), *table(document, "cylinders")}
     sketch = table(table(document, "assembly"), "sketch")
     return {k: x for k, x in sketch.items() if "." not in k and k not in named and is_place(x)}
 
 
 def is_place(x: Any) -> bool:
-    """Tell whether a value is [x, y]."""
+    """Tell whether a value is a list [x, y] of two finite numbers."""
     return isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and np.isfinite(y) for y in x)
 
 
@@ -269,12 +280,14 @@ def leave_out(document: Document, fault: Fault) -> None:
 def _place_links(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, ...]]:
     """Return the positions q (n,) of the links in the sketch, and the names of the links that the sketch does not place.
 
-    A link that is not placed gets the angle 0. It is placed at its known point, or at the origin if it has no known point.
+    A link that the sketch does not place gets the angle 0. If the sketch has the place of one of its points, the link is placed
+    there. Otherwise its frame is placed at the origin of the world.
     """
     unplaced: list[str] = []
     document = copy.deepcopy(document)
     assembly = document.setdefault("assembly", {})
     angles, drawing = assembly.setdefault("angles", {}), assembly.setdefault("sketch", {})
+    # each failed pass gives one link an angle or one point a place, so that two passes per link suffice
     for _ in range(2 * len(mechanism.links) + 1):
         try:
             return np.nan_to_num(sketch(mechanism, document)), tuple(unplaced)
@@ -294,7 +307,10 @@ def _place_links(mechanism: Mechanism, document: Document) -> tuple[Array, tuple
 
 
 def _describe_gap(mechanism: Mechanism, q: Array) -> Problem:
-    """Return the problem of a drawing that does not assemble at positions q (n,): the loop that stays open, or the widest pin."""
+    """Return the problem that describes why a drawing does not assemble at positions q (n,).
+
+    It names the loop that stays open or, if no such loop is found, the pin with the largest gap.
+    """
     with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
         loop = find_open_loop(replace(mechanism, q0=q, v0=0 * q))
         if loop is not None:
@@ -310,7 +326,10 @@ def _describe_gap(mechanism: Mechanism, q: Array) -> Problem:
 
 
 def _check_scenarios(document: Document) -> Iterator[Problem]:
-    """Yield a problem for each scenario that cannot be assembled, and for each warning of the loader; repeat no text."""
+    """Yield a problem for each scenario that cannot be assembled, and for each warning of the loader.
+
+    A text that several scenarios have in common is reported only once.
+    """
     reported: set[str] = set()
     for name, _ in [*items(document, "scenarios")][:TRIED]:
         try:
@@ -328,12 +347,12 @@ def _check_scenarios(document: Document) -> Iterator[Problem]:
 
 
 def loops_of(mechanism: Mechanism) -> list[list[str]]:
-    """Return for every independent loop the names of its links without the ground."""
+    """Return for every independent loop of the mechanism the names of its links, without the ground."""
     loops = find_graph(pin_loose_links(mechanism)).loops
     return [[mechanism.link_name(p.link) for p in loop.passages if p.link != GROUND] for loop in loops]
 
 
 def pins_of(document: Document) -> dict[str, list[str]]:
-    """Return pin joint -> references of its points, with the pins of cylinders."""
+    """Return name of a pin joint -> references "LINK.POINT" of its points; the pins at the ends of cylinders are included."""
     joints = items(write_out(document), "joints")
     return {name: sequence(joint, "at") for name, joint in joints if joint.get("type") == "revolute"}

@@ -1,4 +1,7 @@
-"""Answer the requests of the page by one function for every verb of the protocol; README.md lists the verbs with their messages."""
+"""Answer the requests of the page: one function for every verb (kind of request) of the protocol.
+
+README.md lists the verbs, with the keys of their messages and of the replies.
+"""
 
 import contextlib
 from collections.abc import Callable
@@ -55,7 +58,7 @@ def find_recovered(session: Session) -> dict[str, str] | None:
 
 
 def open_file(session: Session, message: Message) -> Reply:
-    """Open a text, a text packed into a link, a file of the folder, or a template."""
+    """Open a drawing: the text of a linkage file, a text that is encoded in a URL, a file of the folder, or a template."""
     if "text" in message:
         session.open(value_of(message, "text", str))
     elif "fragment" in message:
@@ -129,7 +132,7 @@ def drag_begin(session: Session, message: Message) -> Reply:
 
 
 def drag(session: Session, message: Message) -> Reply:
-    """Drag towards the pointer, and return poses, and with `centres` the instant centres too."""
+    """Drag towards the pointer, and return the poses of the links; if the message has `centres`, also the instant centres."""
     if session.drag is None:
         raise Refused("nothing is being dragged")
     moved = dragging.drag_linkage(session.drag, session.reading, message)
@@ -140,7 +143,10 @@ def drag(session: Session, message: Message) -> Reply:
 
 
 def drag_end(session: Session, message: Message) -> None:
-    """End the drag, and make its last position the drawing; with `keep` false, the drawing stays as it was."""
+    """End the drag, and redraw the linkage at the position that the drag has reached.
+
+    If `keep` of the message is false, the drawing stays as it was before the drag.
+    """
     ended, session.drag = session.drag, None
     if ended is not None and message.get("keep", True):
         steps.redraw(session, ended.q)
@@ -161,7 +167,10 @@ def branch(session: Session, message: Message) -> None:
 
 
 def read_locked(session: Session) -> tuple[str, Reading]:
-    """Return the text and the reading that belongs to it, for verbs that run while other requests may change both."""
+    """Return the text of the drawing, and the reading of this same text.
+
+    This is for requests that are answered while other requests may change the drawing.
+    """
     with session.lock:
         return session.text, session.reading
 
@@ -174,7 +183,7 @@ def move_by_law(session: Session, message: Message) -> Reply:
     job = -session.motions  # jobs that are processes, which `stop` can end, have positive numbers
 
     def search() -> None:
-        """Find the singular positions and send them to the page."""
+        """Find the singular positions of the motion, and send them as an event to the studio's pages in browsers."""
         if session.text != text or session.ended.is_set():  # the drawing has changed meanwhile, or nobody waits for the answer
             return
         try:

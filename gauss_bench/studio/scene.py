@@ -1,4 +1,7 @@
-"""Make the scene of a reading: the plain data that the page draws. The page itself computes only the points of rigid links."""
+"""Make the scene: the plain data that the page draws for a document and the positions that were read from it.
+
+The page itself computes only the places of points on rigid links.
+"""
 
 import tomllib
 from cmath import rect
@@ -21,11 +24,12 @@ FORCES = tomllib.loads((Path(__file__).parent / "forces.toml").read_text(encodin
 
 
 def scene(reading: Reading, locks: Iterable[str] = ()) -> dict[str, Any]:
-    """Return the scene of a reading.
+    """Return the scene: the data that the page draws for a reading.
 
     Args:
-        locks: ids of locked parts: of pins and slides, `links.NAME` for the angle of a link, `links.NAME:a-b` for a length, and
-            `joints.NAME` for the angle between the links of a pin.
+        reading: the document, its mechanism, the positions and the problems.
+        locks: ids of locked parts. They are the id of a pin or slide; `links.NAME` for the angle of a link; `links.NAME:a-b` for
+            the distance of two points of a link; and `joints.NAME` for the angle between the links of a pin.
     """
     document, locked = reading.document, {*locks}
     return {
@@ -64,7 +68,10 @@ def _ground(reading: Reading) -> dict[str, list[float]]:
 
 
 def place_points(reading: Reading) -> dict[str, list[float]]:
-    """Return LINK.POINT -> [x, y] in the world of every point of the ground and of the links."""
+    """Return LINK.POINT -> [x, y] in the world, for every point of the ground and of the links.
+
+    Without a mechanism only points of the ground are known.
+    """
     places = {f"ground.{name}": x for name, x in _ground(reading).items()}
     poses = reading.poses(reading.q)
     for link in reading.mechanism.whole.links if reading.mechanism else ():
@@ -76,7 +83,7 @@ def place_points(reading: Reading) -> dict[str, list[float]]:
 
 
 def links(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
-    """Return the data of every link; `drawn` is false for the parts of a cylinder, which have no table of their own."""
+    """Return the data of every link; `drawn` is false for the two parts of a cylinder, which have no table in the file."""
     poses, tables = reading.poses(reading.q), table(reading.document, "links")
     shown = []
     for link in reading.mechanism.whole.links if reading.mechanism else ():
@@ -156,8 +163,8 @@ def as_written(point: Point) -> str:
 def forces(reading: Reading) -> list[dict[str, Any]]:
     """Return the data of every force and cylinder.
 
-    It acts at points, at the origins of links, or at the first point of a joint. Its label is its name and its main number with
-    unit.
+    Each is drawn at places `at`: those of its points, the origins of its links, or the first point of its joint. The label of a
+    force is its name and its main number with unit.
     """
     places, joints = place_points(reading), pins_of(reading.rest)
     places |= {link: pose[:2] for link, pose in reading.poses(reading.q).items()}
@@ -177,7 +184,8 @@ def forces(reading: Reading) -> list[dict[str, Any]]:
 def drivers_possible(reading: Reading) -> list[dict[str, str]]:
     """Return name and kind of the coordinates that can be driven: "angle" of a link with a pin on the ground, or "slide"."""
     kinds: dict[str, str] = {}
-    # `write_out` replaces a cylinder by two links and a prismatic joint, so that it is a slide here
+    # `rest` is the document without faulty parts; `write_out` replaces a cylinder in it by two links and a prismatic joint, so that
+    # a cylinder is a slide here
     for name, joint in items(write_out(reading.rest), "joints"):
         owners = [x.partition(".")[0] for x in sequence(joint, "at") if isinstance(x, str)]
         if "ground" in owners:
@@ -188,7 +196,7 @@ def drivers_possible(reading: Reading) -> list[dict[str, str]]:
 
 
 def status(reading: Reading) -> dict[str, Any]:
-    """Return whether the drawing assembles, and its numbers of degrees of freedom, loops and redundant rows of the joints."""
+    """Return whether the drawing assembles, and its numbers of degrees of freedom, loops and redundant joint constraints."""
     mechanism, joints = reading.mechanism, reading.joints
     if mechanism is None or joints is None:
         return {"assembles": False, "dof": None, "loops": 0, "redundant": 0, "loop_names": []}

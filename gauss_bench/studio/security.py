@@ -36,9 +36,14 @@ def headers(port: int) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Guard:
-    """The conditions on a request.
+    """The conditions that a request must meet.
 
-    Its Host must be the address of this server. Its Origin must be the server's own, if it has one. It must know the token.
+    The header Host must be the address of this server. If the request has a header Origin, it must be the origin of this server.
+    The request must have the token.
+
+    Attributes:
+        port: port of the server.
+        token: secret text that only the address printed by the studio contains.
     """
 
     port: int

@@ -1,7 +1,8 @@
-"""The studio's server. It serves the page, the page's files and one socket for each page, to this machine only.
+"""The studio's server for this machine: it serves the page, the page's files, and one socket for each browser page that is open.
 
-Requests are answered in threads, so that the sockets stay responsive. The requests of a page are answered one after the other,
-except long ones. Changes by different pages are made one after the other. After a change, the other pages get the new scene.
+Requests are answered in threads, so that the sockets stay responsive. The requests of one page are answered one after the other,
+except long ones. Changes of the drawing that different pages request are made one after the other. After a change by one page, the
+server sends the new scene to the other pages.
 """
 
 import asyncio
@@ -51,9 +52,11 @@ class Guarded:
     """Middleware that refuses requests that do not come from the studio's own page."""
 
     def __init__(self, app: ASGIApp, guard: Guard):
+        """Guard the application `app` by the conditions of `guard`."""
         self.app, self.guard, self.headers = app, guard, headers(guard.port)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on to the application, or refuse it."""
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
@@ -79,15 +82,17 @@ class Guarded:
 
 
 class Connection(H11Protocol):
-    """A connection of the server; it closes the oldest idle connection if more than WAITING are idle."""
+    """A connection to the server; when it opens and more than WAITING connections are idle, the oldest idle one is closed."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Register this connection, and close the oldest idle one if there are too many, which could block the server."""
         super().connection_made(transport)
         self.since = self.loop.time()
         idle = [x for x in self.connections if isinstance(x, Connection) and x.is_idle()]
         if len(idle) > WAITING:
             oldest = min(idle, key=lambda x: x.since)
-            self.connections.discard(oldest)  # the event loop closes it later, and uvicorn would count it until then
+            # the event loop closes the connection later; until then uvicorn would count it if it stayed in `connections`
+            self.connections.discard(oldest)
             oldest.transport.abort()
 
     def is_idle(self) -> bool:
@@ -96,16 +101,19 @@ class Connection(H11Protocol):
 
 
 class Studio:
-    """The application of one session.
+    """The web application of one session.
 
     Attributes:
-        pages: queue of a connected page -> task that serves the page.
-        revision: last revision of the drawing that all pages have.
-        loop: event loop of the server; None before it runs.
-        app: the application that the server runs.
+        session: the open document.
+        guard: the conditions that a request must meet.
+        pages: queue of messages to a connected page -> task that serves the page.
+        revision: last revision of the drawing that has been sent to all pages.
+        loop: event loop of the server; None before the server runs.
+        app: the guarded application that the server runs.
     """
 
     def __init__(self, session: Session, guard: Guard):
+        """Set up the application with its routes."""
         self.session, self.guard = session, guard
         self.pages: dict[Unread, asyncio.Task[Any] | None] = {}
         self.revision = session.revision
@@ -138,7 +146,7 @@ class Studio:
         return FileResponse(path) if path.is_file() else PlainTextResponse("there is no such file", 404)
 
     async def view(self, request: Request) -> Response:
-        """Serve the page for links to look at, which needs no token because it gets nothing of the drawing from the server."""
+        """Serve the page that shows a linkage from a URL; it needs no token, because the server sends it nothing of the drawing."""
         page, policy = view_page()
         return HTMLResponse(page, headers={"content-security-policy": f"{policy}; frame-ancestors 'none'"})
 
@@ -219,7 +227,7 @@ NO_MESSAGE: dict[str, Any] = {
 
 
 def parse_message(text: str) -> dict[str, Any]:
-    """Return the message in a text; `NO_MESSAGE` if it is no object of JSON."""
+    """Return the message that a text contains; `NO_MESSAGE` if the text is not a JSON object."""
     try:
         message = json.loads(text, parse_constant=_refuse_constant)
     except (ValueError, RecursionError):
@@ -228,7 +236,7 @@ def parse_message(text: str) -> dict[str, Any]:
 
 
 def as_json(item: dict[str, Any]) -> str:
-    """Return an object, which may contain arrays, as JSON."""
+    """Return an object, which may contain numpy arrays, as a text in JSON."""
     return json.dumps(plain(item), allow_nan=False)
 
 
@@ -240,6 +248,10 @@ def _refuse_constant(word: str) -> float:
 def session_of(linkage: str | None, folder: Path) -> Session:
     """Return a session with a linkage, which is a name or a file; the folder of a file becomes the working folder.
 
+    Args:
+        linkage: name of a template or built-in linkage, or path of a file; None for an empty drawing.
+        folder: working folder if the linkage is not the path of a file.
+
     Raises:
         LinkageError, Refused: the linkage cannot be read.
     """
@@ -248,10 +260,10 @@ def session_of(linkage: str | None, folder: Path) -> Session:
     path = find(linkage)
     if linkage not in files.templates():
         read_file(path)  # raises if the file is no linkage file
-    if path.suffix == ".toml" and path == Path(linkage):
+    if path.suffix == ".toml" and path == Path(linkage):  # the path of a file: work in the folder of this file
         folder, linkage = path.resolve().parent, path.name
     session = Session(folder)
-    text, own = files.open_document(session.folder, linkage)
+    text, own = files.open_document(session.folder, linkage)  # own: path of the user's file, None for a template
     session.open(text, own, is_template=own is None)
     return session
 
@@ -282,8 +294,8 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
     except (OSError, OverflowError) as error:
         listening.close()
         raise ExchangeError(f"--port {port}: is not available: {error}") from error
-    remove_orphans()
-    sys.setswitchinterval(SWITCH)
+    remove_orphans()  # temporary folders of studios that were killed
+    sys.setswitchinterval(SWITCH)  # short, so that a drag stays smooth while other threads compute
     guard = Guard(int(listening.getsockname()[1]))
     studio = Studio(session, guard)
     session.tell = studio.tell
@@ -301,7 +313,7 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
         ws_ping_interval=20.0,
         ws_ping_timeout=60.0,
         timeout_graceful_shutdown=2,
-        limit_concurrency=WAITING + ASKING,
+        limit_concurrency=WAITING + ASKING,  # connections that are idle, and those with a request in work
     )
     # the page requests the engines first: find them in advance, in a thread that the interpreter waits for when it ends
     threading.Thread(target=engines_here).start()

@@ -17,27 +17,29 @@ STEPS = 200  # largest number of steps that can be undone
 
 
 class Session:
-    """The open document. Its state is the text of the linkage file, which determines the drawing.
+    """The open document. The state of the document is the text of its linkage file, which determines the drawing.
 
     Attributes:
         folder: folder in which files may be opened and saved.
-        lock: lock for every use of the state.
+        lock: lock of threads, which every use of the state must hold.
         text: present text of the linkage file.
         path: file from which the text was opened, or to which it was saved; or None.
-        saved: text that exists elsewhere: the content of the file, or of the template; for a new drawing the empty text.
-        done, undone: texts and locks before the present ones and after them, for undo and redo.
+        saved: text that exists elsewhere, so that it cannot be lost: the content of the file or of the template, for a new drawing
+            the text EMPTY, and "" for a pasted text, which is nowhere else.
+        done, undone: states (text, locks) before the present state and after it, for undo and redo.
         locks: ids of pins, slides, links and lengths that a drag must not change.
         picture: picture behind the grid, or None.
         drag: the drag that is going on, or None.
-        revision: number of changes so far.
+        revision: number of changes of the document so far.
         motions: number of motions computed so far.
         searches: thread that searches for singular positions, one motion after the other.
-        ended: set when the session ends, so that a running search ends.
+        ended: event that is set when the session ends, so that a running search ends.
         tell: function that sends an event to all pages.
         jobs: the running jobs.
     """
 
     def __init__(self, folder: Path):
+        """Begin with an empty drawing in a working folder."""
         self.folder = folder.resolve()
         self.lock = threading.RLock()
         self.revision = 0
@@ -50,11 +52,11 @@ class Session:
         self._begin(EMPTY, EMPTY)
 
     def _document_name(self) -> str:
-        """Return the name under which unsaved work is kept."""
+        """Return the name of the document under which its unsaved work is kept: the path of its file, or a text for a new one."""
         return str(self.path or self.folder / "a new drawing")
 
     def _begin(self, text: str, saved: str) -> None:
-        """Set the state for a document without history."""
+        """Set the state to a text without history; `saved` is the text that exists elsewhere, as in the attribute `saved`."""
         self.text, self.saved = text, saved
         self.undone: list[tuple[str, frozenset[str]]] = []
         self.done: list[tuple[str, frozenset[str]]] = []
@@ -68,20 +70,21 @@ class Session:
 
         Args:
             path: file from which the text was read, or None.
-            is_template: whether the text is that of a template.
+            is_template: whether the text is the content of a template.
 
         Raises:
             Refused: the text is no linkage file.
         """
-        parse_text(text)
+        parse_text(text)  # raises if the text is no linkage file
         forget(self.autosave.file)
+        # only a text that was pasted or imported exists nowhere else
         self._begin(text, text if path or is_template or text == EMPTY else "")
         self.path = path
         self.autosave = Autosave(self._document_name())
         self._change()
 
     def save_as(self, path: Path, text: str) -> None:
-        """Record that a text has been saved to a file."""
+        """Record that a text, now the present text, has been saved to a file."""
         forget(self.autosave.file)
         self.text, self.saved, self.path = text, text, path
         self.autosave = Autosave(self._document_name())
@@ -89,23 +92,23 @@ class Session:
 
     @property
     def is_unsaved(self) -> bool:
-        """Whether the text would be lost with the session."""
+        """Whether the present text would be lost at the end of the session, because it exists nowhere else."""
         return self.text != self.saved
 
     @property
     def document(self) -> Document:
-        """The tables of the text, parsed anew each time, so that an edit may change them."""
+        """The tables of the linkage file's text, parsed anew at each access, so that an edit may change them."""
         return parse_text(self.text)
 
     @property
     def reading(self) -> Reading:
-        """The reading of the present text."""
+        """The mechanism, positions and problems that are read from the present text; read anew only if the text has changed."""
         if self._read is None or self._read[0] != self.text:
             self._read = self.text, read(self.document)
         return self._read[1]
 
     def put(self, text: str, locks: frozenset[str]) -> None:
-        """Replace text and locks, as one step of the history.
+        """Replace the text of the linkage file and the set of locked parts, as one step of the history.
 
         Raises:
             Refused: the text is no linkage file.
@@ -124,15 +127,18 @@ class Session:
             self.done.pop()
 
     def undo(self) -> None:
-        """Take back the last step."""
+        """Undo the last step of the history."""
         self._step(self.done, self.undone)
 
     def redo(self) -> None:
-        """Repeat the last step that was taken back."""
+        """Redo the last step of the history that was undone."""
         self._step(self.undone, self.done)
 
     def _step(self, source: list[tuple[str, frozenset[str]]], target: list[tuple[str, frozenset[str]]]) -> None:
-        """Append the present state to `target`, and take the last state of `source` instead; do nothing if there is none."""
+        """Go one step back or forth: append the present state to the list `target`, and restore the last state of `source`.
+
+        If the list `source` is empty, nothing changes.
+        """
         if source:
             target.append((self.text, self.locks))
             self.text, self.locks = source.pop()
@@ -144,16 +150,19 @@ class Session:
         self._change()
 
     def _change(self) -> None:
-        """Count a change, end a drag, and write unsaved work to its file or delete that file."""
+        """Complete a change of the document: count it, end a drag in progress, and keep unsaved work in its file.
+
+        If there is no unsaved work, the file is deleted.
+        """
         self.revision += 1
         self.drag = None
-        if self.is_unsaved or self.picture:
+        if self.is_unsaved or self.picture:  # a linkage file cannot hold the picture, which therefore counts as unsaved here
             self.autosave.keep(self.text, tuple(sorted(self.locks)), self.picture)
         else:
             forget(self.autosave.file)
 
     def scene(self) -> dict[str, Any]:
-        """Return the scene that the page draws, with the state of the session."""
+        """Return the scene that the page draws, together with the state of the session."""
         state = {
             "revision": self.revision,
             "path": self.path and self.path.name,

@@ -14,7 +14,8 @@ from gauss_bench.studio.reading import Reading, of_links
 def share_view(text: str, reading: Reading) -> dict[str, Any]:
     """Return the reply: `page` and `fragment` of the URL, the number of `poses` in the fragment, and a `note`.
 
-    The note says why the motion ends early, or why the fragment has only the pose that is drawn; None if it has the whole motion.
+    The note says why the motion ends early, or why the fragment has only the pose that is drawn. The note is None if the fragment
+    has the whole motion.
 
     Raises:
         Refused: nothing is drawn, or the drawing is too large for a URL.

@@ -107,7 +107,7 @@ _stepping = threading.Lock()  # one thread uses a kernel at a time, because it h
 
 @lru_cache(maxsize=4)
 def family(case: SweepCase) -> Family:
-    """Return the family of linkages of a sweep."""
+    """Return the linkages of a sweep, which have one structure and different numbers, as a `Family`."""
     return Family(json.loads(case.text), case.scenario, case.paths, case.source)
 
 
@@ -134,12 +134,12 @@ def kernel(case: SweepCase, engine: str) -> Kernel:
 
 
 def rows_of(case: SweepCase, engine: str, numbers: Numbers, values: Array, parts: int = 1) -> Rows:
-    """Return the rows of some samples.
+    """Return the rows of the sweep's table for k samples that an engine simulates.
 
     Args:
-        numbers: (k,) indices of the samples in the plan.
-        values: (k, d) their values of the varied numbers.
-        parts: number of steps into which each step of the setting is divided.
+        numbers: (k,) indices of these samples among all samples of the sweep.
+        values: (k, d) values of the d varied numbers in these samples.
+        parts: number of equal parts into which each step of the engine's setting is divided.
     """
     run = _run_batch if in_batches(engine) else _run_one_by_one
     varied = {path: values[:, j] for j, path in enumerate(case.paths)}
@@ -147,17 +147,17 @@ def rows_of(case: SweepCase, engine: str, numbers: Numbers, values: Array, parts
 
 
 def _empty_rows(case: SweepCase, count: int) -> Rows:
-    """Return the columns status, message and figures of some samples, with empty texts and NaN."""
+    """Return the columns status, message and figures of `count` samples, filled with empty texts and NaN."""
     missing = {name: np.full(count, np.nan) for name in units(family(case).nominal)}
     return {"status": [""] * count, "message": [""] * count, **missing}
 
 
 def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
-    """Return status, message and figures of samples, which run in one call of the kernel.
+    """Return status, message and figures of k samples, which are simulated in one call of the compiled kernel.
 
     Args:
-        values: (k, d) varied numbers of the samples.
-        parts: number of steps into which each step is divided.
+        values: (k, d) values of the d varied numbers in the samples.
+        parts: number of equal parts into which each step of the engine's setting is divided.
     """
     code, linkages, choice = kernel(case, engine), family(case), case.choice(engine)
     steps = grid(choice.step, case.until).refine(parts)
@@ -201,14 +201,15 @@ def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Traje
     """Return status and message of a motion.
 
     Args:
-        evidence: what the judge looks at.
-        mechanism: function that loads the mechanism. It takes long, and is called only if the energy lost to damping between two
-            times of the motion may decide the verdict.
-        motion: its times and states.
+        evidence: the residuals, energies and other numbers of the motion from which the judge decides.
+        mechanism: function that loads the mechanism. The function takes long, and is called only if the energy lost to damping
+            between two sample times may decide the verdict.
+        motion: sample times and states of the motion.
     """
     verdict = judge(evidence)
     if any(x.subject is Subject.ENERGY for x in verdict.objections):
-        # determine the loss between samples only if the verdict could be another one without this objection
+        # the samples may not resolve the energy that damping takes between them. `without_loss` removes every loss of energy here:
+        # find out which losses the samples resolve only if the judge then has fewer objections
         lenient = replace(evidence, seen=metrics.without_loss(motion.t, evidence.energy, 0.0))
         if len(judge(lenient).objections) < len(verdict.objections):
             evidence = replace(evidence, seen=measurable_gain(mechanism(), motion, evidence))
@@ -231,7 +232,10 @@ def _multipliers(code: Kernel, t: Array, q: Array, v: Array, p: Array) -> Array:
 
 
 def _run_one_by_one(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
-    """Return status, message and figures of samples, which run one after the other; the arguments are those of `_run_batch`."""
+    """Return status, message and figures of k samples, which are simulated one after the other.
+
+    The arguments are those of `_run_batch`.
+    """
     rows = _empty_rows(case, len(values))
     for k, sample in enumerate(values):
         rows["status"][k], rows["message"][k], by_name = _run_single(case, engine, sample, parts)
@@ -241,11 +245,13 @@ def _run_one_by_one(case: SweepCase, engine: str, values: Array, parts: int) -> 
 
 
 def _run_single(case: SweepCase, engine: str, values: Sequence[float], parts: int) -> tuple[str, str, Mapping[str, Array]]:
-    """Return status, message, and name -> figure (1,) of one sample; there are no figures if it did not run.
+    """Return status and message of one sample, and name of a figure -> array (1,) with the value of the figure.
+
+    There are no figures if the sample has no motion.
 
     Args:
-        values: (d,) varied numbers of the sample.
-        parts: number of steps into which each step is divided.
+        values: (d,) values of the d varied numbers in the sample.
+        parts: number of equal parts into which each step of the engine's setting is divided.
     """
     choice = case.choice(engine)
     try:

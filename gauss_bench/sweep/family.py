@@ -1,14 +1,16 @@
 """Linkages of one structure with different numbers: the inputs of a kernel, and the start of each sample.
 
-A kernel, a compiled program for one linkage, has the linkage's numbers as constants, except for open numbers, which are its inputs.
-A sample is one choice of values for the varied numbers of the file, which determine values of the open numbers.
+A kernel is a compiled program for one linkage. It has the linkage's numbers as constants, except for the open numbers, which are
+inputs of the kernel. A sample is one choice of values for the varied numbers, the numbers of the file that the sweep varies. The
+varied numbers determine the values of the open numbers.
 
-Many linkages are evaluated at once: in one mechanism each varied number becomes an array (batch,) (`with_parameters`), and the
+Many linkages are evaluated at once: in one mechanism each open number becomes an array (batch,) (`with_parameters`), and the
 formulas of `mechanism/coordinates.py` evaluate all linkages at states (..., batch, n).
 
-The start of a sample is found from the assembled start of the file. The numbers, and the coordinates that a start prescribes,
-change in small steps from those of the file to those of the sample, and Newton's method closes the joints after each step. A
-sample that does not close in this way is read and assembled on its own; if that fails too, its message has the reason.
+The start of a sample is its initial state q, v. It is found by continuation from the assembled initial state of the linkage in the
+file. The open numbers, and the coordinates that the scenario's start and drivers prescribe at t = 0, change in small steps from
+their values in the file to those of the sample, and Newton's method closes the joints after each step. A sample whose joints do not
+close in this way is read and assembled on its own; if that fails too, the sample's message has the reason.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -44,11 +46,11 @@ Columns = Mapping[str, Array]  # name of an open number in the kernel -> its val
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """Starts of k samples.
+    """Initial states of k samples, and their inputs of the kernel.
 
     Attributes:
-        columns: name of an open number -> its values (k,).
-        q, v: (k, n) states; NaN for a sample that cannot be assembled.
+        columns: name of an open number (an input of the kernel) -> its values (k,).
+        q, v: (k, n) initial states; NaN for a sample that cannot be assembled.
         reasons: index of a sample that cannot be assembled -> the reason.
     """
 
@@ -64,8 +66,9 @@ class Family:
     Attributes:
         document: document with this scenario alone, its overrides merged; scenario: name of the scenario.
         paths: paths of the d varied numbers in the document, as in `paths.py`; source: path of the file.
-        nominal: the mechanism of the file.
-        heads: keys of each table that contains varied numbers, such as ("links", "rod") -> indices of their paths.
+        nominal: the mechanism with the numbers of the file.
+        heads: keys of a table that contains varied numbers, such as ("links", "rod") or ("gravity",) -> indices in `paths` of the
+            varied numbers in this table. Such a table is read anew for each sample.
     """
 
     def __init__(self, document: Document, scenario: str, paths: Sequence[str], source: str):
@@ -79,14 +82,15 @@ class Family:
         self.heads = dict[tuple[str, ...], list[int]]()
         for k, path in enumerate(paths):
             head, *rest = path.split(".")
-            # `gravity` and `ground` are read as a whole, of other tables each entry by itself
+            # `gravity` and `ground` are read as a whole; of other tables, such as `links`, each entry is read by itself
             self.heads.setdefault((head,) if head in WHOLE else (head, *rest[:1]), []).append(k)
 
     @cached_property
     def not_open(self) -> str:
-        """The reason why a varied number cannot be an input of a kernel; empty if all can.
+        """The reason why a varied number cannot be an input of a kernel; empty if all varied numbers can.
 
-        Paths are links.NAME.KEY..., joints.NAME.KEY, forces.NAME.KEY, scenarios.NAME.KEY..., ground.KEY..., or gravity.AXIS.
+        The path of a number in a linkage file has the form links.NAME.KEY..., joints.NAME.KEY, forces.NAME.KEY,
+        scenarios.NAME.KEY..., ground.KEY..., or gravity.AXIS.
         """
         numbers = {f.name: force_numbers(f).keys() for f in self.nominal.forces}  # force -> keys that can be open
         for path in self.paths:
@@ -101,25 +105,26 @@ class Family:
                     is_open = rest[1].removesuffix("_deg") in numbers.get(rest[0], ())
             if not is_open:
                 return f"{path} cannot be an input of a kernel"
+            # the numbers of welded links are merged into those of one body, and are no inputs of their own
             if head in ("links", "ground") and ("welds" in self.document or "cylinders" in self.document):
                 return f"{path} may be part of a welded body"
         return ""
 
     def document_of(self, values: Sequence[float]) -> Document:
-        """Return the document of one sample."""
+        """Return the document with the values (d,) of the varied numbers in one sample."""
         return change(self.document, dict(zip(self.paths, map(float, values), strict=True)))
 
     def mechanism_of(self, values: Sequence[float]) -> Mechanism:
-        """Read and assemble one sample on its own.
+        """Read and assemble the linkage with the values (d,) of the varied numbers in one sample.
 
         Raises:
-            LinkageError: its numbers are faulty, or it cannot be assembled.
+            LinkageError: the linkage with these numbers is not valid, or it cannot be assembled.
         """
         return load_document(self.document_of(values), self.scenario, self.source)
 
     @cached_property
     def _forms(self) -> dict[str, TypeAdapter[Any]]:
-        """Key of the file -> pydantic type that checks its value, for keys whose tables contain varied numbers."""
+        """Key of the file, such as "links" -> pydantic type that checks its value, for keys whose tables contain varied numbers."""
         return {head: TypeAdapter(LinkageTable.model_fields[head].rebuild_annotation()) for head, *_ in self.heads}
 
     @cached_property
@@ -129,15 +134,15 @@ class Family:
 
     @cached_property
     def _parameters(self) -> dict[str, float]:
-        """The numbers of the nominal linkage by their names in kernels."""
+        """Name of a number in kernels -> its value in the linkage of the file."""
         return parameter_values(self.nominal)
 
     @cached_property
     def open_numbers(self) -> tuple[str, ...]:
-        """The names of the kernel's numbers that depend on any of the varied numbers.
+        """The names in kernels of the numbers that depend on at least one of the varied numbers: the inputs of the kernel.
 
         They are found by trials, each of which changes one varied number: by 1 % or 30 %, or from zero to 0.01 or 0.3. There are
-        two trials because a single changed value may be invalid, or leave a dependent number equal by chance.
+        two trials for each because a single changed value may be invalid, or leave a dependent number equal by chance.
         """
         changed = set[str]()
         for head, places in self.heads.items():
@@ -151,10 +156,16 @@ class Family:
         return tuple(name for name in self._parameters if name in changed)
 
     def _numbers(self, head: tuple[str, ...], document: Document) -> dict[str, float]:
-        """Return name in the kernel -> number, for all numbers of a table of the document; vectors are given by components.
+        """Return name in kernels -> value, for all numbers that follow from one table of a document.
+
+        A vector gives two numbers, with the endings ".x" and ".y" of their names.
+
+        Args:
+            head: keys of the table, such as ("links", "rod").
+            document: document of the linkage.
 
         Raises:
-            ValidationError, BuildError: the numbers are not valid in a linkage.
+            ValidationError, BuildError: the table is not valid in a linkage.
         """
         kind, *names = head
         table, name = document[kind], "".join(names)
@@ -178,9 +189,10 @@ class Family:
         return vectors | {key: float(x) for key, x in found.items() if not np.ndim(x)}
 
     def starts(self, values: Array) -> Starts:
-        """Return values of the open numbers and starting states for samples with the varied numbers `values` (k, d).
+        """Return the values of the open numbers and the initial states of k samples.
 
-        Samples whose joints are not closed together with the others are read and assembled one by one.
+        `values` (k, d) has the values of the d varied numbers. The joints of all samples are closed in one call. A sample whose
+        joints do not close in this call is read and assembled by itself.
         """
         columns, goals, is_faulty = self._read_samples(values)
         q, v = self._close_joints(columns, goals)
@@ -197,10 +209,11 @@ class Family:
         return Starts(columns, q, v, reasons)
 
     def _read_samples(self, values: Array) -> tuple[dict[str, Array], Array, NDArray[np.bool_]]:
-        """Return name of an open number -> its values (k,), goals (k, 2, h), and a mask (k,) of the faulty samples.
+        """Return the numbers of k samples: columns of open numbers, goals (k, 2, h), and a mask (k,) of the faulty samples.
 
-        The goals are, for each sample, the values and the rates of the h coordinates that its start prescribes (`_goals`). A sample
-        is faulty if its varied numbers `values` (k, d) make no valid linkage. It then has the numbers of the file in the columns.
+        The columns are a dictionary, name of an open number -> its values (k,). The goals are, for each sample, the values and the
+        rates of the h coordinates that its scenario prescribes at t = 0 (`_goals`). A sample is faulty if the values (k, d) of its
+        varied numbers make no valid linkage; the columns then have the numbers of the file for this sample.
         """
         goals = np.array([self._goals(self.document)] * len(values))
         columns = {name: np.full(len(values), self._parameters[name]) for name in self.open_numbers}
@@ -225,33 +238,37 @@ class Family:
         return columns, goals, is_faulty
 
     def _goals(self, document: Document) -> Array:
-        """Return values and rates (2, h) of the h coordinates that the start in a document prescribes."""
+        """Return values and rates (2, h) of the h coordinates that the start and the drivers in a document prescribe at t = 0."""
         held = list_held(self.nominal, document["scenarios"][self.scenario])
         return np.array([held.target, held.rate], dtype=float)
 
     def _close_joints(self, columns: Columns, goals: Array) -> tuple[Array, Array]:
-        """Return states q, v (k, n) that satisfy the constraints and the goals; NaN where Newton's method fails.
+        """Return states q, v (k, n) that satisfy the constraints and have the prescribed values and rates of coordinates.
+
+        They are found by continuation from the numbers of the file to the numbers of each sample, in a number of strides. Samples
+        for which Newton's method fails get NaN.
 
         Args:
             columns: name of an open number -> its values (k,).
-            goals: (k, 2, h) values and rates of the coordinates that the starts prescribe.
+            goals: (k, 2, h) values and rates of the h coordinates that the samples' initial states must have.
         """
         k, mechanism = len(goals), self.nominal
         q, v = np.full((2, k, mechanism.n), np.nan)
         if mechanism.knife_edges or mechanism.parts:  # the caller assembles these samples one by one
             return q, v
-        # numbers and goals of the file, from which those of the samples are reached
+        # first, old: open numbers and goals of the file, at which the continuation begins; columns, goals: those of the samples, at
+        # which it ends
         first, old = {name: np.full(k, self._parameters[name]) for name in columns}, self._goals(self.document)
         # the number of strides is such that dimensions and held coordinates change little between two closures
         lengths = [np.abs(columns[x] - first[x]).max(initial=0.0) for x in columns if x.startswith(("points.", "joints."))]
         turn = float(np.abs(goals[:, 0] - old[0]).max(initial=0.0))
         strides = min(100, 1 + int(max(max(lengths, default=0.0) / (STRIDE * mechanism.size), turn / STEP)))
 
-        def rows(part: float) -> Callable[[Array], tuple[Array, Array]]:
+        def constraints_at(part: float) -> Callable[[Array], tuple[Array, Array]]:
             """Return the function q (k, n) -> residual (k, m) and Jacobian (k, m, n) of joints and prescribed coordinates.
 
-            Numbers and prescribed values lie between those of the file (`part` 0) and those of the samples (`part` 1). At 1 they
-            are taken without the interpolation, which rounds.
+            The open numbers and the prescribed values are interpolated between those of the file (`part` = 0) and those of the
+            samples (`part` = 1). For `part` = 1 they are exactly those of the samples, because the interpolation would round.
             """
             now = {x: columns[x] if part == 1 else first[x] + part * (columns[x] - first[x]) for x in columns}
             changed = with_parameters(mechanism, now)
@@ -260,7 +277,7 @@ class Family:
             pairs = [*held_by_joints(changed), *zip(held, target.T, strict=True)]  # (coordinate, value that it must have)
 
             def residual(q: Array) -> tuple[Array, Array]:
-                """Return the coordinates minus their values (k, m), and the derivatives (k, m, n)."""
+                """Return each coordinate of `pairs` minus the value that it must have (k, m), and the derivatives (k, m, n)."""
                 at = Placed(q)
                 states = [state(coordinate, at) for coordinate, _ in pairs]
                 residuals = [x.value - value for x, (_, value) in zip(states, pairs, strict=True)]
@@ -276,8 +293,8 @@ class Family:
         q = np.repeat(np.array(mechanism.q0)[None], k, axis=0)
         with np.errstate(all="ignore"):
             for part in np.arange(1, strides + 1) / strides:
-                q = project(q, rows(part), _solve, NEWTON, still=_is_still, longest=LONGEST)
-            phi, J = rows(1.0)(q)
+                q = project(q, constraints_at(part), _solve, NEWTON, still=_is_still, longest=LONGEST)
+            phi, J = constraints_at(1.0)(q)
             # J v: joints do not move, and held coordinates have their rates
             right = np.concatenate([np.zeros((k, phi.shape[1] - goals.shape[2])), goals[:, 1]], axis=1)
             v = _solve(J, right)
@@ -293,7 +310,10 @@ def held_by_joints(mechanism: Mechanism) -> list[tuple[Coordinate, Any]]:
 
 
 def _is_still(_: Array, size: Array) -> bool:
-    """Tell whether the corrections of all samples that have not failed are only rounding; `size` (k,) has their magnitudes."""
+    """Tell whether the last Newton corrections of all samples that have not failed are as small as rounding errors.
+
+    `size` (k,) has the size of the correction of each sample; it is not finite for a sample that has failed.
+    """
     return not (size[np.isfinite(size)] > 1e-14).any()
 
 
@@ -312,5 +332,5 @@ def _solve(J: Array, right: Array) -> Array:
 
 
 def describe(error: LinkageError) -> str:
-    """Return the faults of a sample in one sentence."""
+    """Return the faults of a sample's linkage in one sentence."""
     return "; ".join(map(str, error.faults))

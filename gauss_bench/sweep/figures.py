@@ -1,6 +1,7 @@
 """Compute the numbers in the columns of a sweep's table, called figures, from states of motions, for many linkages at once.
 
-The formulas of coordinates, forces and energies are those of `mechanism/coordinates.py`, with arrays (batch,) for varied numbers.
+The formulas of coordinates, forces and energies are those of `mechanism/coordinates.py`, with arrays (batch,) for numbers that
+differ from linkage to linkage.
 """
 
 from itertools import product
@@ -33,10 +34,10 @@ def units(mechanism: Mechanism) -> dict[str, str]:
 def figures(
     nominal: Mechanism, columns: Columns, t: Array, q: Array, v: Array, multipliers: Array
 ) -> tuple[dict[str, Array], list[Evidence]]:
-    """Return name of a figure -> its values (batch,), and the judge's evidence on each motion.
+    """Return name of a figure -> its values (batch,), and for each motion the evidence from which the judge decides its status.
 
     Args:
-        nominal: the mechanism of the file; columns: name of an open number -> its values (batch,).
+        nominal: the mechanism of the file; columns: name of a number that differs between the motions -> its values (batch,).
         t: (k,) times [s]; q, v: (k, batch, n) motions.
         multipliers: (k, batch, rows) lambda of M a + J^T lambda = Q.
     """
@@ -74,7 +75,7 @@ def _forces(mechanism: Mechanism, multipliers: Array) -> dict[str, Array]:
 
 
 def _gaps(mechanism: Mechanism, x: Placed, t: Array) -> Array:
-    """Return the largest residual of joints and drivers [m, rad] at each of k times, (k, batch)."""
+    """Return an array (k, batch): the largest residual [m or rad] of all joints and drivers, at k times of each motion."""
     rows = [np.abs(state(coordinate, x).value - value) for coordinate, value in held_by_joints(mechanism)]
     for driver in mechanism.drivers:
         rows.append(np.abs(state(driver.coordinate, x).value - np.asarray(driver.law(t)[0])[:, None]))
@@ -82,9 +83,10 @@ def _gaps(mechanism: Mechanism, x: Placed, t: Array) -> Array:
 
 
 def _energy(mechanism: Mechanism, x: Placed, t: Array, multipliers: Array) -> tuple[Array, Array, Array]:
-    """Return energy gained beyond the work (k, batch), the error bar of that work (batch,), and the energy scale (batch,).
+    """Return three arrays on the energy [J] of each motion: the gain (k, batch), its error bar (batch,), and a scale (batch,).
 
-    The definitions are those of `metrics.energy_error` and `metrics.energy_scale`.
+    The gain is the energy gained beyond the work of drivers and forces at k times. The error bar is that of the computed work. Gain
+    and scale are defined as in `metrics.energy_error` and `metrics.energy_scale`.
     """
     kinetic, potential, power = (np.zeros(x.q.shape[:-1]) for _ in range(3))
     gravity = Vec(*mechanism.gravity)

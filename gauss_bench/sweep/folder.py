@@ -1,8 +1,8 @@
-"""The folder of a sweep: its plan, and the rows of each batch in a Parquet file of its own.
+"""The folder of a sweep: its arguments, the rows of each batch in a Parquet file of its own (a part), and the summary.
 
-    plan.json                         the arguments of the sweep, which a later call with equal arguments continues
-    samples/part-00000.parquet, ...   the rows of each batch and engine, in the plan's order
-    summary.json, summary.svg         written at the end
+    plan.json:                         the arguments of the sweep; a later call with equal arguments continues the sweep
+    samples/part-00000.parquet, ...:   the rows of each batch and engine, in the order of the sweep's plan
+    summary.json, summary.svg:         the summary and its picture, written at the end
 
 A part is written under another name, synced, and renamed, so that it is either complete or absent. A batch whose part cannot be
 read is run again. A sweep writes no other files.
@@ -34,11 +34,13 @@ class Folder:
 
     Attributes:
         path: path of the folder.
-        stamp: plain data that determines all rows.
-        schema: columns of a part: index of the sample, texts, and numbers with their units.
+        stamp: plain data that determines all rows of the sweep's table.
+        schema: columns of a part file: index of the sample, columns of texts, and columns of numbers with their units.
     """
 
     def __init__(self, path: Path, stamp: Mapping[str, Any], columns: Mapping[str, str]):
+        """Take the folder at a path; `columns` is name of a column of numbers -> its unit."""
+        # through JSON and back, so that the stamp compares equal to one that is read from a file: tuples become lists
         self.path, self.stamp = path, json.loads(json.dumps(stamp))
         fields = [pa.field("sample", pa.int64(), nullable=False)]
         fields += [pa.field(name, pa.string(), nullable=False) for name in TEXTS]
@@ -46,6 +48,7 @@ class Folder:
         self.schema = pa.schema(fields)
 
     def __enter__(self) -> "Folder":
+        """Check, make and lock the folder, and remove unfinished files of a killed sweep."""
         check(self.path, self.stamp)
         (self.path / PARTS).mkdir(parents=True, exist_ok=True)
         self.lock = os.open(self.path, os.O_RDONLY)
@@ -61,10 +64,11 @@ class Folder:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Release the lock."""
         os.close(self.lock)
 
     def part(self, number: int) -> Path:
-        """Return the path of a batch's file."""
+        """Return the path of the part file of the batch with this number."""
         return self.path / PARTS / f"part-{number:05d}.parquet"
 
     def has(self, number: int, rows: int) -> bool:
@@ -82,19 +86,20 @@ class Folder:
         atomically(self.part(number), lambda path: pq.write_table(table, path, write_page_checksum=True))
 
     def read(self) -> Any:
-        """Return all rows as a pandas table, in the plan's order."""
+        """Return the rows of all stored batches as a pandas DataFrame, in the order of the samples in the sweep's plan."""
         files = sorted((self.path / PARTS).glob("part-*.parquet"))
         return pa.concat_tables([_table(x) for x in files]).to_pandas()
 
 
 def _table(path: Path) -> Any:
-    """Read a part and verify its checksums; pyarrow.dataset, which reads several files at once, takes long to import."""
+    """Read a part file as a pyarrow table, and verify its checksums."""
+    # file by file, because pyarrow.dataset, which reads several files at once, takes long to import
     with pq.ParquetFile(path, page_checksum_verification=True) as file:
         return file.read()
 
 
 def check(path: Path, stamp: Mapping[str, Any]) -> None:
-    """Check that a folder is new, empty, or the folder of the sweep with this stamp.
+    """Check that a folder is new, empty, or the folder of a sweep with an equal `stamp` (the data that determines all rows).
 
     Raises:
         SweepError: the parent folder is missing, or the folder holds another sweep or something else.
@@ -107,7 +112,7 @@ def check(path: Path, stamp: Mapping[str, Any]) -> None:
     content = {x.name for x in path.iterdir() if x.suffix != ".part"} if path.exists() else set()
     if not content:
         return
-    if PLAN not in content:
+    if PLAN not in content:  # a sweep that was killed before it wrote its plan leaves an empty folder PARTS
         if content != {PARTS} or any((path / PARTS).iterdir()):
             raise SweepError(f"--out {path}: holds something else than a sweep; take an empty or a new folder")
         return
@@ -121,7 +126,7 @@ def check(path: Path, stamp: Mapping[str, Any]) -> None:
     if different:
         was = "; ".join(f"{key} was {_shorten(stored.get(key))}, is {_shorten(stamp.get(key))}" for key in different)
         raise SweepError(f"--out {path}: holds another sweep ({was}); take another folder, or the same arguments")
-    refuse_foreign({path / PICTURE: SIGN})
+    refuse_foreign({path / PICTURE: SIGN})  # a picture that does not end in SIGN was drawn by another program
 
 
 def _shorten(x: object) -> str:

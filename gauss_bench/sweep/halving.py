@@ -1,4 +1,8 @@
-"""Repeat some samples of a sweep at half the step or a tighter tolerance, because loops and energy do not show the step's error."""
+"""Repeat some samples of a sweep at half the step or a tighter tolerance.
+
+This shows the error of the step. Open loops and errors of the energy do not show it: a motion may be wrong although its loops stay
+closed and its energy is right.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -19,21 +23,21 @@ HALF = "half the step"
 
 
 def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | None:
-    """Repeat some samples that are ok, evenly over the table, and return how much their figures change; None if no sample is ok.
+    """Repeat some samples of the status ok, and return how much their figures change; None if no sample is ok.
 
-    The keys of the result are explained at `Halved`. The limits for a change are those of the judge (`judge.py`) for a run that is
-    repeated with a finer step.
+    The repeated samples are spaced evenly over the rows of the engine. The keys of the result are explained at `Halved`. The limits
+    for a change are those of the judge (`judge.py`) for a run that is repeated with a finer step.
 
     Args:
         case, engine: the sweep, and one of its engines.
-        rows: rows of the engine, as a pandas table.
-        values: (N, d) varied numbers of all samples.
+        rows: rows of the sweep's table for this engine, as a pandas DataFrame.
+        values: (N, d) values of the d varied numbers in all N samples of the sweep.
     """
     choice, mechanism = case.choice(engine), family(case).nominal
     good = rows[rows["status"].isin(USED)].sort_values("sample")
     if not len(good):
         return None
-    parts, how = 2, HALF  # parts: number of steps into which each step is divided
+    parts, how = 2, HALF  # parts: number of steps into which each step is divided; it is 1 if the tolerance is tightened instead
     offered = offer(engine)
     if choice.integrator in offered.adaptive:
         tighter = replace(choice, tolerance=finer_tolerance(offered, choice))
@@ -44,27 +48,27 @@ def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | No
     finer = rows_of(case, engine, numbers, values[numbers], parts)
     usable = np.isin(finer["status"], USED)
     lost, changes = int((~usable).sum()), {}  # changes: unit -> largest change
-    off = np.zeros(len(chosen))  # largest change of a figure of each sample, relative to its limit
+    ratios = np.zeros(len(chosen))  # largest ratio of a figure's change to its limit, for each sample
     for unit in UNITS:
         names = [name for name, x in units(mechanism).items() if x == unit]
-        # (chosen,) largest change of a figure with this unit; zeros, as `off` still is, if there is no such figure
-        gaps = np.abs([finer[name] - good[name].to_numpy()[chosen] for name in names] or [off]).max(axis=0)
+        # (chosen,) largest change of a figure with this unit
+        gaps = np.abs([finer[name] - good[name].to_numpy()[chosen] for name in names] or [ratios]).max(axis=0)
         changes[unit] = float(gaps[usable].max(initial=0.0))
-        off = np.maximum(off, gaps / limits[unit])
-    largest = float(off[usable].max(initial=0.0))
+        ratios = np.maximum(ratios, gaps / limits[unit])
+    largest = float(ratios[usable].max(initial=0.0))
     return {
         "how": how,
         "samples": len(chosen),
         "m": changes["m"],
         "rad": changes["rad"],
-        "worst": int(numbers[usable][off[usable].argmax()]) if largest else None,
+        "worst": int(numbers[usable][ratios[usable].argmax()]) if largest else None,
         "lost": lost,
         "ok": not lost and largest <= 1.0,
     }
 
 
 def text(check: Halved | None) -> str:
-    """Return the result of `halve` in words."""
+    """Return a sentence for the user that describes the result of `halve`."""
     if check is None:
         return "nothing was repeated: no sample is ok"
     changes = f"{check['how']} of {check['samples']} samples changes {check['m']:.2g} m and {check['rad']:.2g} rad at most"

@@ -3,14 +3,16 @@
 A path consists of names of tables and keys. A zero-based index selects an entry of a list, and x and y select the entries of a
 pair. One path is no key of the file:
 
-    links.NAME.length   the distance of the two points of the link's first bar [m]
+    links.NAME.length:   the distance of the two points of the link's first bar [m]
 
-Another length moves every named point of the link, and its `com` if that is given, along the bar. With P the first point of the
-bar, u its direction, p_n the component of p - P across the bar, and s = new length / old length,
+A change of this length moves every named point of the link along the bar, and also the link's `com` if the file gives it. Let P be
+the first point of the bar, u the unit vector along the bar, p a point of the link, p_n the component of p - P across the bar, and
+s = new length / old length. The point p moves to
 
-    p' = P + s ((p - P) . u) u + p_n
+    p' = P + s ((p - P) . u) u + p_n.
 
-A given mass or inertia stays; one that is computed from `kg_per_m` or from the bars changes with the length.
+A mass or inertia that the file gives does not change. A mass or inertia that is computed from `kg_per_m` or from the bars changes
+with the length.
 """
 
 from collections.abc import Iterator, Mapping
@@ -49,7 +51,7 @@ def number_at(document: Document, path: str) -> float:
 
 
 def numbers_of(document: Document) -> list[str]:
-    """Return the paths of all numbers of a document, those of lengths first."""
+    """Return the paths of all numbers of a document, the paths of lengths first."""
     bars = [f"links.{name}.length" for name, link in document.get("links", {}).items() if link.get("bars")]
     return [*bars, *_numbers(document, "")]
 
@@ -71,7 +73,10 @@ def _numbers(item: Any, path: str) -> Iterator[str]:
 def change(document: Document, values: Mapping[str, float]) -> Document:
     """Return a document with other numbers at some paths; tables that do not change are shared with `document`.
 
-    Lengths change last, because they move the points that other paths may have set.
+    Changes of lengths are made last, because they move points whose coordinates other paths may have changed.
+
+    Args:
+        values: path -> new number at this path.
     """
     changed = dict(document)
     for head, *rest in {tuple(path.split(".")[:2]) for path in values}:
@@ -93,7 +98,7 @@ def _find(document: Document, path: str) -> tuple[Any, Any]:
     """Return the table or list that holds the number of a path, and the key or index of the number in it.
 
     Raises:
-        SweepError: the document has no such entry; the message lists paths of numbers.
+        SweepError: the document has no entry at this path; the message lists paths that hold numbers.
     """
     *keys, last = path.split(".")
     item: Any = document
@@ -108,7 +113,7 @@ def _find(document: Document, path: str) -> tuple[Any, Any]:
 
 
 def _key(item: Any, key: str) -> Any:
-    """Return the index or key that a part of a path names in a list or table."""
+    """Return the index in a list, or the key in a table, that one part of a path stands for; x and y stand for 0 and 1."""
     if not isinstance(item, list):
         return key
     return AXES[key] if key in AXES else int(key)
@@ -147,7 +152,10 @@ def _bar(document: Document, path: str) -> Bar:
 
 
 def _stretch(document: Document, path: str, length: float) -> None:
-    """Give the first bar of a link another length [m]."""
+    """Give the first bar of a link another length [m], as described at the top of this file.
+
+    All points of the link and its centre of mass move along the bar in proportion; the bar's first point stays.
+    """
     bar = _bar(document, path)
     origin, end = (bar.points[x] for x in bar.ends)
     along = (end - origin) / bar.length

@@ -1,15 +1,16 @@
 """Plan the varied numbers of a sweep's samples: grids, random values, and Sobol points.
 
-    PATH=a:b:n          n equally spaced values from a to b, ends included
-    PATH=uniform(a,b)   random values from a to b, uniformly distributed
-    PATH=normal(m,s)    random values, normally distributed with mean m and standard deviation s
+    PATH=a:b:n:          a grid of n equally spaced values from a to b, ends included
+    PATH=uniform(a,b):   random values from a to b, uniformly distributed
+    PATH=normal(m,s):    random values, normally distributed with mean m and standard deviation s
 
-Several grids are crossed. Random values come from one seed. If there are both grids and random values, the samples cycle through
-the points of the grid.
+Several grids are crossed: every combination of their values is one point. Random values come from one seed. If there are both grids
+and random values, the samples cycle through the points of the crossed grids.
 
-A Sobol plan (`--sampling sobol`) has no grids. Its points are two scrambled Sobol sequences A and B of n points, n a power of two,
-and for each of d columns the sequence A with this column of B, (d + 2) n points in all. First-order and total indices follow from
-this design, which is Saltelli's.
+In a Sobol plan (`--sampling sobol`) numbers have random values only, and no grids. Its samples are two scrambled Sobol sequences A
+and B of n points each, where n is a power of two, and for each of the d varied numbers (columns) a copy of A in which the column of
+this number is replaced by that of B: (d + 2) n samples in all. Sobol's first-order and total indices are computed from this design
+of Saltelli.
 Source: Saltelli et al., Variance based sensitivity analysis of model output (2010), table 2.
 """
 
@@ -32,7 +33,7 @@ FORM = re.compile(r"(?P<kind>normal|uniform)\((?P<a>[^,()]+),(?P<b>[^,()]+)\)")
 
 @dataclass(frozen=True)
 class Dimension:
-    """A number that varies.
+    """A number of the linkage file that a sweep varies.
 
     Attributes:
         path: path of the number in the file.
@@ -48,11 +49,12 @@ class Dimension:
     count: int = 0
 
     def values(self, shares: Array) -> Array:
-        """Return the quantiles (k,) of the distribution at probabilities `shares` (k,)."""
+        """Return the quantiles (k,) of the uniform or normal distribution at probabilities `shares` (k,)."""
         if self.kind == "uniform":
             return self.a + (self.b - self.a) * shares
         from scipy.special import ndtri  # imported late: its import takes long
 
+        # clipped, because the quantiles at the probabilities 0 and 1 are infinite
         return np.asarray(self.a + self.b * ndtri(np.clip(shares, 1e-300, 1 - 2**-53)))
 
 
@@ -62,8 +64,9 @@ class Plan:
 
     Attributes:
         dimensions: the d numbers that vary.
-        values: (N, d) their values for every sample.
-        base: n of Saltelli's design, whose samples are A, then B, then A with each column of B; 0 for other plans.
+        values: (N, d) values of these numbers in each of the N samples.
+        base: number n of points in each sequence of Saltelli's design, whose samples are A, then B, then A with each column of B;
+            0 for plans that are no Sobol plans.
     """
 
     dimensions: tuple[Dimension, ...]
@@ -80,7 +83,7 @@ def dimension(text: str) -> Dimension:
     """Return the varied number that a --vary option describes.
 
     Raises:
-        SweepError: the option has another form.
+        SweepError: the option has none of the forms at the top of this file.
     """
     path, equals, values = (x.strip() for x in text.partition("="))
     if not (path and equals and values):
@@ -142,7 +145,7 @@ def plan(texts: Sequence[str], samples: int | None = None, sampling: str = "rand
 
 
 def _random(dimensions: tuple[Dimension, ...], samples: int | None, seed: int) -> Plan:
-    """Return the plan of grids and random values."""
+    """Return the plan whose samples have values of the crossed grids and random values of the varied numbers."""
     grids = [x for x in dimensions if x.kind == "grid"]
     size = math.prod(x.count for x in grids)
     if len(grids) == len(dimensions):
@@ -164,7 +167,7 @@ def _random(dimensions: tuple[Dimension, ...], samples: int | None, seed: int) -
 
 
 def _sobol(dimensions: tuple[Dimension, ...], samples: int | None, seed: int) -> Plan:
-    """Return Saltelli's design."""
+    """Return the Sobol plan: Saltelli's design, as described at the top of this file."""
     from scipy.stats import qmc
 
     if grid := next((x for x in dimensions if x.kind == "grid"), None):

@@ -59,10 +59,10 @@ class Backend:
 
 @dataclass(frozen=True)
 class Options:
-    """The setting of each sample; None stands for the default.
+    """The setting with which each sample is simulated; None stands for the default.
 
-    Engines that run batches have the default integrator EIGHTH_ORDER with steps of EIGHTH_ORDER_STEP. For other engines the default
-    is the first integrator that they offer, with steps of STEP.
+    Engines that simulate a batch of samples in one call have the default integrator EIGHTH_ORDER with steps of EIGHTH_ORDER_STEP.
+    For all other engines the default is the first integrator that the engine offers, with steps of STEP.
     """
 
     scenario: str | None = None
@@ -135,17 +135,18 @@ def sweep(
     samples_plan = plan(vary, samples, sampling, seed)
     case = _case(linkage, samples_plan, engines, how, where.jobs)
     nominal = family(case).nominal
-    figures = units(nominal)
+    units_by_figure = units(nominal)  # name of a figure (a number that is computed from each motion) -> its unit
     stamp = _stamp(case, vary, samples_plan, sampling, seed)
-    check(out, stamp)
+    check(out, stamp)  # before the kernels are compiled, which takes long
     for engine in filter(in_batches, engines):
-        left_open = ", ".join(kernel(case, engine).parameters)  # compiles the kernel, which all batches share
+        # names of the numbers that stay inputs of the kernel; `kernel` compiles it, and all batches share it
+        left_open = ", ".join(kernel(case, engine).parameters)
         tell(f"{engine}: generated and compiled, with {left_open or 'nothing'} left open")
-    with Folder(out, stamp, dict.fromkeys(samples_plan.paths, "") | figures) as folder:
+    with Folder(out, stamp, dict.fromkeys(samples_plan.paths, "") | units_by_figure) as folder:
         _run(folder, case, samples_plan, engines, where, tell)
         rows = folder.read()
     tell("repeating some samples at half the step")
-    by_engine = summary(rows, samples_plan, list(figures))
+    by_engine = summary(rows, samples_plan, list(units_by_figure))
     for engine in engines:
         by_engine[engine]["half_the_step"] = halve(case, engine, rows[rows["engine"] == engine], samples_plan.values)
     result: SweepSummary = {
@@ -157,13 +158,20 @@ def sweep(
         "sampling": "sobol" if samples_plan.base else "random",
         "engines": by_engine,
     }
-    write_text(out / PICTURE, plots(rows, samples_plan, list(figures)) + SIGN)
+    write_text(out / PICTURE, plots(rows, samples_plan, list(units_by_figure)) + SIGN)
     write_text(out / "summary.json", json.dumps(result, indent=1) + "\n")
     return result
 
 
 def _case(linkage: str, samples: Plan, engines: Sequence[str], how: Options, jobs: int) -> SweepCase:
-    """Return the data that all samples share.
+    """Return the data that all samples of a sweep share.
+
+    Args:
+        linkage: name of a built-in linkage, or a path.
+        samples: the plan, whose paths name the varied numbers.
+        engines: names of engines.
+        how: setting with which each sample is simulated.
+        jobs: number of threads of a call of a kernel.
 
     Raises:
         SweepError, ChoiceError: an engine, a path or a number cannot be used.
@@ -181,7 +189,7 @@ def _case(linkage: str, samples: Plan, engines: Sequence[str], how: Options, job
     if count > MOST_STEPS:
         option = f"--until {until:g}" if how.step is None else f"--step {how.step:g}"
         raise SweepError(f"{option}: {count:.1e} steps a sample; {MOST_STEPS:.0e} are the most")
-    for name, choice in choices:
+    for name, choice in choices:  # an engine that runs in a process of its own is not asked here, but refuses there
         reason = "" if is_isolated(name) else get(name).skip(mechanism, choice)
         if reason:
             raise SweepError(f"--engine {name}: {reason}")
@@ -190,7 +198,12 @@ def _case(linkage: str, samples: Plan, engines: Sequence[str], how: Options, job
 
 
 def _choice(engine: str, how: Options, until: float) -> Choice:
-    """Return the setting of an engine, with the defaults of `Options`; a default step is not longer than `until` [s], a run's end.
+    """Return the setting of an engine, with the defaults that `Options` describes.
+
+    Args:
+        engine: name of the engine.
+        how: the setting as far as the user gives it.
+        until: end of each motion [s]; a default step is not longer than this.
 
     Raises:
         SweepError, ChoiceError: the engine cannot be used, or does not offer the setting.
@@ -207,7 +220,7 @@ def _choice(engine: str, how: Options, until: float) -> Choice:
 
 
 def _stamp(case: SweepCase, vary: Sequence[str], samples: Plan, sampling: str, seed: int) -> dict[str, Any]:
-    """Return all data on which the rows of a sweep depend, as plain values."""
+    """Return all data on which the rows of a sweep's table depend, as dictionaries, lists, texts and numbers that fit into JSON."""
     return {
         "form": FORM,
         "linkage": family(case).nominal.digest,
@@ -225,7 +238,7 @@ def _stamp(case: SweepCase, vary: Sequence[str], samples: Plan, sampling: str, s
 
 @dataclass(frozen=True)
 class _Batch:
-    """The samples from `first` to `end` - 1 in an engine, which are stored as the part with this number."""
+    """One task of a sweep: the samples `first` to `end` - 1, simulated in one engine and stored as the part `number`."""
 
     number: int
     engine: str
@@ -234,7 +247,7 @@ class _Batch:
 
     @property
     def size(self) -> int:
-        """Number of samples."""
+        """Number of samples in the batch."""
         return self.end - self.first
 
 
@@ -249,7 +262,7 @@ def _batches(count: int, engines: Sequence[str]) -> Iterator[_Batch]:
 
 
 def _run(folder: Folder, case: SweepCase, samples: Plan, engines: Sequence[str], where: Backend, tell: Tell) -> None:
-    """Run the batches that the folder does not hold yet."""
+    """Run those batches of samples whose rows are not yet stored in the folder, and store their rows."""
     from joblib import Parallel, delayed
 
     batches = list(_batches(len(samples.values), engines))
@@ -279,15 +292,21 @@ def _run(folder: Folder, case: SweepCase, samples: Plan, engines: Sequence[str],
 
 
 def _run_batch(case: SweepCase, batch: _Batch, values: Array) -> tuple[_Batch, Rows]:
-    """Return a batch and its rows; this runs in another thread or process."""
+    """Simulate a batch of samples, and return the batch and its rows of the sweep's table; joblib calls this in a worker.
+
+    `values` (k, d) has the values of the d varied numbers in the k samples.
+    """
     return batch, rows_of(case, batch.engine, np.arange(batch.first, batch.end), values)
 
 
 def _end_with(parent: int) -> None:
-    """End this process when its parent, with this process id, ends; joblib's processes would outlive a killed parent by minutes."""
+    """Let this process end when the process that started it, with the id `parent`, ends.
+
+    Without this, joblib's processes would outlive a killed parent by minutes.
+    """
 
     def watch() -> None:
-        """Wait until this process has another parent, and end it."""
+        """Wait until the parent has ended, so that this process has another parent, and then end this process."""
         while os.getppid() == parent:
             time.sleep(1.0)
         os._exit(1)
@@ -297,7 +316,7 @@ def _end_with(parent: int) -> None:
 
 @contextmanager
 def _use_backend(where: Backend, engines: Sequence[str]) -> Iterator[None]:
-    """Let joblib use Dask if asked for; otherwise threads if all engines compute outside of Python, and processes if not."""
+    """Let joblib use Dask if `where` says so; otherwise threads if all engines compute outside of Python, and processes if not."""
     from joblib import parallel_config
 
     if where.backend == "dask":

@@ -1,7 +1,8 @@
 """Summarise a sweep: counts by status, quantiles of every figure (number in a row, see `figures.py`), and sensitivities.
 
-The sensitivities of a Sobol plan are Sobol's indices: the share of a figure's variance that a number explains alone (first), and
-together with all others (total). The sensitivities of other plans are Spearman's rank correlations of numbers and figures.
+The sensitivities of a Sobol plan are Sobol's indices: the share of a figure's variance that a varied number explains alone (first),
+and together with all other varied numbers (total). For a plan of grids and random values the sensitivities are Spearman's rank
+correlations between varied numbers and figures.
 """
 
 from collections.abc import Sequence
@@ -22,7 +23,7 @@ class SobolIndices(TypedDict):
 
     Attributes:
         first: share that the number explains alone.
-        total: share that it explains together with all others.
+        total: share that the number explains together with all other varied numbers.
     """
 
     first: float
@@ -30,14 +31,15 @@ class SobolIndices(TypedDict):
 
 
 class FigureSummary(TypedDict):
-    """A figure over the samples that are ok, in its own unit.
+    """A figure (a number that is computed from each motion) over the samples that are ok, in its own unit.
 
     Attributes:
-        count: number of samples with this figure.
-        mean, deviation: mean and standard deviation.
-        quantiles: share of the samples, such as "0.05" -> value that this share does not exceed.
+        count: number of samples that have this figure.
+        mean, deviation: mean and standard deviation of the figure.
+        quantiles: share of the samples, such as "0.05" -> value that the figure does not exceed in this share of the samples.
         sobol: path of a varied number -> Sobol's indices, in a Sobol plan.
-        rank_correlation: path of a varied number -> Spearman's rank correlation, in other plans with enough samples.
+        rank_correlation: path of a varied number -> Spearman's rank correlation, in a plan of grids and random values with enough
+            samples.
     """
 
     count: int
@@ -54,9 +56,9 @@ class Halved(TypedDict):
     Attributes:
         how: "half the step", or "a tighter tolerance" if the integrator chooses its steps.
         samples: number of repeated samples.
-        m, rad: largest change of a figure in m or in rad.
-        worst: index of the sample with the largest change, relative to the limits; null if nothing changes.
-        lost: number of samples that are not ok when repeated.
+        m, rad: largest change of a figure that is measured in metres or in radians.
+        worst: index of the sample whose change is largest in proportion to its limit; null if nothing changes.
+        lost: number of samples that are not ok when they are repeated.
         ok: whether all changes are within the judge's limits for a repetition, and no sample is lost.
     """
 

@@ -1,9 +1,10 @@
 """The document that an edit changes, with the poses of its links. Every edit is a function of a `Drawing`.
 
-An edit changes the tables, and the poses of links that move; tables and poses determine the places of all points. After the edit,
-the file's sketch (`assembly.sketch`, places from which the joints are closed) is written anew, so that the file opens as it was
-drawn. Places are complex numbers x + i y [m]. A reference is the text "LINK.POINT". The id of a pin is the name of its joint, the
-reference of its point if there is no joint, or its name in the sketch if it joins nothing yet.
+An edit changes the tables of the document, and the poses of links that move; tables and poses determine the places of all points.
+After the edit, the file's sketch (`assembly.sketch`, places from which the joints are closed) is written anew, so that the file
+opens as it was drawn. Places are complex numbers x + i y [m]. A reference is the text "LINK.POINT". The id of a pin is the name of
+its joint. If the pin has no joint, the id is the reference of its point; if the pin joins nothing yet, it is its name in the
+sketch.
 """
 
 import math
@@ -36,9 +37,9 @@ class Pin:
     """A pin of the drawing.
 
     Attributes:
-        id: as at the top of this file.
-        at: its place.
-        members: references of the points that it joins; empty if the pin joins nothing yet.
+        id: name of the joint, reference or name in the sketch, as described at the top of this file.
+        at: place of the pin [m].
+        members: references "LINK.POINT" of the points that the pin joins; empty if the pin joins nothing yet.
     """
 
     id: str
@@ -72,17 +73,18 @@ def tail(reference: str) -> str:
 
 
 class Drawing:
-    """The tables of a document that is being edited.
+    """The document of a linkage that is being edited: its tables (as in the TOML file), and the places of its links and pins.
 
     Attributes:
-        poses: link -> place and angle [rad] of its frame; the ground has (0, 0).
+        document: the tables of the document, which the edit changes.
+        poses: link -> place of the origin [m] and angle [rad] of its frame; the ground has (0, 0).
         pins: id -> pin.
-        reading: the reading of the document before the edit.
-        made: ids of the parts that the edit has made.
+        reading: the mechanism and the assembled positions as read from the document before the edit.
+        made: ids of the parts that the edit has made; links and slides first.
     """
 
     def __init__(self, document: Document, reading: Reading):
-        """Begin with the poses and pins of a reading."""
+        """Take the poses and pins from a reading of the document; without locked parts, because an edit needs no locks here."""
         self.document, self.reading = document, reading
         self.lay(reading.poses(reading.q))
         self.pins = {x["id"]: Pin(x["id"], complex(*x["at"]), tuple(x["members"])) for x in pins(reading, set())}
@@ -109,7 +111,7 @@ class Drawing:
         """Return the table `name` of the file, or the table `key` in that table; add a table that is missing.
 
         Raises:
-            Refused: the file has no table but another value there.
+            Refused: at this place the file has a value that is not a table.
         """
         entries, path = self.document.setdefault(name, {}), name
         if key is not None and isinstance(entries, dict):
@@ -140,10 +142,11 @@ class Drawing:
 
     def points(self, link: str) -> dict[str, complex]:
         """Return name -> place of a link's points in its own frame, or of the ground's points in the world."""
-        given = self.written_points(link)  # a refusal is a ValueError, which must not be caught below
+        given = self.written_points(link)  # outside `try`: it may raise Refused, a ValueError, which must not be caught below
         try:
             points = resolve_points(given)
         except (RecursionError, KeyError, TypeError, ValueError):  # a point is faulty: take the points that could be read
+            # `reading.rest` is the document without its faulty parts
             rest = self.reading.rest.get("ground", {}) if link == "ground" else self.reading.rest["links"][link]
             points = resolve_points(rest.get("points", {}))
         return {name: complex(*x) for name, x in points.items()}
@@ -195,7 +198,7 @@ class Drawing:
         return next(f"{word}{k}" for k in range(1, len(taken) + 2) if f"{word}{k}" not in taken)
 
     def letter(self, link: str) -> str:
-        """Return a new name for a point that is no pin: a letter on a link if one is free, else a number."""
+        """Return an unused name for a point that is no pin: on a link an unused letter if there is any, else a number."""
         if link != "ground":
             for letter in LETTERS:
                 if letter not in self.points(link):
@@ -240,7 +243,10 @@ class Drawing:
         return None
 
     def name_at(self, pin: Pin, taken: Any) -> str:
-        """Return a name for a new point at a pin: the name of the pin's joint or of a point there, or a number if it is `taken`."""
+        """Return a name for a new point at a pin: the name of the pin's joint, or else of the first point at the pin.
+
+        If this name is among the names `taken`, or if it is not valid, the name is a number.
+        """
         wanted = self.joint_of(pin) or (tail(pin.members[0]) if pin.members else pin.id)
         return wanted if wanted not in taken and NAME.fullmatch(wanted) else self.fresh("")
 
@@ -249,7 +255,9 @@ class Drawing:
         table(table(self.document, "assembly"), "sketch").pop(pin.id, None)
 
     def attach(self, pin: Pin, link: str) -> Pin:
-        """Add a point to a link at a pin, join it to the points there, and return the changed pin.
+        """Add a new point to a link at the place of a pin, and join the new point with the points that the pin already joins.
+
+        Return the changed pin.
 
         Raises:
             Refused: the pin is on the link already.
@@ -261,14 +269,16 @@ class Drawing:
         return self.join_at_pin(pin, f"{link}.{name}")
 
     def join_at_pin(self, pin: Pin, reference: str) -> Pin:
-        """Join a point "LINK.POINT" that lies at a pin to the points there, and return the changed pin, whose id may be new.
+        """Join the point `reference` ("LINK.POINT"), which lies at the place of a pin, with the points of this pin.
 
-        The document gets the point in the pin's joint, or a new joint if this is the pin's second point. A single point needs no
-        joint.
+        Return the changed pin, whose id may be new. If the pin has a joint in the document, the point is added to this joint. If
+        the pin has one point that the file can name, a new joint gets both points. Otherwise the new point is the pin's only point,
+        which needs no joint.
         """
         del self.pins[pin.id]
         joint, joints = self.joint_of(pin), self.group("joints")
-        written = [x for x in pin.members if self.is_written(owner(x))]  # a joint can name no point of a cylinder
+        # points that a joint can name: the parts of a cylinder have no table, so that no joint can name their points
+        written = [x for x in pin.members if self.is_written(owner(x))]
         if joint is not None:
             joints[joint]["at"].append(reference)
             id = pin.id
@@ -286,10 +296,10 @@ class Drawing:
         return self.pins[id]
 
     def ends(self, a: Any, b: Any) -> list[str]:
-        """Return references of two points of different links, one at each of a and b.
+        """Return the references of two points of different links: one point at a, the other at b.
 
         Args:
-            a, b: ids of pins, or references.
+            a, b: ids of pins, or references of points.
 
         Raises:
             Refused: there are no points of two different links at a and b.
@@ -303,17 +313,17 @@ class Drawing:
         raise Refused("two points of different links are needed", where, "b")
 
     def points_at(self, point: str) -> list[str]:
-        """Return references of the points at the pin with the id `point`, with points of the ground last; or `point` itself.
+        """Return the references "LINK.POINT" of all points at the pin with the id `point`, with points of the ground last.
 
-        The second applies if `point` is no id of a pin, but a reference.
+        If no pin has this id, `point` is a reference itself, and is returned alone.
         """
         members = self.pins[point].members if point in self.pins else (point,)
         return sorted(members, key=lambda reference: owner(reference) == "ground")
 
     def on_link(self, point: str) -> str:
-        """Return the reference of one of the points at the pin with the id `point`: of a point on a link if there is one.
+        """Return the reference "LINK.POINT" of one point at the pin with the id `point`; prefer a link's point to the ground's.
 
-        If `point` is a reference itself, it is returned.
+        If no pin has this id, `point` is a reference itself, and is returned unchanged.
 
         Raises:
             Refused: there is no such point.
@@ -328,17 +338,17 @@ class Drawing:
         """Add a link without points.
 
         Args:
-            at, theta: place and angle [rad] of its frame.
-            more: further keys of its table.
+            at, theta: place x + i y of the origin [m] and angle [rad] of the link's frame.
+            more: further keys of the link's table in the file, with their values.
         """
         self.group("links")[name] = {"points": {}} | more
         self.poses[name] = at, theta
-        self.made.insert(0, f"links.{name}")
+        self.made.insert(0, f"links.{name}")  # before pins, because the first made part is the one of which callers ask
 
     def is_aligned(self, link: str) -> bool:
         """Tell whether a link's frame lies along its first bar, and nothing but points is given in that frame.
 
-        Only then can the frame be turned with the bar (`align`) without a change of anything else.
+        Only if this is true can the link's frame be turned with the bar (`align`) without a change of anything else.
         """
         given = {} if link == "ground" else self.link(link)
         bars, points = sequence(given, "bars"), self.points(link)
@@ -350,7 +360,11 @@ class Drawing:
         return abs(a) < SAME and abs(b.imag) < SAME and b.real > 0
 
     def align(self, link: str) -> None:
-        """Align a link's frame with its first bar after a point has moved; the axes of slides in the link turn with the bar."""
+        """Put a link's frame at the first point of its first bar, along this bar, and rewrite the link's points in this frame.
+
+        This follows the move of a point, which keeps the places of all points in the world. The axes of slides in the link turn
+        with the bar.
+        """
         given = self.link(link)
         places = {key: self.place(f"{link}.{key}") for key in given["points"]}
         a, b = (places[x] for x in given["bars"][0])
@@ -361,8 +375,9 @@ class Drawing:
     def sketch(self) -> None:
         """Write the places of this drawing into the table `assembly`, from which the loader places the links.
 
-        `assembly.sketch` gets the places of pins and of points that place the other links, and `assembly.angles` or `angles_deg`
-        the angles of links whose points do not determine them.
+        `assembly.sketch` gets the places of pins and of points that place the other links. Its new entries (`drawn`) replace old
+        ones (`kept`), and pins that join nothing come last. `assembly.angles` or `angles_deg` gets the angles of links whose
+        points do not determine them.
         """
         assembly = self.group("assembly")
         old, joints = table(assembly, "sketch"), [*items(self.document, "joints")]
@@ -397,10 +412,10 @@ class Drawing:
         self.tidy()
 
     def _choose_points(self, link: str, known: set[str]) -> tuple[list[str], bool]:
-        """Return references of points that place a link, and whether they determine its angle.
+        """Return the references of points that place a link, and whether these points determine the link's angle.
 
-        They are the points in `known`, or else the first point of the link. If all of them lie at one place, one more point is
-        added.
+        They are the points of the link in `known`, or else the first point of the link. If all these points lie at one place, one
+        more point of the link, at another place, is added.
         """
         points = self.points(link)
         chosen = [name for name in points if f"{link}.{name}" in known] or [*points][:1]

@@ -43,12 +43,14 @@ def add_link(d: Drawing, message: Message) -> None:
 
 
 def describe_owner(link: str) -> str:
-    """Return the words for a pin that is on a link or on the ground."""
+    """Return the words that tell where a pin is: on a link, or fixed to the ground."""
     return "fixed to the ground" if link == "ground" else f"on {link}"
 
 
 def _connect(d: Drawing, pins: list[Pin], word: str) -> None:
-    """Add a rigid link through pins, with bars around it; its name is the `word` and a number.
+    """Add a rigid link that joins the given pins; its name is `word` followed by a number.
+
+    Bars are drawn from pin to pin around the link, or one bar between two pins.
 
     Raises:
         Refused: two of the pins lie at one place or on the same link.
@@ -89,7 +91,16 @@ def observe(d: Drawing, message: Message) -> None:
 
 
 def add_slide(d: Drawing, message: Message) -> None:
-    """Add a slide along a guide, and a block that slides and is pinned at the slide's pin."""
+    """Add a slide along a guide, and a block that slides along it and is pinned at a pin.
+
+    Keys of the message:
+        guide: link that carries the axis of the slide, by default the ground.
+        pin, or at: id of the pin at the block, or the place of a new pin.
+        angle_deg: direction of the axis in the world [deg]. By default the direction from `through` to the pin, else that of the
+            guide's first bar, else that of the guide's frame.
+        through: place through which the axis goes. By default the pin if the guide is the ground, else the first point of the
+            guide's first bar.
+    """
     guide = message.get("guide", "ground")
     pin = d.pin(message["pin"] if "pin" in message else {"at": message.get("at")})
     bars = [] if guide == "ground" else sequence(d.link(guide), "bars")
@@ -116,7 +127,7 @@ def add_slide(d: Drawing, message: Message) -> None:
     offset = ((pin.at - d.place(f"{guide}.{point}")) * rect(1.0, -angle)).imag
     block, slide = d.fresh("block", "links"), d.fresh("slide", "joints", "cylinders")
     d.add_link(block, pin.at, angle, {**BLOCK})
-    at = d.attach(pin, block).members[-1]
+    at = d.attach(pin, block).members[-1]  # reference of the new point, which `attach` appends
     degrees = round_digits(math.degrees(math.remainder(angle - d.poses[guide][1], 2 * math.pi)), DIGITS)
     joint = {"type": "prismatic", "guide": f"{guide}.{point}", "angle_deg": degrees, "block": at}
     if abs(offset) > SAME:
@@ -137,7 +148,10 @@ def _guide_point(d: Drawing, guide: str, at: complex) -> str:
 
 
 def join(d: Drawing, message: Message) -> None:
-    """Move a pin onto another pin, and join all points of both in one joint."""
+    """Move a pin onto another pin, and join all points of both in one joint.
+
+    The pin `pin` of the message moves onto the pin `to`. If `pin` is fixed to the ground, `to` moves onto `pin` instead.
+    """
     a, b = d.pin(message.get("pin")), d.pin(message.get("to"))
     if a.id == b.id:
         raise Refused("a pin cannot be joined to itself", (f"pins.{a.id}",))
@@ -160,7 +174,7 @@ def join(d: Drawing, message: Message) -> None:
             joints[joint] = {"type": "revolute", "at": [*a.members]}
         return
     for reference in a.members:
-        if d.is_written(owner(reference)):
+        if d.is_written(owner(reference)):  # no joint can name the points of a cylinder's parts, which have no table
             b = d.join_at_pin(b, reference)
     kept = d.joint_of(b)
     if joint is not None and kept is not None:
@@ -192,10 +206,10 @@ def _fix(d: Drawing, pin: Pin) -> None:
 
 
 def _release(d: Drawing, pin: Pin) -> None:
-    """Release a pin from the ground, but keep points of the ground that a slide uses.
+    """Release a pin from the ground: remove its points of the ground, except points that a slide uses.
 
-    A pin without a joint is then a pin that joins nothing, which the file lists in `assembly.sketch`. A joint with a single point
-    left is removed.
+    If the pin has no joint, it then joins nothing, and the file keeps its place in `assembly.sketch`. If it has a joint with only
+    one point left, the joint is removed.
     """
     points, joints, joint = d.written_points("ground"), d.group("joints"), d.joint_of(pin)
     for reference in (x for x in pin.members if owner(x) == "ground"):
@@ -217,10 +231,16 @@ def move(d: Drawing, message: Message) -> None:
 
 
 def _shift(d: Drawing, pin: Pin, at: complex) -> None:
-    """Move a pin and change the lengths of its links; if a point of the ground guides only this pin, the point moves along."""
+    """Move a pin to a place in the world, and change the lengths of the links that it joins.
+
+    A pin that joins nothing changes only in the sketch. A point of the ground moves to the place. A link with a single point (a
+    block) moves as a whole. Of any other link the point moves. If the block of a slide is at the pin, and a point of the ground
+    serves only as the guide of this slide, this point of the ground moves by the same displacement.
+    """
     if not pin.members:
         d.group("assembly", "sketch")[pin.id] = pair(at)
     joints = [x for _, x in items(d.document, "joints")]
+    # reference of a point -> number of places in joints at which it is named
     used = Counter(str(x) for joint in joints for x in (joint.get("guide"), joint.get("block"), *sequence(joint, "at")))
     for joint in joints:
         guide = str(joint.get("guide"))
@@ -240,7 +260,7 @@ def _shift(d: Drawing, pin: Pin, at: complex) -> None:
 
 
 def _put(d: Drawing, reference: str, at: complex) -> None:
-    """Move a point of a link to a place in the world.
+    """Move a point of a link to a place in the world; if the link's frame lay along its first bar, it still does afterwards.
 
     Raises:
         Refused: a bar would have no length.

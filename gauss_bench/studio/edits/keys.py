@@ -18,7 +18,8 @@ from gauss_bench.studio.reading import leave_out, lone_pins, new_faults
 # pairs of keys that exclude each other
 EITHER = (("mass", "kg_per_m"), ("angle", "angle_deg"), ("rest", "rest_deg"), ("start", "start_deg"), ("travel", "travel_deg"))
 USUAL: dict[str, dict[str, Any]] = scene.FORCES["usual"]  # name of a force in the menu -> its type and its default numbers
-NAMING_KEYS = {  # group -> keys of a file under which a text, or a key of a table, is the name of an entry of the group
+# group of entries -> keys of a file whose value (a text, or the keys of a table) names an entry of this group
+NAMING_KEYS = {
     "links": ("crank", "link", "reaction", "frame", "to", "links", "hold", "angles", "angles_deg", "speeds"),
     "joints": ("joint", "joints", "hold", "slides", "slide_speeds", "sketch"),
     "cylinders": ("joint", "joints", "hold", "slides", "slide_speeds", "sketch"),
@@ -55,14 +56,17 @@ def set_key(d: Drawing, message: Message) -> None:
 
 
 def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
-    """Return a value of a file with every text and every key of a table replaced.
+    """Return a copy of a value of a parsed file, in which `change` has replaced every text and every key of a table.
+
+    Free texts, the values of the keys in TEXTS, are not replaced.
 
     Args:
-        change: function (text, key) -> new text, where `key` is the key under which the text stands.
-        key: key under which x stands.
+        x: the value: a table, a list, a text or a number.
+        change: function (text, key) -> new text, where `key` is the key of the table or value in which the text was found.
+        key: key of x in its table; empty for the file itself and for an entry of a group, whose key is only its name.
     """
     if isinstance(x, dict):
-        has_entries = key in GROUPS  # the keys in it are names of entries
+        has_entries = key in GROUPS  # x is a table of named entries, such as `links`
         return {change(k, key): rewrite(y, change, "" if has_entries else k) for k, y in x.items()}
     if isinstance(x, list):
         return [rewrite(y, change, key) for y in x]
@@ -70,7 +74,10 @@ def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
 
 
 def rename(d: Drawing, message: Message) -> None:
-    """Rename the drawing, or the part with the id `what`, and all references to it."""
+    """Rename the drawing (if `what` is "name"), or the part with the id `what`, and all references to it.
+
+    The ids of parts are those of the page: a slide is a joint of the file, and a cylinder has the id of a force.
+    """
     id, to = str(message.get("what")), str(message.get("to"))
     group, name = owner(id), tail(id)
     if not NAME.fullmatch(to) or len(to) > 60:
@@ -100,13 +107,14 @@ def rename(d: Drawing, message: Message) -> None:
 
 
 def _rename_in(document: Document, group: str, old: str, new: str) -> None:
-    """Rename an entry of a group and all references to it."""
+    """Rename an entry of a group of the file, such as a link in `links`, and all references to it."""
     keys = (group, *NAMING_KEYS.get(group, ()))
 
     def change(x: str, key: str) -> str:
-        """Return the new text for x, which stands under `key`."""
+        """Return the new text for a text x that is the value of `key`, or a key in the table `key`."""
         if key in keys and x == old:
             return new
+        # a reference to a point, "LINK.POINT", begins with the name of its link
         return f"{new}.{tail(x)}" if group == "links" and x.startswith(f"{old}.") else x
 
     document.update(rewrite(document, change))
@@ -115,11 +123,11 @@ def _rename_in(document: Document, group: str, old: str, new: str) -> None:
 def _rename_pin(d: Drawing, name: str, to: str) -> None:
     """Rename the pin with the id `name`: its joint, and the points at the pin that have the joint's name.
 
-    A point keeps its name if its link has a point with the new name already. A pin without a joint has a single point, which is
-    renamed, or no point, and then its entry in the sketch is renamed.
+    A point is not renamed if its link already has a point with the new name. A pin that belongs to no joint has either a single
+    point, which is renamed, or no point; in the second case its entry in the sketch is renamed.
 
     Raises:
-        Refused: the new name is taken.
+        Refused: the new name is taken; the caller then discards all changes.
     """
     pin = d.pin(name)
     joint, where = d.joint_of(pin), (f"pins.{name}",)
@@ -144,7 +152,8 @@ def _rename_pin(d: Drawing, name: str, to: str) -> None:
 def _rename_point(d: Drawing, link: str, old: str, new: str) -> None:
     """Rename a point of a link or of the ground, in the table of its owner and in all references."""
     given = d.group("ground") if link == "ground" else d.link(link)
-    keys = ("points", "bars", "point", "from")  # keys in that table under which a point stands without the name of its owner
+    keys = ("points", "bars", "point", "from")  # keys of that table whose value is a point's name without the name of its owner
+    # `rewrite` passes every text and every key x of a table, together with the key of the table or value in which x was found
     given.update(rewrite(given, lambda x, key: new if x == old and key in keys else x))
     d.document.update(rewrite(d.document, lambda x, key: f"{link}.{new}" if x == f"{link}.{old}" else x))
 
@@ -172,7 +181,10 @@ def delete(d: Drawing, message: Message) -> None:
 
 
 def _delete_pin(d: Drawing, name: str) -> None:
-    """Delete a pin's points from all its links, and delete links that would have a single point left."""
+    """Delete a pin's points from all its links, and delete links that would have a single point left.
+
+    A pin that joins nothing is deleted from the sketch.
+    """
     pin = d.pins[name]
     if not pin.members:
         d.remove_from_sketch(pin)
@@ -197,13 +209,18 @@ def _delete_pin(d: Drawing, name: str) -> None:
             if len({*neighbours}) == len(neighbours) == 2 and not any({*neighbours} == {*bar} for bar in kept):
                 kept.append(neighbours)
             if "bars" in given:
-                given["bars"] = kept or [[*given["points"]][:2]]
+                given["bars"] = kept or [[*given["points"]][:2]]  # at least one bar: between the first two points
 
 
 def prune(d: Drawing) -> None:
-    """Delete all entries that refer to deleted parts, and joints and scenarios that are incomplete without these parts."""
+    """Delete all entries that refer to deleted parts, and joints and scenarios that are incomplete without these parts.
+
+    A joint is incomplete with less than two points, and a scenario if it had drivers and has lost all of them.
+    """
     before = d.reading.document  # the file as it was read; d.document already lacks the deleted parts
-    for _ in range(1000):  # each pass removes one faulty entry, which may leave other entries with a missing reference
+    # each pass removes one entry with a fault that the file did not have before, which may leave other entries with a missing
+    # reference; 1000 only bounds the loop
+    for _ in range(1000):
         faults = new_faults(before, d.document)
         if not faults:
             break
@@ -219,7 +236,7 @@ def prune(d: Drawing) -> None:
 
 
 def add_force(d: Drawing, message: Message) -> None:
-    """Add a force with its default numbers, and let it act in the released scenario, or else in the first free one."""
+    """Add a force with its default numbers, and let it act in the scenario "released", or else in the first one without drivers."""
     word = str(message.get("type"))
     given = {k: x for k, x in message.items() if k not in ("id", "do", "type", "name", "a", "b")}  # keys of the force
     if "a" in message or "b" in message:
@@ -261,7 +278,8 @@ def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
     """Add a cylinder between two points; the file gets the second edition of the file format, because the first has no cylinders.
 
     Raises:
-        Refused: there are not two points, or the file has a damper that would act differently in the second edition.
+        Refused: the message does not name two points; or the file is of the first edition, and has a damper that would act
+            differently in the second edition of the file format.
     """
     if len(sequence(given, "between")) != 2:
         raise Refused("a cylinder lies between two points", field="a")
@@ -282,7 +300,7 @@ def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
 
 
 def lock_of(d: Drawing, message: Message) -> str:
-    """Return the id of the lock that a message names: of a pin, a slide, a length or an angle.
+    """Return the id of the lock that a message names: the id of a pin, a slide, a length or an angle that is to be kept fixed.
 
     Raises:
         Refused: there is no such part.

@@ -27,10 +27,10 @@ def read_poses(message: Message) -> tuple[Pose, Pose, Pose]:
 def find_four_bar(message: Message) -> tuple[FourBar, Pose]:
     """Return the four-bar whose coupler takes the three poses of a message, and the first pose.
 
-    The message gives the places of either its two moving `pins` at the first pose, or its two fixed `pivots`.
+    The message gives two places: those of the two moving `pins` at the first pose, or those of the two fixed `pivots`.
 
     Raises:
-        Refused: there is no such four-bar; the error gives the reason.
+        Refused: the message is not valid, or no four-bar with these pins or pivots takes the poses; the text gives the reason.
     """
     poses = read_poses(message)
     key = "pivots" if "pivots" in message else "pins"
@@ -57,13 +57,16 @@ def describe_four_bar(message: Message) -> dict[str, Any]:
 
 
 def describe_connection(connection: Connection) -> dict[str, Any]:
-    """Return the three places of a moving pin, its fixed pivot, and the direction of its slide in degrees or None."""
+    """Return the places of a moving pin at the three poses, its fixed pivot, and the direction of its slide.
+
+    The direction is in degrees; it is None if the pin is guided by a bar and not by a slide.
+    """
     degrees = None if connection.direction is None else math.degrees(phase(connection.direction))
     return {"places": [pair(x) for x in connection.places], "pivot": pair(connection.pivot), "slide_deg": degrees}
 
 
 def synthesize(d: Drawing, message: Message) -> None:
-    """Draw the four-bar at the first pose.
+    """Draw the four-bar that `find_four_bar` finds for a message at the first pose: the coupler, and two bars or slides.
 
     The origin of the pose becomes an observed point of the coupler (in the file's table `observe`), unless it is a pin.
     """
@@ -71,6 +74,7 @@ def synthesize(d: Drawing, message: Message) -> None:
     first, second = (x.places[0] for x in found.connections)
     add_bar(d, {"from": {"at": pair(first)}, "to": {"at": pair(second)}})
     coupler = d.made[0].removeprefix("links.")
+    # the two pins of the coupler, in the order of the connections, in which `add_bar` has just made them
     pins = [x.id for x in d.pins.values() if coupler in map(owner, x.members)]
     for pin, connection in zip(pins, found.connections, strict=True):
         pivot = pair(connection.pivot)

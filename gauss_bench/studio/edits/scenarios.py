@@ -1,7 +1,7 @@
-"""Write the scenarios of the studio: "driven", in which laws prescribe coordinates, and "released", which starts at rest.
+"""Write the scenarios of the studio: "driven", in which motion laws prescribe coordinates, and "released", which starts at rest.
 
-Both start where the linkage is drawn. A change of the drawing also changes their starts, and those starts of other scenarios that
-were equal to the drawing.
+Both scenarios start in the position in which the linkage is drawn. A change of the drawing also changes their start values, and
+those start values of other scenarios that were equal to the drawing.
 """
 
 import math
@@ -25,12 +25,16 @@ from gauss_bench.studio.reading import Reading
 DRIVEN, RELEASED = "driven", "released"  # the scenarios that the studio writes
 FREE = 2.0  # [s] usual duration of "released"
 STROKE = 0.1  # default travel of a driven length, relative to the size of the linkage
-FOLLOWS = 1e-6  # [m, rad] a start whose distance from the drawing is smaller changes with the drawing
+FOLLOWS = 1e-6  # [m, rad] a start value whose difference from the drawing is smaller changes with the drawing
 UNITS = {"_deg": math.degrees(1.0), "": 1.0}  # ending of a key for an angle -> value of the key for one radian
 
 
 def drive(d: Drawing, message: Message) -> None:
-    """Prescribe a coordinate in the scenario "driven", starting from the drawing; with `off`, prescribe it no longer."""
+    """Prescribe the motion of a coordinate in the scenario "driven", starting at its value in the drawing.
+
+    The message may give the keys of the motion law; the others have usual values. If `off` of the message is true, the driver of
+    the coordinate is removed instead, and the scenario too if it was the only driver.
+    """
     scenarios = d.group("scenarios")
     scenario, coordinate = scenarios.get(DRIVEN, {}), _find_coordinate(d, message.get("coordinate"))
     drivers = [x for x in drivers_of(scenario) if not coordinate.items() <= x.items()]  # without the driver of this coordinate
@@ -42,10 +46,11 @@ def drive(d: Drawing, message: Message) -> None:
         else:
             size = d.reading.mechanism.size if d.reading.mechanism else 1.0
             usual = {"law": "sine", "travel": round_digits(STROKE * size), "time": 1.0}
-        drivers.append(coordinate | ({"law": usual["law"]} | law if law else usual))
+        drivers.append(coordinate | (({"law": usual["law"]} | law) if law else usual))  # a given law, of the usual kind by default
     if not drivers:
         scenarios.pop(DRIVEN, None)
         return
+    # other drivers leave other coordinates free: `start_driven` writes a new start
     kept = {k: x for k, x in scenario.items() if k not in ("driver", "drivers", "start", "hold")}
     duration = number(message, "duration", kept.get("duration") or max(_duration(x) for x in drivers))
     scenarios[DRIVEN] = {**kept, "duration": duration, "drivers": drivers}
@@ -55,7 +60,7 @@ def drive(d: Drawing, message: Message) -> None:
 
 
 def _find_coordinate(d: Drawing, given: Any) -> dict[str, Any]:
-    """Return the entry that names a coordinate in a driver's table: {"link": name}, {"joint": name} or {"between": [a, b]}.
+    """Return the part of a driver's table that names its coordinate: {"link": name}, {"joint": name} or {"between": [a, b]}.
 
     Args:
         given: a value of a message: the name of a link or slide, `{"name": name}`, or `{"between": [a, b]}` for a distance.
@@ -75,7 +80,7 @@ def _find_coordinate(d: Drawing, given: Any) -> dict[str, Any]:
 
 
 def _duration(driver: Mapping[str, Any]) -> float:
-    """Return the duration of a driver's law [s]: of one turn for a link at constant speed, and 1 s for a law without an end."""
+    """Return the duration of a driver's motion law [s]: one turn of a link at constant speed, and 1 s for a law without an end."""
     if driver.get("law") == "constant":
         speed = driver.get("speed")
         if isinstance(speed, (int, float)) and speed != 0 and "link" in driver:
@@ -87,7 +92,7 @@ def _duration(driver: Mapping[str, Any]) -> float:
 
 
 def coordinate_of(mechanism: Mechanism, driver: Mapping[str, Any]) -> Coordinate | None:
-    """Return the coordinate that the table of a driver names by link, joint or between; None if the linkage lacks it."""
+    """Return the coordinate that a driver's table names by its key `link`, `joint` or `between`; None if the linkage lacks it."""
     try:
         if "link" in driver:
             return Angle(GROUND, mechanism.find_body(driver["link"])[0])
@@ -109,13 +114,17 @@ def place_of(reading: Reading, driver: Mapping[str, Any]) -> float | None:
 
 
 def start_driven(document: Document, reading: Reading, only: Mapping[str, Any] | None = None) -> None:
-    """Give drivers of the scenario "driven" that have no start value the value of their coordinate in the drawing.
+    """Complete the scenario "driven" of a document, so that it starts in the drawn position.
 
-    The coordinates that the drivers leave free get their values in the drawing in the scenario's table `start`.
+    A driver without a start value gets as its start value the value of its coordinate in the drawing. The scenario's table `start`
+    gets the values in the drawing of coordinates that the drivers leave free. A single driver without such a table is written under
+    the key `driver`, all others under `drivers`.
 
     Args:
-        reading: the reading of the drawing.
-        only: entries, such as {"link": "crank"}, that a driver must contain to get a start; by default all drivers get one.
+        document: the document, whose scenario is changed.
+        reading: the mechanism and the positions of the drawing.
+        only: keys and values, such as {"link": "crank"}, that a driver must have to get a start value; by default all drivers
+            without a start value get one.
     """
     scenario = table(table(document, "scenarios"), DRIVEN)
     drivers = drivers_of(scenario)
@@ -139,7 +148,11 @@ def start_driven(document: Document, reading: Reading, only: Mapping[str, Any] |
 def free_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
     """Return the table `start` of a scenario that starts at rest in the drawn position.
 
-    The start prescribes as many coordinates as joints and drivers leave free: those that best determine the free motions.
+    The table prescribes as many coordinates as joints and drivers leave free: those that best determine the free motions.
+
+    Args:
+        reading: the mechanism and the positions of the drawing.
+        drivers: tables of the scenario's drivers; empty for the scenario "released".
     """
     mechanism, joints, q = reading.mechanism, reading.joints, reading.q
     if mechanism is None or joints is None:
@@ -156,7 +169,10 @@ def free_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
 
 
 def release(document: Document, reading: Reading) -> None:
-    """Set the start of "released" to the drawing; add this scenario if the file has no scenarios but "driven"."""
+    """Let the scenario "released", in which the linkage moves without drivers, start at rest in the drawn position.
+
+    The scenario is added if the file has no scenario except "driven".
+    """
     is_wanted = {*table(document, "scenarios")} <= {DRIVEN} or RELEASED in document["scenarios"]
     if reading.mechanism is None or not is_wanted:
         return
@@ -167,9 +183,10 @@ def release(document: Document, reading: Reading) -> None:
 
 
 def follow(document: Document, old: Reading, new: Reading) -> None:
-    """Set start values of scenarios and drivers that were equal to their coordinate in the old drawing to its value in the new one.
+    """Adapt the start values of scenarios and drivers to a changed drawing.
 
-    Whole turns between a start value and the drawing are kept.
+    A start value that was equal to the value of its coordinate in the old drawing becomes the value in the new drawing. An angle
+    counts as equal if it differs from the drawing by whole turns; it still differs by these turns afterwards.
     """
     if old.mechanism is None or new.mechanism is None or not (old.closed and new.closed):
         return
@@ -180,12 +197,12 @@ def follow(document: Document, old: Reading, new: Reading) -> None:
         start_driven(document, new)
 
     def move(entry: dict[str, Any], key: str, coordinate: Mapping[str, Any], unit: float) -> None:
-        """Set a start value to the coordinate in the new drawing if it was equal to it in the old one, up to whole turns.
+        """Adapt one start value: if it was equal to its coordinate in the old drawing, set it to the value in the new drawing.
 
         Args:
-            entry, key: the table and the key of the value.
-            coordinate: the entry that names the coordinate, as in a driver's table, such as {"link": "crank"}.
-            unit: value of the key for 1 rad or 1 m.
+            entry, key: the table that has the start value, and the key of the start value in it.
+            coordinate: table that names the coordinate as a driver's table does, such as {"link": "crank"}.
+            unit: number that the file has for 1 rad or 1 m under this key.
         """
         before, after, x = place_of(old, coordinate), place_of(new, coordinate), entry.get(key)
         if before is None or after is None or not isinstance(x, (int, float)):

@@ -26,6 +26,12 @@ PICTURES = tuple(f"data:image/{x};base64," for x in ("png", "jpeg", "webp", "gif
 def edit_document(session: Session, change: Callable[[Drawing], object], moves: bool = True) -> list[str]:
     """Make a change as one step of the history, and return the ids of the parts that it made.
 
+    1. `change` changes the tables of the document and the poses of links.
+    2. If links may have moved, locked lengths are checked, and the changed places are written into the sketch of the file.
+    3. The changed document is read, which closes the joints.
+    4. If links may have moved, the places with closed joints are written into the sketch, and start values of scenarios adapted.
+    5. The scenario "released" is updated, and the text of the file becomes the new state of the session.
+
     Args:
         moves: whether the change may move links; if not, the sketch of the file stays as it is.
 
@@ -77,7 +83,7 @@ def try_move(session: Session, message: Message) -> Reading:
 
 
 def _check_pin(locks: frozenset[str], message: Message) -> None:
-    """Check that the pin in a message is not locked.
+    """Check that the pin that a message of the page names is not locked.
 
     Raises:
         Refused: the pin is locked.
@@ -125,7 +131,7 @@ def picture(session: Session, message: Message) -> None:
     """Set, move or remove the picture behind the grid.
 
     Raises:
-        Refused: the message holds no picture, or no place for it.
+        Refused: the message has no valid picture, place or size.
     """
     given = message.get("picture")
     if given is None:
