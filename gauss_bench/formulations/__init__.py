@@ -1,6 +1,7 @@
-"""Formulations: functions from Terms to Solution, one textbook page each. They use numpy and scipy, and know nothing of linkages.
+"""Formulations: functions from Terms to Solution, one textbook page each, which use numpy and scipy and know nothing of linkages.
 
-The formulations in CONTROLS are wrong on purpose. The suite must detect them, and no ranking has them.
+The formulations in CONTROLS are wrong on purpose. The suite must detect that their results are wrong, and excludes them from all
+rankings.
 """
 
 from collections import UserDict

@@ -56,7 +56,6 @@ def order(g: Graph, roots: Iterable[int], carried: Mapping[str, int], plain: boo
         height(k) = max over users x of k of (height(x) + latency(x))
         height(next value of a variable) = height(the variable) - period
 
-
     `carried` maps the name of each variable of the loop to its value in the next iteration.
     """
     values = live(g, roots)
