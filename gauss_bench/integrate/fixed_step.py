@@ -189,7 +189,7 @@ def equal_runs(times: Array, step: float) -> list[Equal]:
 
 
 class Stretch(NamedTuple):
-    """Consecutive equal steps, during which no force and no motion law has a kink or jumps; each stretch ends at a sample or a kink.
+    """Consecutive equal steps up to a sample or a kink; no force and no motion law has a kink or jumps during the steps.
 
     Attributes:
         begin: start time of the first step [s].

@@ -85,9 +85,9 @@ class CrankMotion:
     def acceleration(self, theta: Any, w: Any) -> Any:
         """Return the crank's acceleration w' [rad/s^2] by `formula`, for crank angles theta and speeds w of any shape.
 
-        The acceleration is w' = d . (R - W e w^2) / (d . W d). For the true acceleration W = M and R = Q; EQ_16 has W = 1 and R = Q
-        / M, and EQS_10_11 has W = 1 / M and R = Q / M. M is diagonal; d and e are the derivatives of the coordinates with respect
-        to theta.
+        The acceleration is w' = d . (R - W e w^2) / (d . W d), where d and e are the first and second derivatives of the
+        coordinates with respect to theta. TRUE has W = M and R = Q, EQ_16 has W = 1 and R = Q/M, EQS_10_11 has W = 1/M and R = Q/M.
+        M is diagonal.
         """
         q, d, e = self.positions(theta)
         force = inertia = 0.0  # d . (R - W e w^2) and d . W d

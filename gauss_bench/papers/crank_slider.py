@@ -91,9 +91,7 @@ def residual(q: Number) -> Number:
 
 
 def jacobian(q: Number) -> Number:
-    """Return the Jacobian (6, 7) of the constraints, eq.
-
-    (22) of the paper, with respect to q = [x1, y1, theta1, x2, y2, theta2, x3].
+    """Return the Jacobian (6, 7) of the constraints by q = [x1, y1, theta1, x2, y2, theta2, x3], eq. (22) of the paper.
 
     Its entry in row 6, column 6 (counted from 1) is corrected: it is a cosine, but the paper prints a sine.
     """
