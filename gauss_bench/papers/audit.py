@@ -92,7 +92,11 @@ def read(name: str) -> Table:
 
 
 def lines_of(paper: Table) -> Iterator[Line]:
-    """Yield the statements of a paper's data file, in which functions replace the names of forms and measures."""
+    """Yield the statements of a paper's data file, in which functions replace the names of forms and measures.
+
+    The data file has chapters with lines, one for each statement. A line names its measure, its cause of error, its tolerance and
+    its number (what its example computes) by keys of tables that the file or the chapter has.
+    """
     cited = f"{paper['authors']}: {paper['title']}. {paper['source']}. {paper['extract']}"
     for chapter in paper["chapter"]:
         module = f"forms.{chapter['forms']}"

@@ -443,18 +443,22 @@ def factor_out(x: Node) -> tuple[float, Node]:
 
 
 def sum_of(a: Generic, b: Generic) -> Generic:
+    """Return the values of a sum at the random points from those of its terms."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 def product_of(a: Generic, b: Generic) -> Generic:
+    """Return the values of a product at the random points from those of its factors."""
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
 def _difference(a: Generic, b: Generic) -> Generic:
+    """Return the values of a difference at the random points from those of its terms."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 def _reciprocal(a: Generic) -> Generic:
+    """Return the reciprocals of values at the random points; that of 0 is infinite."""
     x, y, z = [1.0 / x if x else math.copysign(math.inf, x) for x in a]
     return x, y, z
 

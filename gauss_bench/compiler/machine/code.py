@@ -24,6 +24,7 @@ class Code:
 
     @property
     def projected(self) -> bool:
+        """True if the state is projected onto the constraints in each step."""
         return self.stabilization == "projection"
 
     @property

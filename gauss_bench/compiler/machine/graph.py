@@ -69,10 +69,11 @@ class Graph:
         return value
 
     def leaf(self, name: str) -> int:
-        """Return the input value with a name."""
+        """Return the leaf with a name: a real number that comes from outside the graph."""
         return self.make("leaf", payload=name)
 
     def const(self, x: float) -> int:
+        """Return the value of a constant real number."""
         return self.make("const", payload=float(x) + 0.0)  # adding 0.0 turns -0.0 into 0.0
 
     def number(self, a: int) -> float | None:
@@ -175,6 +176,7 @@ class Graph:
         return self.make("count", payload=name)
 
     def whole(self, number: int) -> int:
+        """Return the value of a constant integer."""
         return self.make("whole", payload=number)
 
     def total(self, values: Sequence[int]) -> int:
@@ -182,6 +184,7 @@ class Graph:
         return reduce(self.add, values, self.const(0.0))
 
     def squares(self, values: Sequence[int]) -> int:
+        """Return the sum of the squares of values."""
         return self.total([self.mul(x, x) for x in values])
 
     def largest(self, values: Sequence[int]) -> int:

@@ -67,6 +67,7 @@ class Driver:
     """
 
     def __init__(self, programs: Programs, by_rank: ByRank, projected: bool, given: int):
+        """Drive the programs of a mechanism; the class explains the arguments."""
         self.programs, self.by_rank, self.projected, self.given = programs, by_rank, projected, given
         self.tally = Tally()
 

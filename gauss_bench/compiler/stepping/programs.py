@@ -258,6 +258,7 @@ class Programs:
         self.native = self._routine(0, "none", partial(acceleration, plain=self.plain))
 
     def __len__(self) -> int:
+        """Return the number of programs generated so far."""
         return len(self.codes)
 
     def generate_next(self) -> bool:

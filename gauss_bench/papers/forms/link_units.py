@@ -1,6 +1,4 @@
-"""Wang et al.
-
-(2010), table 1: the vectors and matrices (units) that a link contributes to a loop equation, for three kinds of link.
+"""Wang et al. (2010), table 1: the vectors and matrices, called units, that a link of one of three kinds adds to a loop equation.
 
     vector unit A(phi, s),   Jacobian unit J = dA/d(phi, s),   Jacobian-rate unit J' = dJ/dt
 

@@ -191,7 +191,7 @@ def columns_off(form: list[int], linkage: DrivenLinkage) -> float:
     """Return the largest error of a claimed number of columns of the links' Jacobian units.
 
     The claimed number is form[0] * t + form[1] * g + form[2] * b. t is 1 if the link can turn, else 0. g is the number of guides
-    and b the number of blocks among the two elements at which the loop enters and leaves the link.
+    (and rod ends) and b the number of blocks among the two elements at which the loop enters and leaves the link.
     """
     errors = []
     for p in chain.from_iterable(linkage.equations.ways):
