@@ -53,7 +53,7 @@ def __getattr__(name: str) -> Any:
 
 
 class _Package(ModuleType):
-    """The class of this package as a module: it keeps public functions such as `kinematics` that have the name of a subpackage."""
+    """The class of this package's module: no subpackage replaces a public function of the same name, such as `kinematics`."""
 
     def __setattr__(self, name: str, value: object) -> None:
         """Set an attribute, unless a submodule would replace a public function of the same name."""

@@ -2,7 +2,7 @@
 
 The file `checksums.json` in the folder of a run maps each table's file to the SHA-256 of its bytes; equal rows give equal bytes.
 It is written with the tables. A folder of an older version has no such file, and its tables are read without this check. The
-SHA-256 of the whole list is the checksum of the run, by which it is cited.
+SHA-256 of the list of all these checksums is the checksum of the run, by which a run is cited.
 """
 
 import hashlib

@@ -183,16 +183,21 @@ def check_memory() -> None:
 def perform(name: str, options: argparse.Namespace) -> int:
     """Call the function of the verb `name`, print its answer and return the exit code.
 
-    `VERBS[name]` is the table of the verb in `api/verbs.toml`. The first lines of that file explain the keys `files`, `printed`,
-    `write`, `quick` and `instead_of_json`.
+    `VERBS[name]` is the table of the verb in `api/verbs.toml`. Its keys that are used here:
+    - `call`: the function of the verb, as "module:name". Of the command's options it gets those that are its parameters.
+    - `files`: options that name a file to write -> allowed endings of the file's name.
+    - `printed`: value of such an option that means stdout.
+    - `write`: the function that writes the files from the answer.
+    - `quick`: progress is reported only if the command takes long.
+    - `instead_of_json`: an option whose file takes the place of the printed text.
     """
     verb, given = VERBS[name], vars(options)
-    endings = verb.get("files", {})  # option that names a file -> allowed endings; with the value `printed` it means stdout
+    endings = verb.get("files", {})  # option that names a file -> allowed endings
     to_stdout = {x: given[x] for x in endings if str(given[x]) == verb.get("printed")}
     to_file = {x: given[x] for x in endings if given[x] and x not in to_stdout}
     files = to_stdout | (resolve_name(FILES)(to_file, endings, options.replace, options.linkage) if to_file else {})
     function = resolve_name(verb["call"])
-    # a file has all samples of a run, even if the report has only some times
+    # told: function that prints progress; whole: a file has all samples of a run, even if the report has only some times
     available = given | {"options": options, "told": tell_if_long if verb.get("quick") else tell, "whole": bool(files)}
     # pass the options that are parameters of the function
     answer = function(**{x: available[x] for x in inspect.signature(function).parameters if x in available})
@@ -205,7 +210,6 @@ def perform(name: str, options: argparse.Namespace) -> int:
             print(json.dumps(plain(answer.data)))
         return 0 if answer.succeeded else 1
     text = render(name, answer.data) if answer.text is None else answer.text
-    # with the option `instead_of_json` the file takes the place of the printed text
     is_replaced = "instead_of_json" in verb and files.get(verb["instead_of_json"].lstrip("-"))
     if text and not is_replaced:
         print(harmless(text))

@@ -1,4 +1,4 @@
-"""The judge of finished runs, the same for every verb: it decides from figures that our own code computes from the trajectory.
+"""The judge decides for all commands whether a finished run is valid, from numbers that this package computes from the trajectory.
 
 A run is valid if the judge has no objection:
 - it has all samples, and begins at the start of the scenario;
@@ -6,7 +6,7 @@ A run is valid if the judge has no objection:
 - its accelerations are those of the linkage, and its velocities and accelerations are the rates of its positions and velocities;
 - it agrees with the reference or, if there is none, with a repetition at half the step or at a tighter tolerance.
 
-Each limit asks whether the run is still a motion of this linkage. How exact a valid run is, is not the judge's question.
+Each limit asks whether the run is still a motion of this linkage. The judge does not decide how exact a valid run is.
 """
 
 from collections.abc import Iterator, Sequence
@@ -55,11 +55,11 @@ class Subject(StrEnum):
 
 @dataclass(frozen=True)
 class Objection:
-    """A reason not to use a run, if its value exceeds its limit or is not a number.
+    """A possible reason not to use a run: it applies if `value` exceeds `limit` or is not a number.
 
     Attributes:
         subject: part of the run to which the judge objects.
-        value: figure of the run, in the unit that the sentence names.
+        value: number computed from the run, in the unit that the sentence names.
         limit: largest value of a valid run, in the same unit.
         sentence: says what is wrong.
     """
@@ -78,7 +78,7 @@ class Judgement:
 
     @property
     def valid(self) -> bool:
-        """True if the run may be used."""
+        """True if the judge has no objection, so that the results of the run may be used."""
         return not self.objections
 
     @property
@@ -89,28 +89,28 @@ class Judgement:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """The figures that our own code finds in a complete trajectory of k samples; None stands for a figure that is not known.
+    """The numbers by which the judge decides, computed by this package from a complete trajectory of k samples; None is unknown.
 
     Attributes:
         size: size of the linkage [m].
         drift: residuals of the constraints at every sample.
         energy: (k,) energy gained beyond the work done [J].
-        energy_bar: error bar of that work [J].
+        energy_bar: error bar of the work in `energy` [J].
         energy_scale: largest kinetic energy of the run, or the range of the potential energy if larger [J].
         energy_floor: change of the energy that rounding can cause [J].
         seen: (k,) `energy` without losses between samples that are too far apart to resolve damping; None if they resolve it.
         errors: errors against the reference; None without a reference.
         acceleration_error: median relative error of the engine's accelerations at the same states.
         rates: gaps between the motion and the integrals of its rates.
-        rates_again: the same gaps of the repetition, at the samples that both have.
+        rates_again: the same gaps of the repetition of the run with finer steps, at the samples that both have.
         start: gap between the first sample and the start of the scenario.
         duration: time from the first sample to the last [s].
-        halving: difference of the run and its repetition; None with a reference.
+        halving: difference of the run and its repetition with finer steps; None if there is a reference.
         finer: how the repetition was made: "half the step" or "a tighter tolerance".
         unrepeated: why there is neither a reference nor a repetition; empty if there is one of them.
         steps_a_period: steps in a period of the fastest mode, for a fixed step without a reference.
         steps_a_forcing: steps in a period of the fastest force that oscillates with time, for a fixed step.
-        disagreement: relative difference of the accelerations of two of our formulations at the states of the run.
+        disagreement: relative difference between the accelerations by two of this package's formulations, at the states of the run.
     """
 
     size: float
@@ -166,11 +166,12 @@ def completeness(trajectory: object, times: Array, n: int) -> Judgement:
 def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
     """Return the trajectory before its first sample that is missing, at a wrong time or not finite; None if no sample is left.
 
-    An engine may return any object. If the object is not a trajectory, or its arrays do not have numbers and n columns, no sample
-    is left.
+    An engine may return any object. The result is None too if the object is not a trajectory, or if its arrays have entries that
+    are not numbers, or do not have n columns.
 
     Args:
         times: (k,) the requested times of samples [s].
+        n: number of coordinates.
     """
     if not isinstance(trajectory, Trajectory):
         return None
@@ -188,7 +189,7 @@ def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
 
 
 def _count_sound(levels: Sequence[Array]) -> int:
-    """Count the samples before the first with a number that is not finite or is huge, in arrays (k, ...) of the same length k."""
+    """Return how many samples stand before the first one with a number that is not finite or is huge; the arrays are (k, n)."""
     is_sound = np.all([(np.abs(x) < HUGE).all(axis=1) for x in levels], axis=0)
     return len(is_sound) if is_sound.all() else int(is_sound.argmin())  # argmin: the first False
 
@@ -206,7 +207,7 @@ def copy_numbers(x: object) -> Array:
 
 
 def _count(x: Any) -> int | None:
-    """Return an engine's count as an integer, or None if the engine does not count.
+    """Return the number of steps or evaluations that an engine reports as an integer, or None if the engine does not count them.
 
     Raises:
         TypeError, ValueError, OverflowError: x is no count.
@@ -252,13 +253,14 @@ def judge(evidence: Evidence) -> Judgement:
 
 
 def _check_model(x: Evidence) -> Iterator[Objection]:
-    """Yield the possible objections to accelerations, loops, energy and steps."""
+    """Yield the possible objections to accelerations, loops, energy and steps; `judge` keeps those with value > limit."""
     between_two = "formulations of the same accelerations differ by {:.2g} (median): masses or lengths lie too far apart"
     of_engine = "accelerations off by {:.2g} at the same state (median)"
     for off, sentence in ((x.acceleration_error, of_engine), (x.disagreement, between_two)):
         if off is not None:
             yield Objection(Subject.MODEL, off, OFF_ACCELERATION, sentence.format(off))
-    # `seen` leaves out losses that damping between distant samples may explain
+    # `seen` is `energy` without the losses that damping between distant samples may explain
+    # a linkage smaller than 1 m has a limit in proportion to its size [m]
     opened, gained = largest(x.drift.position), largest(x.energy if x.seen is None else x.seen)
     yield Objection(Subject.LOOPS, opened, OFF_DRIFT * min(1.0, x.size), f"the loops open by {opened:.2g} (m or rad)")
     limit = OFF_ENERGY * x.energy_scale
@@ -268,11 +270,12 @@ def _check_model(x: Evidence) -> Iterator[Objection]:
     for steps, oscillation in ((x.steps_a_period, "oscillation"), (x.steps_a_forcing, "force")):
         if steps is not None:
             sentence = f"{steps:.2g} steps in a period of the fastest {oscillation}, which {FEWEST:g} do not resolve yet"
-            yield Objection(Subject.STIFFNESS, FEWEST, steps, sentence)  # too few steps: value and limit change places
+            # here a number below FEWEST is the fault: value and limit change places, so that value > limit means too few steps
+            yield Objection(Subject.STIFFNESS, FEWEST, steps, sentence)
 
 
 def _check_motion(x: Evidence) -> Iterator[Objection]:
-    """Yield the possible objections to the positions and angles of links, compared with the reference or with a repetition."""
+    """Yield the possible objections to positions and angles of links, by comparison with the reference or with a repeated run."""
     if x.errors is not None:
         length, turn = largest(x.errors.length), largest(x.errors.angle)
         yield Objection(Subject.MOTION, length, OFF_MOTION * x.size, f"a link ends up {length:.2g} m from where it should be")
@@ -285,7 +288,10 @@ def _check_motion(x: Evidence) -> Iterator[Objection]:
 
 
 def _check_start(x: Evidence) -> Iterator[Objection]:
-    """Yield the possible objections to the first sample, which should be the start of the scenario."""
+    """Yield the possible objections to the first sample, which should be the start of the scenario.
+
+    There is one for each of positions, angles, velocities and angular velocities; `judge` keeps those whose gap exceeds its limit.
+    """
     if x.start is not None and x.rates is not None:
         # a linkage at rest has no speed to compare with: take the speed that crosses its size within the run
         slow = x.size / x.duration if x.duration else x.size
@@ -300,8 +306,8 @@ def _check_rates(x: Evidence) -> Iterator[Objection]:
 
     Two contributions are added to a limit, each at most MOST_SHARED times the limit:
     - the error of the numerical integral (`RateGaps.bars`), estimated by leaving out every second sample;
-    - the part of the gap that disappears in the repetition with finer steps. This part comes from the method (some methods store
-      rates half a step beside the positions), whereas a gap that stays belongs to another motion.
+    - the part of the gap that disappears when the run is repeated with finer steps. The integration method causes this part (some
+      methods store rates half a step away from the positions). A gap that stays means that the run is another motion.
     """
     if x.rates is None:
         return
@@ -329,7 +335,7 @@ def _check_rates(x: Evidence) -> Iterator[Objection]:
 def remark(evidence: Evidence) -> str:
     """Return the remarks on a valid run, joined by "; ", or an empty text."""
     remarks = []
-    # losses between samples that are so far apart that damping may explain the losses
+    # `seen` is `energy` without losses between distant samples: damping may explain these losses, but no sample shows it
     lost = 0.0 if evidence.seen is None else largest(evidence.energy - evidence.seen)
     if lost > 0.0:
         remarks.append(f"its energy is not decidable: {lost:.2g} J are lost between samples too far apart to see damping take them")

@@ -40,7 +40,7 @@ class Drift:
 
 
 def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
-    """Compute the residuals of position, velocity and acceleration at every sample."""
+    """Return at every sample the largest absolute residual of the constraints, at position, velocity and acceleration level."""
     blocks = []
     h = evaluator.constraints.holonomic  # number of rows that have a position level; they stand first
     for start in range(0, len(trajectory.t), CHUNK):
@@ -53,13 +53,13 @@ def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
 
 
 class MotionGap(NamedTuple):
-    """The largest gap of all links in each of four quantities.
+    """The largest difference between two motions over all links, in each of four quantities.
 
     Attributes:
-        place: of centres of mass [m].
-        turn: of angles [rad].
-        speed: of velocities of centres of mass [m/s].
-        spin: of angular velocities [rad/s].
+        place: difference of positions of centres of mass [m].
+        turn: difference of angles [rad].
+        speed: difference of velocities of centres of mass [m/s].
+        spin: difference of angular velocities [rad/s].
     """
 
     place: float
@@ -70,12 +70,12 @@ class MotionGap(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RateGaps:
-    """The gaps between a motion and the integrals of its own rates; at each sample that of the worst link.
+    """The gaps between a motion and the integrals of its own rates; at each sample, the gap of the link with the largest gap.
 
     Attributes:
         place, turn: (k,) |q - q(0) - int v dt| [m], [rad].
         speed, spin: (k,) |v - v(0) - int a dt| [m/s], [rad/s].
-        bars: error bars of the four: the change of the integrals if every second sample is left out.
+        bars: error bars of the four gaps: the largest change of the integrals if every second sample is left out.
         fastest: largest |v| of the motion [m/s] and [rad/s].
     """
 
@@ -88,7 +88,7 @@ class RateGaps:
 
 
 def rate_gaps(trajectory: Trajectory) -> RateGaps:
-    """Integrate velocities and accelerations through the samples, and compare with positions and velocities."""
+    """Compare positions with integrated velocities, and velocities with integrated accelerations, at every sample."""
     t = trajectory.t
     gaps, bars = [], []
     half = every_second(t)
@@ -135,23 +135,26 @@ def integral(t: Array, x: Array) -> Array:
 def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
     """Return the multipliers (k, m) of M a + J^T lambda = Q at the accelerations of the trajectory.
 
-    If rows are redundant, only J^T lambda is determined, and the shortest lambda is returned. Dry friction is part of Q and depends
-    on the multipliers in turn.
+    If rows are redundant, only J^T lambda is determined, and the shortest lambda is returned. Dry friction is part of the
+    generalised forces Q, and itself depends on the multipliers, so that they are found by iteration.
 
     Raises:
         UndeterminedLoads: friction with redundant rows.
         Jammed: the iteration for the friction does not converge.
     """
     J = evaluator.constraints(trajectory.t, trajectory.q, trajectory.v).J
-    free = evaluator.applied.generalised(trajectory.q, trajectory.v, trajectory.t) - trajectory.a * evaluator.mass  # Q - M a
+    applied = evaluator.applied.generalised(trajectory.q, trajectory.v, trajectory.t)  # Q without dry friction
+    remainder = applied - trajectory.a * evaluator.mass  # Q - M a, which the constraint forces J^T lambda balance
     has_friction = bool(evaluator.friction) and len(trajectory.t) > 0
-    # equations weighted by M^(-1/2), as in the motion: the iteration for the friction then converges here if it does there
+    # weight the equations by M^(-1/2), as the integration of a motion does: the iteration for friction then converges at each state
+    # at which it converged during the integration
     root = np.sqrt(evaluator.mass) if has_friction else np.ones_like(evaluator.mass)
     inverse = np.linalg.pinv(np.swapaxes(J / root, -1, -2), rcond=1e-10)  # (k, m, n)
-    multipliers = (inverse @ (free / root)[..., None])[..., 0]
+    multipliers = (inverse @ (remainder / root)[..., None])[..., 0]
     if not has_friction:
         return np.asarray(multipliers)
     evaluator.check_loads()
+    # `consistent` repeats: friction from the multipliers, then the multipliers with this friction, until they agree
     directions = evaluator.friction.directions(trajectory.q, trajectory.v) / root[:, None]
     return evaluator.friction.consistent(multipliers, inverse @ directions)
 
@@ -159,8 +162,8 @@ def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
 def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
     """Return, by name of the pair, the force on its second link: fx, fy (k,) [N], and moment (k,) [N m] about the joint's point.
 
-    The second link is the later one in `at` of a pin, or the block of a slide. Springs, damping and friction in the joint are
-    applied forces and not included.
+    The second link of a pin is that of the second point in the list `at` of the pin; the second link of a slide is its block.
+    Forces of springs, damping and friction in the joint count as applied forces, and are not part of the joint's force.
     """
     forces: dict[str, dict[str, Array]] = {}
     columns = iter(reactions(evaluator, trajectory).T)  # multipliers (k,) of one row after the other: joints stand first
@@ -202,19 +205,20 @@ def compare_joint_forces(evaluator: Evaluator, states: Trajectory, told: Array) 
 def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
     """Return, by name of the weld, the force on the welded link: fx, fy (k,) [N], and moment (k,) [N m] about the weld's point.
 
-    The point is the first that the weld names, else the origin of the link's own frame. The weld's force is the part of M a that
-    forces, joints and drivers do not explain, M a - Q + J^T lambda, summed over the links that the weld carries.
+    The weld's point is the first point in the weld's definition, or the origin of the link's frame if the definition has no point.
+    The weld's force is the part of M a that forces, joints and drivers do not explain, M a - Q + J^T lambda, summed over the links
+    that the weld carries. `mechanism.whole` is the linkage with each welded link as a body of its own.
     """
     mechanism = evaluator.mechanism
     if not mechanism.welds:
         return {}
     links, multipliers = motion_of_links(mechanism, trajectory), reactions(evaluator, trajectory)  # links: states of unwelded links
-    apart = Evaluator(mechanism.whole)
-    J = apart.constraints(links.t, links.q, links.v).J
-    acting = apart.applied.generalised(links.q, links.v, links.t)
-    if apart.friction:
-        acting = acting + apart.friction.generalised(links.q, links.v, multipliers)
-    unexplained = links.a * apart.mass - acting + np.einsum("kmn,km->kn", J, multipliers)
+    unwelded = Evaluator(mechanism.whole)
+    J = unwelded.constraints(links.t, links.q, links.v).J
+    acting = unwelded.applied.generalised(links.q, links.v, links.t)
+    if unwelded.friction:
+        acting = acting + unwelded.friction.generalised(links.q, links.v, multipliers)
+    unexplained = links.a * unwelded.mass - acting + np.einsum("kmn,km->kn", J, multipliers)
     forces: dict[str, dict[str, Array]] = {}
     for weld in mechanism.welds:
         at = position(links.q, weld.at)
@@ -222,6 +226,7 @@ def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[
         for i in weld.beyond:
             push, arm = place_at(unexplained, i), place_at(links.q, i) - at
             force = force + push
+            # the link's own moment, and that of its force about the weld's point: arm x push
             moment = moment + angle_at(unexplained, i) + arm[:, 0] * push[:, 1] - arm[:, 1] * push[:, 0]
         forces[weld.name] = {"fx": force[:, 0], "fy": force[:, 1], "moment": moment}
     return forces
@@ -284,8 +289,8 @@ class Loads:
     Attributes:
         until: time of the last sample [s]; None if there are no samples.
         acting: "gravity" and the names of the forces that act.
-        determined: whether the loads of single joints are determined; with redundant rows they are not, and the peaks are those of
-            the smallest loads that agree with the motion.
+        determined: whether the motion determines the loads of single joints. With redundant rows it does not, and the peaks are
+            those of the smallest loads that agree with the motion.
         peaks: peak of each load by its name, such as "PIN.force", "SLIDE.normal", "SLIDE.moment", "WELD.force" or "DRIVER.torque".
     """
 
@@ -296,7 +301,12 @@ class Loads:
 
 
 def summarise_loads(mechanism: Mechanism, trajectory: Trajectory, curves: Iterable[Curve]) -> Loads:
-    """Return the largest and mean loads of the curves that `load_curves` yields for the samples of a trajectory."""
+    """Return the largest and mean value of each load over a trajectory.
+
+    Args:
+        curves: the loads at the samples of the trajectory, as `load_curves` yields them. The components fx and fy are skipped,
+            since the magnitude of the force has a curve of its own.
+    """
     t = trajectory.t
     peaks: dict[str, Peak] = {}
     crank = None if mechanism.crank is None else angle_at(trajectory.q, mechanism.crank)
@@ -305,15 +315,15 @@ def summarise_loads(mechanism: Mechanism, trajectory: Trajectory, curves: Iterab
             continue
         size = np.abs(curve.values)
         k = int(size.argmax())
-        turned = None if crank is None else float(crank[k])
+        crank_angle = None if crank is None else float(crank[k])
         # a weld may have the name of a joint, or of a driven slide
         name = curve.name if curve.name not in peaks else f"{curve.group}.{curve.name}"
         peaks[name] = Peak(
             unit=curve.unit,
             largest=float(size[k]),
             t=float(t[k]),
-            crank=turned,
-            crank_deg=None if turned is None else float(np.degrees(turned) % 360.0),
+            crank=crank_angle,
+            crank_deg=None if crank_angle is None else float(np.degrees(crank_angle) % 360.0),
             mean=_mean_over_time(t, size),
             rms=float(np.sqrt(_mean_over_time(t, size * size))),
         )
@@ -358,7 +368,10 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
 
 
 def energy_rounding(energy: Array) -> float:
-    """Return the largest change of energies (k,) that rounding can cause [J]: eight units in the last place, for few additions."""
+    """Return the largest change of energies (k,) that rounding can cause [J].
+
+    It is eight units in the last place, which is enough for a sum of few terms.
+    """
     return 8 * float(np.finfo(float).eps) * (1.0 + largest(energy))
 
 
@@ -370,9 +383,9 @@ def energy_scale(evaluator: Evaluator, trajectory: Trajectory) -> float:
 
 
 def without_loss(t: Array, gain: Array, spacing: float) -> Array:
-    """Remove from the energy error (k,) [J] every loss between samples further apart than `spacing` [s].
+    """Return the energy error (k,) [J] without its drops between neighbouring samples that are more than `spacing` [s] apart.
 
-    Between such samples a damper may dissipate energy that no sample shows, so that a loss is no evidence of an error.
+    Between samples so far apart a damper may dissipate energy that no sample shows, so that a drop is no evidence of an error.
     """
     change = np.diff(gain)
     is_hidden = (np.diff(t) > spacing) & (change < 0)
@@ -382,8 +395,9 @@ def without_loss(t: Array, gain: Array, spacing: float) -> Array:
 def work(t: Array, power: Array) -> tuple[Array, Array]:
     """Return the work (k, ...) [J] done since t[0] by powers (k, ...) [W] at times t (k,), and its error bar (...).
 
-    The power is integrated by a quintic spline through the samples. The error bar is the largest difference from the spline through
-    every second sample: far above the error if the samples resolve the motion, and large if they do not.
+    The power is integrated by a quintic spline through the samples. The error bar is the largest difference from the integral of
+    the spline through every second sample. If the samples are dense enough for the motion, it is far larger than the true error,
+    which is then tiny; if they are not, it is large, and so shows the fault.
     """
     from scipy.interpolate import make_interp_spline  # imported here: it takes as long as all other imports together
 
@@ -404,12 +418,13 @@ class Errors:
     """The errors of a trajectory against a reference, at the times that both have.
 
     Attributes:
-        t: (k,) these times [s].
+        t: (k,) the times at which both have a sample [s].
         measured: (k,) |error| of the linkage's measured coordinate [rad or m].
         length: (k, links) |error| of a link's centre of mass, the larger of x and y [m].
         angle: (k, links) |error| of a link's angle [rad].
         velocity: (k, links) largest |error| of a link's velocities [m/s, rad/s].
-        position_bar, velocity_bar: (k,) smallest significant error: the error bar of the reference, or its floor if larger.
+        position_bar, velocity_bar: (k,) smallest significant error: the error bar of the reference, or, if larger, its floor, which
+            is the change of the motion when the numbers of the file are rounded to doubles.
     """
 
     t: Array
@@ -422,7 +437,7 @@ class Errors:
 
     @property
     def position(self) -> Array:
-        """(k, links) the larger of `length` and `angle` of each link [m, rad]."""
+        """(k, links) for each link the larger of its position error [m] and its angle error [rad]."""
         return np.maximum(self.length, self.angle)
 
     @property
@@ -460,10 +475,10 @@ def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Refere
 
 
 def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: Reference) -> Array:
-    """Return the largest error (k,) [N] of any joint's force components, at the times of the reference that were sampled.
+    """Return the largest error (k,) [N] over all joints and force components, at the k times that trajectory and reference share.
 
-    It is NaN if redundant rows leave the forces undetermined. The forces of the trajectory and those of the reference are both
-    computed from their accelerations by Newton's laws.
+    The error is NaN if redundant rows leave the joint forces undetermined. The joint forces of the trajectory follow from the
+    accelerations of the trajectory by Newton's laws, those of the reference from the accelerations of the reference.
     """
     mine, both = common_times(trajectory.t, reference.t)
     if evaluator.mechanism.redundant:
@@ -480,12 +495,13 @@ def relative_acceleration_error(a: Array, true: Array) -> Array:
 
 
 def observed_order(steps: Array, errors: Array, floors: Array) -> Array:
-    """Return the observed order (k,) of each run against the run before it; NaN for the first, and if an error is near its floor.
+    """Return the order of convergence (k,) that each run shows against the run before it.
+
+    The order is NaN for the first run, and where the error of one of the two runs is less than ten times its floor.
 
     Args:
         steps: (k,) step sizes, decreasing.
-        errors, floors: (k,) error of each run, and the error of its reference; a run whose error is less than ten times its floor
-            has no order.
+        errors, floors: (k,) error of each run, and the error of the reference from which it was computed.
     """
     order = np.full(len(steps), np.nan)
     usable = (errors > 10 * floors) & np.isfinite(errors)

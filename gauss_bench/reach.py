@@ -1,7 +1,8 @@
 """The answer to the question whether an engine meets a requirement on a linkage; if not, how far the search came and why it ended.
 
-The search, the recommendation and the report all print this answer. It follows from the trials of the engine's variants, so that it
-can be computed from stored rows of `search_ladder` as well as from a search that has just ended.
+The search, the recommendation and the report all print the answer, a `Reach`, in the same words. The answer follows from the trials
+(runs with one step or tolerance) of the engine's variants (settings that the search tries). So it can be computed from stored rows
+of the table `search_ladder` as well as from a search that has just ended.
 """
 
 import math
@@ -40,14 +41,14 @@ class Requirement:
 
 @dataclass(frozen=True)
 class Trial:
-    """One run of a variant.
+    """One run of a variant, with one step or one tolerance.
 
     Attributes:
         size: step [s] or tolerance.
         errors: kind of error -> largest error of the run, NaN if it is not determined; empty for a failed run.
         steps: number of steps; None if the integrator chooses its steps and the engine does not count them.
-        status, message: OK and no message, or the failure and its reason.
-        evaluations: number of evaluations of accelerations; None if the engine does not count them.
+        status, message: OK and an empty message, or the kind of failure and its reason.
+        evaluations: number of evaluations of the accelerations; None if the engine does not count its evaluations.
     """
 
     size: float
@@ -63,7 +64,7 @@ class Trial:
 
 
 def trial_of(row: Mapping[str, Any]) -> Trial:
-    """Return the trial that a row of `search_ladder` describes."""
+    """Return the trial, which is one run of a search, that a row of the table `search_ladder` describes."""
 
     def read(column: str) -> float:
         """Return the number in a column; NaN if it is missing or not finite."""
@@ -98,8 +99,9 @@ class Reach:
         seconds: time of the search [s] if time ended it, else NaN.
         order: order of convergence of the variant that would meet the requirement with the fewest steps; NaN if no variant's errors
             fall at a constant order.
-        needed: number of steps at which this variant would meet the requirement if its error kept falling at this order.
-        within: the budget in words, printed in place of `seconds`, if the budget was not a number of seconds.
+        needed: number of steps with which this variant would meet the requirement if its error kept falling at this order; NaN if
+            `order` is NaN.
+        within: words such as "within the budget" that are printed in place of `seconds`; empty if `seconds` is printed.
     """
 
     kind: Kind
@@ -117,7 +119,10 @@ class Reach:
 
     @property
     def words(self) -> str:
-        """Return the answer as it is printed everywhere."""
+        """The answer in words, such as "not reached within 60 s; order 4.0 extrapolates to 21,000 steps".
+
+        After the kind stands what ended the search: its budget, or the largest number of steps; then `needed`; then the reason.
+        """
         answer, is_timed = str(self.kind), math.isfinite(self.seconds)
         if self.within:
             answer += f" {self.within}"
@@ -133,17 +138,20 @@ class Reach:
 
 
 def reach(ladders: Iterable[Sequence[Trial]], wanted: Sequence[Requirement], untimed: str | None = None) -> Reach:
-    """Return whether an engine meets all requirements in one run; if not, why not and how many steps would.
+    """Return whether an engine meets all requirements in one run; if not, why not, and how many steps would meet them.
+
+    The answer is the first that applies: TIMED or UNTIMED, if a trial meets all requirements; NOT_TRIED or NO_MODEL, if the engine
+    skipped all trials; UNDETERMINED, if all trials ended without a known error; else NOT_REACHED.
 
     Args:
         ladders: for each variant of the engine its trials, which are runs at several steps or tolerances.
         wanted: the requirements.
-        untimed: the reason why no race timed a variant that meets the requirements; None if a race timed one.
+        untimed: the reason why no timed comparison has a variant that meets the requirements; None if one has.
     """
     ladders = [ladder for ladder in ladders if ladder]
     trials = [trial for ladder in ladders for trial in ladder]
     ended = [trial for trial in trials if trial.status is Status.OK]
-    shares = [share(trial, wanted) for trial in ended]
+    shares = [share(trial, wanted) for trial in ended]  # errors over allowed errors: at most 1 if all requirements are met
     if any(x <= 1 for x in shares):
         return Reach(Kind.TIMED) if untimed is None else Reach(Kind.UNTIMED, untimed)
     failed = [trial for trial in trials if trial.status is not Status.SKIP]
@@ -161,15 +169,16 @@ def reach(ladders: Iterable[Sequence[Trial]], wanted: Sequence[Requirement], unt
 
 
 def share(trial: Trial, wanted: Sequence[Requirement]) -> float:
-    """Return the largest ratio of an error of a run to its limit; NaN if an error is not determined."""
+    """Return the largest ratio of an error of a run to its limit; the ratio is NaN if one of the errors is not known."""
     return float(np.max([trial.errors.get(x.kind, math.nan) / x.limit for x in wanted]))  # the maximum with a NaN is NaN
 
 
 def convergence(trials: Sequence[Trial], wanted: Sequence[Requirement]) -> tuple[float, float]:
     """Return the order of convergence in the finest trials, and the number of steps that would meet the requirements at this order.
 
-    Both are NaN if there are fewer than RUNGS trials, or if the orders between neighbouring trials are not positive or differ by
-    STEADY or more.
+    The order is computed from the RUNGS trials with the most steps whose numbers of steps differ by the factor APART or more; the
+    error of a trial is its largest ratio of an error to its limit (`share`). Order and number are NaN if there are fewer such
+    trials, or if the orders between neighbouring trials are not positive or differ by STEADY or more.
 
     Args:
         trials: the trials of one variant.
@@ -182,6 +191,7 @@ def convergence(trials: Sequence[Trial], wanted: Sequence[Requirement]) -> tuple
     finest = [(steps, x) for steps, x in rungs[:RUNGS] if x.status is Status.OK]
     with np.errstate(all="ignore"):
         errors = np.log([share(x, wanted) for _, x in finest])  # of errors over their limits: 0 where the requirement is just met
+        # finest first: errors rise and numbers of steps fall along the list, so that a positive order needs the minus sign
         orders = np.diff(errors) / -np.diff(np.log([steps for steps, _ in finest]))
     if len(finest) < RUNGS or not (np.isfinite(orders).all() and orders.min() > 0 and np.ptp(orders) < STEADY):
         return math.nan, math.nan

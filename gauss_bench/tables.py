@@ -5,9 +5,9 @@ number NaN, a missing flag None. Writing refuses a column that the schema does n
 the number of the format and the schema in `tables.json`, and the checksums of all files in `checksums.json`. A folder without
 `tables.json` is of format 1. Rows of older formats are converted while they are read (`migrate_row`), a later format is refused.
 
-Timed columns are stored apart, in files of the same names in the folder `times`, and rounded as far as their spread allows. A
-repeated run therefore changes these files, and in other files only rows whose figures changed. Reading a table joins both parts.
-Date, machine and versions of a run are in `environment.json` alone.
+Timed columns, which depend on measured times, are stored in separate files of the same names in the folder `times`. Their numbers
+are rounded to the digits that their spread justifies. A repeated run therefore changes these files, and in other files only rows
+whose numbers changed. Reading a table joins its two files. Date, machine and versions of a run are in `environment.json` alone.
 """
 
 import csv
@@ -40,7 +40,7 @@ Row = Mapping[str, Any]
 
 
 class TableError(BadInput, ValueError):
-    """A file cannot be read as its table; the message names file and column."""
+    """A file does not have the content that its table requires; the message names the file and, where there is one, the column."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,12 @@ class Column:
 
     Attributes:
         name: heading of the column in files.
-        kind: type of its values.
+        kind: type of the values.
         meaning: explanation for readers.
-        unit: unit of its numbers; "" for texts, flags, counts and ratios.
+        unit: unit of the numbers; "" for texts, flags, counts and ratios.
         exact: whether a number keeps all its digits in a CSV file.
-        timed: whether it depends on measured time; a timed column is stored apart, and rounded.
-        added: whether it was added later, so that files of the present format may lack it.
+        timed: whether the column depends on measured time; a timed column is stored in a separate file, and rounded.
+        added: whether the column was added after the first release of the present format, so that files of this format may lack it.
     """
 
     name: str
@@ -74,9 +74,9 @@ class Table:
         meaning: explanation of a row for readers.
         columns: all columns.
         keys: number of leading columns that distinguish rows.
-        suffix: kind of its files.
-        timed: whether measured time decides which rows exist; the whole table is then stored in the folder of times.
-        curves: whether its numbers are points of curves, which are stored with as many digits as a drawing shows.
+        suffix: ending of the names of the table's files.
+        timed: whether measured times decide which rows the table has; the whole table is then stored in the folder TIMES.
+        curves: whether the numbers are points of curves, which are stored with as few digits as a drawing can show.
     """
 
     meaning: str
@@ -88,7 +88,7 @@ class Table:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of its columns."""
+        """The names of the table's columns."""
         return tuple(c.name for c in self.columns)
 
     @property
@@ -103,10 +103,10 @@ class Table:
 
     @property
     def parts(self) -> "dict[str, tuple[Column, ...]]":
-        """The columns of each file of this table, by the folder of the file, "" or `times`.
+        """The columns of each file of this table, by the folder of the file: "" for the folder of the run, or `times`.
 
-        Columns that depend on measured time are in a file of their own in `times`, which repeats the key of each row. A table that
-        depends on time as a whole has only a file in `times`.
+        Columns that depend on measured time are in a separate file in `times`, which repeats the key of each row. If measured times
+        decide which rows the table has (`timed`), all its columns are in one file in `times`.
         """
         if self.timed:
             return {TIMES: self.columns}
@@ -120,7 +120,14 @@ SCHEMA = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="u
 
 
 def read_columns(entries: Iterable[Any]) -> Iterator[Column]:
-    """Yield the columns of entries of `tables.toml`: a group's name, a single column, or a value with the ends of its spread."""
+    """Yield the columns that entries of `tables.toml` describe. An entry has one of three forms.
+
+    "where": the columns of the group with this name.
+    {number = "step", meaning = "..."}: one column, with its kind as the first key.
+    {spread = "ratio", meaning = "..."}: the columns ratio, ratio_low and ratio_high, a measured value with both ends of its range.
+        The first key, here "spread", is a key of the table `ends` of `tables.toml`, which has the words to add to the three
+        meanings.
+    """
     for entry in entries:
         if isinstance(entry, str):
             yield from read_columns(SCHEMA["groups"][entry])
@@ -199,10 +206,11 @@ def print_value(column: Column, value: Any, digits: int = DIGITS) -> str:
 
 
 def round_times(table: Table, row: Row) -> dict[str, Any]:
-    """Return a typed row whose times and ratios have only the digits that their spread supports.
+    """Return a typed row (one whose values have the types of their columns) with rounded times and ratios of times.
 
-    A value and the ends of its spread are rounded to the largest power of ten that is at most a hundredth of the spread. They keep
-    at least four digits, and four if no spread is known. Reports print three, so that no printed digit is rounded twice.
+    A value and the two ends of its range are rounded to multiples of the largest power of ten that is at most a hundredth of the
+    width of the range. The value keeps at least four significant digits, and exactly four if no range is known. Reports print three
+    of these digits, so that no number is rounded twice to the same digit.
     """
     rounded = dict(row)
     for column in table.timed_columns:
@@ -229,14 +237,14 @@ def csv_text(columns: Sequence[Column], rows: Iterable[Row], digits: int = DIGIT
 
 
 def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...]:
-    """Write a table of the schema into a folder, each of its files atomically.
+    """Write a table of the schema into a folder, each of its files atomically, and return the paths of the files.
 
-    Return the paths of the files. Equal rows give equal bytes. Files of the table that an earlier format wrote elsewhere are
-    removed.
+    A table has a main file and, if rows have measured times, a file in the folder `times` with the keys and times of these rows.
+    Equal rows give equal bytes. Files of this table that an earlier format stored under other paths are removed.
 
     Raises:
         KeyError: there is no such table, or a row has a column that is not in the table.
-        ValueError: two rows with times of their own have the same key.
+        ValueError: two rows that have measured times have the same key, so that reading could not tell whose times are whose.
     """
     table = TABLES[name]
     typed = [round_times(table, row_of(table, row)) for row in rows]
@@ -343,10 +351,10 @@ def read_environment(folder: Path) -> dict[str, Any]:
 
 
 def format_of(folder: Path) -> int:
-    """Return the number of the format of the tables in a folder; 1 without `tables.json`.
+    """Return the number of the format of the tables in a folder; the number is 1 if the folder has no `tables.json`.
 
     Raises:
-        TableError: the format is later than FORMAT, or `tables.json` is damaged.
+        TableError: the format is later than FORMAT, the latest one that this version reads, or `tables.json` is damaged.
     """
     path = folder / SCHEMA_FILE
     if not path.exists():
@@ -362,10 +370,10 @@ def format_of(folder: Path) -> int:
 
 
 def refuse_later(version: int, path: Path) -> None:
-    """Check that this version can read a format; `path` is that of the file that names it.
+    """Check that this version of gauss-bench can read the format with the number `version`, which the file `path` states.
 
     Raises:
-        TableError: the format is later than FORMAT.
+        TableError: the format is later than FORMAT, the latest one that this version reads.
     """
     if version > FORMAT:
         raise TableError(f"{path}: format {version} is later than this version of gauss-bench can read, which is {FORMAT}")
@@ -374,11 +382,11 @@ def refuse_later(version: int, path: Path) -> None:
 def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
     """Return the typed rows of a table in the folder of a run, in the order of the file; none if there is no such file.
 
-    Since format APART, the columns that depend on measured time are in a file of their own, and are joined to the rows by key.
+    Since format APART, the columns that depend on measured time are in a separate file, and are joined to the rows by key.
 
     Raises:
-        TableError: a file is damaged, lacks a column, has a value of the wrong type or a later format, or has the times of a row
-            that does not exist.
+        TableError: a file is damaged, lacks a column, has a value of the wrong type, or is of a later format; or the file of
+            measured times has a key that no row of the main file has.
     """
     version, table = format_of(folder), TABLES[name]
     if name == "baseline":
@@ -407,12 +415,13 @@ def read_file(
     """Return the typed rows of a table in one file.
 
     Args:
-        version: format of the file; by default that in its column `format`.
-        columns: columns of this file, by default all of the table; the others are missing in every row. Only a file of the present
-            format must have these columns, except those that were `added` later.
+        version: number of the file's format; by default the number in the file's column `format`.
+        columns: the table's columns that this file should have, by default all. In the returned rows the values of other columns
+            are missing. A file of the present format must have these columns, except those with the attribute `added`; a file of an
+            older format may lack them.
 
     Raises:
-        TableError: as `read_table`.
+        TableError: for the same reasons as in `read_table`.
     """
     table = TABLES[name]
     head, lines = read_lines(path)
@@ -442,7 +451,7 @@ def read_file(
 
 
 def migrate_row(name: str, line: dict[str, Any], version: int) -> dict[str, Any]:
-    """Return a line of an older format under the present names of columns, without values that had another meaning."""
+    """Convert a line of a file of an older format: rename its columns, and leave out values whose meaning has changed since."""
     names = SCHEMA["renamed"]
     fresh = {names.get(k, k): x for k, x in line.items()}
     if "measured" in TABLES[name].names:
@@ -462,11 +471,12 @@ def migrate_row(name: str, line: dict[str, Any], version: int) -> dict[str, Any]
 def migrate(folder: Path) -> tuple[Path, ...]:
     """Bring every table in the folder of a run, and a baseline in it, to the present format, and return the written files.
 
-    Nothing is written before all tables are read. Texts stay unchanged, and times keep the digits that their spread supports. Files
-    that an older format wrote twice or elsewhere are removed.
+    Nothing is written before all tables are read. Values of text columns stay unchanged, and measured times are rounded to the
+    digits that their spread justifies. If an older format stored a table under other paths, or as both CSV and Parquet, these files
+    are removed.
 
     Raises:
-        TableError: as `read_table`.
+        TableError: for the same reasons as in `read_table`.
     """
     read = {name: read_table(name, folder) for name in TABLES if files_of(name, folder)}
     files: list[Path] = []
@@ -506,10 +516,10 @@ def refuse_foreign(signs: Mapping[Path, str]) -> None:
     """Check that only files which gauss-bench wrote itself would be overwritten.
 
     Args:
-        signs: path of a file -> a text by which a file of gauss-bench at this path is recognised.
+        signs: path of a file -> a text that the file contains if gauss-bench wrote it.
 
     Raises:
-        FileExistsError: a file exists and does not contain this text; the message names the file.
+        FileExistsError: a file exists and does not contain its text in `signs`; the message names the file.
     """
     for path, sign in signs.items():
         if path.exists() and sign not in path.read_text(encoding="utf-8", errors="replace"):

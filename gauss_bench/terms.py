@@ -70,9 +70,10 @@ def recover_multipliers(terms: Terms, a: Array) -> Array:
 
 
 def baumgarte(terms: Terms, alpha: float, beta: float) -> Terms:
-    """Return the terms with Baumgarte's acceleration bias: gamma loses 2 alpha phi' + beta^2 phi.
+    """Return the terms of the equations of motion with Baumgarte's stabilisation: 2 alpha phi' + beta^2 phi subtracted from gamma.
 
-    So phi'' = 0 becomes phi'' + 2 alpha phi' + beta^2 phi = 0; with alpha = beta the error decays critically. Source: Baumgarte,
-    Stabilization of constraints and integrals of motion in dynamical systems, Comput. Methods Appl. Mech. Eng. 1 (1972), eq. (12).
+    The equation phi'' = 0 of the constraints then becomes phi'' + 2 alpha phi' + beta^2 phi = 0; with alpha = beta the constraint
+    error is critically damped. Source: Baumgarte, Stabilization of constraints and integrals of motion in dynamical systems,
+    Comput. Methods Appl. Mech. Eng. 1 (1972), eq. (12).
     """
     return replace(terms, gamma=terms.gamma - 2 * alpha * terms.phi_dot - beta**2 * terms.phi)

@@ -12,7 +12,10 @@ Array = NDArray[np.floating[Any]]
 
 
 class Status(StrEnum):
-    """The ways in which a run ends. Every status but OK has a message with the reason. Only OK and INVALID have all samples."""
+    """The ways in which a run ends. A run has all its samples only if its status is OK or INVALID.
+
+    A run with any other status than OK has a message with the reason.
+    """
 
     OK = "ok"
     INVALID = "invalid"  # it ended, but the judge found an error
@@ -141,7 +144,7 @@ class Reference(Samples):
 
 
 class Group(StrEnum):
-    """The subjects of curves, in the order in which tables and plots show them."""
+    """What a curve over time describes: a link, a point, the energy and so on, in the order in which tables and plots show them."""
 
     LINK = "link"  # angle, angular speed and angular acceleration of an observed link
     POINT = "point"  # position, velocity and acceleration of an observed point
@@ -215,7 +218,7 @@ def spread_evenly(count: int, most: int) -> NDArray[np.intp]:
 
 
 def finite(*samples: Array) -> int:
-    """Count the samples before the first with a number that is not finite; arrays (k, n) of the same run are looked at together."""
+    """Return how many samples come before the first sample with a number that is not finite, in any of the arrays (k, n)."""
     is_finite = np.asarray(np.isfinite(np.hstack(samples)).all(axis=1))
     return len(is_finite) if is_finite.all() else int(is_finite.argmin())  # argmin: the first False
 
@@ -232,7 +235,8 @@ def with_accelerations(
     """Return the trajectory of q, v (k, n) with the accelerations `acceleration(k)` (n,); they are NaN from the first NaN state on.
 
     Raises:
-        RunFailure: of `acceleration`; its `reached` is the trajectory, with NaN from the failed sample on.
+        RunFailure: the function `acceleration` raised it. Its attribute `reached` is set to the trajectory, whose accelerations are
+            NaN from the failed sample on.
     """
     a = np.full_like(q, np.nan)
     trajectory = Trajectory(times, q, v, a, steps, evaluations, note)

@@ -1,4 +1,8 @@
-"""Safe handling of untrusted files and texts: open without blocking, limit before parsing, print without control characters."""
+"""Safe handling of untrusted files and texts.
+
+Files are opened without blocking, the size of files and the depth of texts are limited before parsing, and texts are printed
+without control characters.
+"""
 
 import os
 import re
@@ -35,10 +39,10 @@ class TooDeep(tomllib.TOMLDecodeError):
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """Return the bytes of a regular file, at most `most`; never block, as opening a pipe would.
+    """Return the content of a regular file of at most `most` bytes; never block, as opening a pipe would.
 
     Raises:
-        OSError: the file cannot be opened, is no regular file, or is larger.
+        OSError: the file cannot be opened, is no regular file, or is larger than `most` bytes.
     """
     # O_NONBLOCK: opening a pipe without a writer would block; O_NOCTTY: a terminal would become the controlling one
     careful = os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
@@ -52,7 +56,7 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def read_start(path: Path, most: int) -> bytes:
-    """Return the first bytes of a file, `most` at most."""
+    """Return the first `most` bytes of a file, or all its bytes if it has fewer."""
     with path.open("rb") as file:
         return file.read(most)
 
@@ -62,7 +66,7 @@ def parse_toml(text: str, parse_float: Any = float) -> dict[str, Any]:
 
     Raises:
         TOMLDecodeError: the text is not TOML.
-        TooDeep: it is nested too deep.
+        TooDeep: keys or brackets are nested more than DEEPEST deep.
     """
     check_depth(text)  # before parsing: the parser's memory grows with the square of the depth
     return tomllib.loads(text, parse_float=parse_float)
@@ -72,7 +76,7 @@ def check_depth(text: str) -> None:
     """Check that keys have at most DEEPEST dots and that brackets are nested at most DEEPEST deep.
 
     Raises:
-        TooDeep: a key or a bracket is deeper; the message names the line.
+        TooDeep: a key has more dots, or a bracket is nested deeper; the message names the line.
     """
     dots = brackets = 0  # dots of the present key, open brackets
     for token in TOKEN.finditer(text):

@@ -85,7 +85,7 @@ def test_progress_is_a_line_now_and_then_where_stderr_is_no_terminal(
     """A task every 6 s, and a line first and when more than 15 s have passed: after the third."""
     seconds = iter(range(0, 1000, 6))
     monkeypatch.setattr(tasks.time, "monotonic", lambda: float(next(seconds)))
-    assert list(tasks.describe_tasks(4, "accuracy")) == [0, 1, 2, 3]
+    assert list(tasks.count_with_progress(4, "accuracy")) == [0, 1, 2, 3]
     assert capsys.readouterr().err == "accuracy: 4 to do\naccuracy: 3 of 4 done\n"
 
 

@@ -263,7 +263,9 @@ def test_errors_as_large_as_those_of_single_precision_are_said_to_be() -> None:
 
 
 def test_near_equilibria_an_error_counts_by_the_other_states() -> None:
-    for error, size, share in (([1.0, 1.0], [2.0, 10.0], 0.5), ([1.0, 1.0], [0.0, 10.0], 2.0), ([0.0, 0.0], [0.0, 0.0], 0.0)):
+    nothing_moves = [0.0, 0.0]
+    cases = (([1.0, 1.0], [2.0, 10.0], 0.5), ([1.0, 1.0], [0.0, 10.0], 2.0), ([0.0, 0.0], nothing_moves, 0.0))
+    for error, size, share in (*cases, ([0.0, 3.0], nothing_moves, 3.0)):
         assert _share(np.array(error), np.array(size)) == pytest.approx(share)  # a twentieth of the largest size counts at least
     assert (digits(1e-9), digits(0.0), digits(5.0)) == ("9.0 digits", "16.0 digits", "0.0 digits")
 

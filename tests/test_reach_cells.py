@@ -13,7 +13,7 @@ from gauss_bench.report.build import all_findings, read_run
 from gauss_bench.report.content import Section, Table
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import search
-from gauss_bench.report.site.engine import bests, engine_names
+from gauss_bench.report.site.engine import cheapest_table, engine_names
 from gauss_bench.report.site.linkage import name_leaders
 from gauss_bench.report.site.settings import FORCES, POSITIONS, answers, scenarios
 from gauss_bench.report.summary import summary
@@ -63,7 +63,7 @@ def cells(run: Run) -> Iterator[Said]:
         for engine, words in re.findall(rf"\b({'|'.join(engine_names(run))}): ([^.]*)", text):
             yield Said("linkage page", name, engine, {"position": 1e-4}, words)
     for engine in engine_names(run):
-        for row in bests(run, engine).rows:
+        for row in cheapest_table(run, engine).rows:
             wanted = {"position": 1e-3 * float(row[1].text)}
             yield Said("engine page", row[0].text, engine, wanted, row[2].text)
     section = search.section(run)

@@ -523,8 +523,8 @@ def test_half_of_the_requirement_holds_and_of_an_engine_four_race_whose_work_is_
 def test_a_variant_may_take_eight_times_the_work_of_the_best() -> None:
     with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
         for steps, most in ((50, 800), (100, 800), (101, 808), (25_000, 200_000), (26_000, 200_000)):
-            assert recommender._most(way("b"), (way("a"), Trial(1e-3, {}, steps))) == most
-        assert recommender._most(way("b"), None) == 200_000
+            assert recommender._step_limit(way("b"), (way("a"), Trial(1e-3, {}, steps))) == most
+        assert recommender._step_limit(way("b"), None) == 200_000
 
 
 def test_a_search_is_complete_where_nothing_was_left_or_cut() -> None:
@@ -547,16 +547,16 @@ def test_the_engine_with_the_fewest_tries_has_its_turn_and_after_the_end_only_wh
     done, refused = engine_of({}), replace(engine_of({}), left=[*left], refused=(Status.SKIP, "no such joint"))
     with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
         recommender.engines = {"busy": busy, "done": done, "refused": refused, "twice": twice, "once": once, "never": never}
-        assert [recommender._next() for _ in range(3)] == [never, once, twice]
+        assert [recommender._next_engine() for _ in range(3)] == [never, once, twice]
         for engine in (once, twice, never):
             engine.busy = False
         recommender.budget.remaining = lambda share=1.0: 0.0  # type: ignore[method-assign]
-        assert recommender._next() is never
+        assert recommender._next_engine() is never
         recommender.engines = {"once": once, "twice": twice}
-        assert recommender._next() is None
+        assert recommender._next_engine() is None
         refuses = replace(engine_with(Trial(1e-3, {}, 0, Status.SKIP, "the compiled loop has no drivers")), left=[*left])
         recommender.engines = {"once": once, "refuses": refuses}
-        assert recommender._next() is refuses, "it was asked and not run"
+        assert recommender._next_engine() is refuses, "it was asked and not run"
 
 
 def test_an_engine_that_refuses_is_asked_by_its_other_loop_or_once_more_by_another_integrator() -> None:
@@ -567,7 +567,7 @@ def test_an_engine_that_refuses_is_asked_by_its_other_loop_or_once_more_by_anoth
     with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
         for left, options, kept in (([same, other, third], {}, [other]), ([same], {}, []), ([compiled, *called], loops, called)):
             engine = replace(engine_of(first), left=left, options=options)
-            recommender._refuse(engine, trial)
+            recommender._choose_after_refusal(engine, trial)
             assert (engine.left, engine.refused) == (kept, None if kept else (Status.SKIP, "no such joint"))
 
 

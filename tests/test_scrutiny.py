@@ -32,8 +32,8 @@ from gauss_bench.runs.scrutiny import (
     first_part,
     is_same_run,
     repeat_finer,
+    reversal_times,
     sample_spacing,
-    turns,
 )
 from gauss_bench.trajectory import Status, Trajectory, spread_evenly
 from tests.fuzz.files import toml
@@ -173,8 +173,8 @@ def test_a_table_turns_where_its_slope_changes_sign(tmp_path: Path) -> None:
     text = (MECHANISMS / "four_bar.toml").read_text(encoding="utf-8").replace("planar-linkage/1", "planar-linkage/2")
     path = tmp_path / "four_bar.toml"
     path.write_text(text + re.sub(r"\{ law = .* \}", f'{{ law = "table", rows = {rows} }}', FORCED), encoding="utf-8")
-    assert [x.tolist() for x in turns(load(str(path), "hum"))] == [[0.2, 0.4]]
-    assert turns(load("four_bar", "torque")) == []
+    assert [x.tolist() for x in reversal_times(load(str(path), "hum"))] == [[0.2, 0.4]]
+    assert reversal_times(load("four_bar", "torque")) == []
 
 
 @cache

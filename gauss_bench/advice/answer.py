@@ -1,4 +1,4 @@
-"""The answer of a recommendation for one engine; settings, requirements and errors in words."""
+"""The recommendation for one engine as data, and functions that write settings, requirements and errors as text."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -20,16 +20,18 @@ class Answer:
         engine: name of the engine.
         status: "ok", "not reached", "not tried" or "skip".
         message: the reason of the status in one sentence, from `gauss_bench.reach`.
-        settings, integrator, stabilization: names as the engine offers them; empty if there is no setting.
+        settings, integrator, stabilization: names as the engine offers them; empty if no setting is recommended.
         step, tolerance: integration step [s], or relative tolerance of an integrator that chooses its own steps.
         steps: number of steps of the run.
-        errors: kind -> largest error of the whole run [m], [rad], [N], with this setting or with the best one that was found.
-        seconds, seconds_low, seconds_high: processor time of a run [s], with its 5 % and 95 % quantile; None without a race.
+        errors: kind of error -> largest error in the whole run [m], [rad], [N]. If no setting meets the requirement, they
+            are the errors of the run that came nearest.
+        seconds, seconds_low, seconds_high: processor time of a run [s], with its 5 % and 95 % quantile; None if it was not timed.
         ratio, ratio_low, ratio_high: time of a run divided by that of the fastest engine, with its 5 % and 95 % quantile.
         tried, variants: number of variants that were tried, and number of all variants of the engine.
         evaluations: number of runs in the search.
         complete: whether every variant was searched to its end.
-        loops: time loop -> time of its cheapest setting divided by that of the fastest engine, if the engine has several loops.
+        loops: name of a time loop -> run time of its fastest setting divided by the run time of the fastest engine; empty if the
+            engine has a single time loop.
         in_python: the part of the suite's own code that runs in Python inside the measured time.
         options: the engine's options under these settings.
         owner: the engine's authors if the settings are theirs; empty if they are the suite's.
@@ -70,7 +72,7 @@ class Answer:
 def format_setting(
     settings: str, integrator: str, stabilization: str, step: float | None = None, tolerance: float | None = None
 ) -> str:
-    """Return a setting in words; an integrator or stabilization that the name of the settings contains is not repeated."""
+    """Return a setting as text; an integrator or stabilization that the name of the settings contains is not repeated."""
     words = [] if settings == "default" else [settings]
     words += [x for x in (integrator, stabilization) if x not in ("", "none", *settings.split("/"))]
     if tolerance is not None:
@@ -81,10 +83,13 @@ def format_setting(
 
 
 def format_limits(wanted: Mapping[str, float]) -> str:
-    """Return requirements, kind -> largest allowed error, in words such as "0.0001 m and 0.001 rad"."""
+    """Return requirements (kind of error -> largest allowed error) as a text such as "0.0001 m and 0.001 rad"."""
     return " and ".join(f"{x:g} {UNITS[kind]}" for kind, x in wanted.items())
 
 
 def format_errors(errors: Mapping[str, float], kinds: Iterable[str], joint: str = " and ") -> str:
-    """Return a text with the errors of the given kinds and their units; `errors` is kind -> value, `joint` the text between two."""
+    """Return a text with the errors of the given kinds and their units.
+
+    `errors` maps the kind of an error to its value, and `joint` is the text between two errors.
+    """
     return joint.join(f"{errors[kind]:.1e} {UNITS[kind]}" for kind in kinds if kind in errors)

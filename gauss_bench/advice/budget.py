@@ -1,10 +1,11 @@
 """A time budget that does not count seconds in which other programs had the processor, up to a limit.
 
 If elapsed time alone counted, a search on a busy machine would lose answers, because engines whose turn comes late would never be
-tried. The budget counts the seconds that a quiet machine would have taken. These are the elapsed seconds less the seconds that the
-processes of the search waited for a processor, divided by the number of processes that work side by side. If the system does not
-report waits, all seconds count. In any case a part of the search ends when the elapsed time reaches WALL times its share of the
-budget.
+tried. The budget counts the seconds that the search would have taken on a machine without other work. This counted time is the
+elapsed time minus the lost time. The lost time is the time that the processes of the search waited for a processor, summed over the
+processes and divided by the number of processes that run in parallel. If the operating system does not report waiting times, the
+counted time is the elapsed time. Each part of the search has a share of the budget, and ends in any case when the elapsed time
+reaches WALL times this share.
 """
 
 import contextlib
@@ -15,22 +16,24 @@ from pathlib import Path
 
 from gauss_bench.runs.worker import read_waits
 
-LANES = 2  # number of processes that a recommendation runs side by side
-WALL = 1.4  # elapsed time of a share of the budget is at most WALL times that share
+LANES = 2  # number of processes that a recommendation runs in parallel
+WALL = 1.4  # work that may use a share of the budget takes at most WALL times this share in elapsed time
 END = 1.45  # elapsed time of the whole recommendation is at most END times the budget
 
 
 class Budget:
     """A budget of seconds that starts when the object is made.
 
-    The seconds that count are the elapsed ones, less the waiting of all threads for a processor divided by `lanes`, the number of
-    processes that work side by side.
+    The counted time is the elapsed time minus the mean waiting time of a lane. A lane is one of the `lanes` processes that run in
+    parallel; the mean is the time that all threads together waited for a processor, divided by `lanes`.
     """
 
     def __init__(self, seconds: float, lanes: int = LANES):
+        """Start a budget of some seconds for a search with `lanes` processes in parallel."""
         self.seconds, self.lanes, self.started = seconds, lanes, time.monotonic()
-        self._seen = waiting_times()  # thread -> its waiting [s] when it was last read
-        self._lost, self._looking = 0.0, threading.Lock()  # [s] sum of all waiting so far; several threads read it
+        self._seen = waiting_times()  # thread -> time [s] that it had waited for a processor at the last reading
+        # [s] waiting time of all threads since the start; several threads update it, hence the lock
+        self._lost, self._looking = 0.0, threading.Lock()
 
     def wall_time(self) -> float:
         """Return the elapsed seconds."""
@@ -46,11 +49,11 @@ class Budget:
             return passed - min(self._lost / self.lanes, passed)
 
     def remaining(self, share: float = 1.0) -> float:
-        """Return the seconds left until a share of the budget is used, or until its limit of elapsed time if that comes first."""
+        """Return the seconds left until a share of the budget is used, or until the limit on elapsed time if that comes first."""
         return min(share * self.seconds - self.seconds_used(), self.remaining_wall_time(share))
 
     def remaining_wall_time(self, share: float = 1.0) -> float:
-        """Return the seconds of elapsed time that remain until the work of a share of the budget must end."""
+        """Return the elapsed time [s] that remains until work that may use the given share of the budget must stop."""
         return min(WALL * share, END) * self.seconds - self.wall_time()
 
 

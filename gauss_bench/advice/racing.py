@@ -28,20 +28,23 @@ def race_there(
 ) -> Tables:
     """Measure the run times of several settings in alternation, in this process (a worker).
 
-    An engine whose first run takes longer than SLOW is timed by that run alone. Return
-    the tables "race", with the fields of each setting (`way`) and its seconds, and "failed", with engine and message.
+    An engine whose first run takes longer than SLOW is timed by that run alone. Return two tables. "race" has a row for each timed
+    setting with the fields of its `Way` (engine, settings, integrator, stabilization, step or tolerance) and its run times [s].
+    "failed" has a row for each setting that could not be timed, with engine and message.
 
     Args:
         until: end of the runs [s].
         samples: number of samples of a run whose integrator chooses its own steps.
-        rows: each has the fields of a `Way` and its number of steps; the most important come first, as time may be short.
-        deadline: end of the race by time.monotonic, which all processes share and which does not jump with the time of day.
-        engines: the engines that take part.
+        rows: one row for each setting: the fields of its `Way`, and its number of steps. The most important settings come first,
+            because the time may end before all are measured.
+        deadline: time at which the measurement ends, by time.monotonic, which is the same clock in all processes and does not jump
+            if the time of day is set.
+        engines: the engines whose settings are timed.
         path: the file into which the name of the running engine is written.
     """
     run = Run(linkage, load(linkage, scenario), until)
     race, round_time = Race(watching(path)), 0.0  # [s] elapsed time of one round
-    slow: dict[str, tuple[Way, float]] = {}  # engine -> its way and the seconds of one run
+    slow: dict[str, tuple[Way, float]] = {}  # engine -> its setting and the seconds of one run
     models: Models = {}
     for *names, steps in rows:
         way = Way(*names)

@@ -1,13 +1,16 @@
 """For each engine, search for the cheapest setting that meets a user's accuracy requirement within a time budget.
 
-The search over steps and tolerances is that of suites (`bench/search.py`). The variants are tried in an order that gives every
-engine an early answer: first one variant of each engine, then the others in turn. Runs take place in worker processes, two at a
-time, and are not timed. A variant has at most SPARE times the evaluations of the engine's best setting so far. Errors are the
-largest of the whole run against the reference of `truth.py`. A setting must stay within half of the requirement, because the error
-of the reference and the time between samples may account for the other half. Candidates, their order and their errors are therefore
-the same in every recommendation. If the budget ends the search, only the last candidates are missing, and the answer says so.
+The search over steps and tolerances is that of suites (`bench/search.py`). A variant is a setting of an engine without its step or
+tolerance. The variants are tried in an order that gives every engine a first result early: first one variant of each engine, then
+the others in turn. Runs take place in worker processes, two at a time, and are not timed. A run of a variant may take at most SPARE
+times as many evaluations of accelerations as the engine's best setting so far. Each error is the largest in the whole run, measured
+against the reference that `truth.py` computes. The errors of an accepted setting are at most half of the allowed errors, because
+the error of the reference and the time between samples may account for the other half. No time decides on a candidate, so that
+candidates, their order and their errors are the same in every recommendation. If the budget ends the search, only the candidates
+that come last in this order are untested, and the answer states this.
 
-Then the accurate settings with the least work of each engine are timed side by side in one process, as in suites.
+Then, for each engine, the accurate settings with the fewest evaluations are timed side by side in one process, as in a run of a
+suite.
 """
 
 import math
@@ -42,25 +45,25 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
 SHARE = "share of the requirement"  # kind of error: the largest of the errors, each divided by its requirement
-HALF = Requirement(SHARE, 0.5)
+HALF = Requirement(SHARE, 0.5)  # what an accepted setting meets: each error is at most half of the allowed one
 KNOWN = 0.1  # largest error bar of the reference, as a share of the requirement
 TRUE = "gauss-native"  # engine whose compiled model computes the reference; it is also searched like any other engine
-DENSE = 400  # most samples of a run with equal steps
-EVALUATED = 24  # most runs of one variant
-MOST = 200_000  # most steps of a run
+DENSE = 400  # largest number of samples of a run with equal steps
+EVALUATED = 24  # largest number of runs of one variant
+MOST = 200_000  # largest number of steps of a run
 TURNED = 0.7  # [rad] largest turn of the fastest link in a step that is tried: larger steps are never accurate
 # Order of the reference's integrator. Other engines first try the steps that it would need, and coarser ones if these are accurate.
 ORDER = 8.0
-SPARE = 8.0  # most work of a variant, in units of the work of the engine's best setting so far
-CHOICES = 4  # most settings of one engine that are timed
+SPARE = 8.0  # largest work (evaluations of accelerations) of a variant, in units of the engine's best setting so far
+CHOICES = 4  # largest number of settings of one engine that are timed
 NEAR = 4.0  # settings with more than NEAR times the least work of their engine are not timed
-TRUTH, SEARCHED, RACED = 0.5, 0.65, 0.95  # shares of the budget at which the reference, the search and the race end
+TRUTH, SEARCHED, RACED = 0.5, 0.65, 0.95  # shares of the budget at which the reference, the search and the timing end
 AFTER = 0.05  # share of the budget by which a run may exceed the end of the search
 ONE_TRY = 0.1  # share of the budget that the first run of an engine may take in any case
 TRIED = 0.85  # share of the budget until which an engine without a run gets one
-LAST = 1.25  # end of writing the programs, which follows the race, in units of the budget
+LAST = 1.25  # time at which writing the programs, the last step, must end, in units of the budget
 WRITTEN = 15.0  # [s] that writing the program of the advised setting may take in any case
-WAITS = 4.0  # most elapsed time of writing it, in units of WRITTEN: other programs may have the processor
+WAITS = 4.0  # largest elapsed time of writing it, in units of WRITTEN: other programs may have the processor
 LONGEST = 0.15  # share of the budget that one run may take; the first run of an engine may take twice as long, because it compiles
 
 Told = Callable[[str], object]
@@ -68,7 +71,7 @@ Better = Callable[[Answer], object]
 
 
 class _Over(Exception):
-    """Raised if the time for the search of a variant has ended."""
+    """Raised if the time allowed for the search of a variant's step or tolerance is over."""
 
 
 @dataclass
@@ -76,15 +79,15 @@ class _Engine:
     """The state of the search for one engine, or for the settings that the engine's authors have contributed.
 
     Attributes:
-        name: of the engine.
+        name: name of the engine.
         left: variants that were not tried yet.
         worker: the process in which the engine runs.
         adaptive: its integrators that choose their own steps.
         variants: number of all its variants.
-        options: settings -> options of the engine.
-        trials: variant -> its trials.
+        options: name of the settings -> options of the engine.
+        trials: variant (a `Way` of size 0) -> its trial runs, one for each step or tolerance that was tried.
         ended: variant -> why its search ended.
-        cut: whether time ended the search of a variant.
+        cut: whether the search of a variant ended because its time was over.
         busy: whether a thread runs a variant now.
         longest: the largest time limit of a run so far [s].
         refused: the status and the reason if the engine cannot run the linkage.
@@ -107,7 +110,7 @@ class _Engine:
 
     @property
     def title(self) -> str:
-        """The key of this search: the engine's name, followed by the owner if its authors have contributed the variants."""
+        """The key in `Recommender.engines`: the engine's name, and the owner if the engine's authors contributed the variants."""
         return f"{self.name} {BY_AUTHORS}, {self.owner}" if self.owner else self.name
 
     @property
@@ -117,7 +120,7 @@ class _Engine:
 
     @property
     def has_run(self) -> bool:
-        """Whether a variant has started to run; one that refuses the linkage is tried, but does not start."""
+        """Whether a variant of this engine has begun a run; a variant that refuses the linkage is tried, but begins no run."""
         return any(trial.status is not Status.SKIP for trial in self.all_trials())
 
     def all_trials(self) -> list[Trial]:
@@ -125,20 +128,25 @@ class _Engine:
         return [trial for trials in self.trials.values() for trial in trials]
 
     def passing(self) -> dict[Way, Trial]:
-        """Return setting -> trial of the settings that meet the requirement, from the least work to the most.
+        """Return setting -> trial run for the settings that meet the requirement (HALF), from the least work to the most.
 
-        Settings with equal work are in the order in which they were tried.
+        Each variant gives one setting: the one with its largest step or tolerance that meets the requirement. Settings with equal
+        work are in the order in which they were tried.
         """
         found = {way: trial for way, x in self.trials.items() if (trial := coarsest(x, HALF)) is not None}
         by_work = sorted(found.items(), key=lambda pair: work(pair[0].integrator, pair[1]))
-        return {way._replace(size=trial.size): trial for way, trial in by_work}
+        return {way._replace(size=trial.size): trial for way, trial in by_work}  # size: step or tolerance
 
     def best(self) -> tuple[Way, Trial] | None:
         """Return the setting with the least work that meets the requirement so far, or None."""
         return next(iter(self.passing().items()), None)
 
     def nearest(self) -> tuple[Way, Trial] | None:
-        """Return the setting whose errors come nearest to the requirement, or None if no run ended."""
+        """Return the setting whose errors come nearest to the requirement, and its trial run; None if no run ended.
+
+        `bench.search.nearest` first picks the best trial of each variant. The error SHARE is the largest ratio of an error to its
+        allowed value, so that the smallest SHARE is the nearest.
+        """
         ended = [(way, trial) for way, x in self.trials.items() if (trial := nearest(x, SHARE)) is not None]
         way, trial = min(ended, key=lambda pair: pair[1].errors[SHARE], default=(None, None))
         return None if way is None or trial is None else (way._replace(size=trial.size), trial)
@@ -155,7 +163,8 @@ class _Engine:
 def work(integrator: str, trial: Trial) -> float:
     """Return the number of acceleration evaluations of a run.
 
-    If the engine does not count them, it is the number of steps times the evaluations of a step, or infinity without steps.
+    If the engine does not count its evaluations, return the number of steps times the evaluations in one step. If the steps are not
+    counted either, return infinity.
     """
     if trial.evaluations:
         return float(trial.evaluations)
@@ -164,11 +173,12 @@ def work(integrator: str, trial: Trial) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """The result of the search, before the race. The time budget decides only which candidates are missing.
+    """The result of the search, before the settings are timed. The time budget decides only which candidates are missing.
 
     Attributes:
-        truth: the reference of all errors.
-        engines: name -> trials of every variant of the suite (its key is a `Way` of size 0), in the order in which they were tried.
+        truth: the reference from which all errors are computed.
+        engines: name of an engine -> variant -> its trial runs, for the suite's variants in the order in which they were tried. A
+            variant is a `Way` of size 0; the size (step or tolerance) of each run is in its trial.
     """
 
     truth: Truth
@@ -201,26 +211,26 @@ class Recommender:
             run: linkage, scenario and duration.
             wanted: kind of error -> largest allowed error [m], [rad], [N].
             spaces: engine -> its variants in the order in which they are tried, or the reason why it has none.
-            budget: the time for all.
-            told: called with sentences of progress.
-            better: called with each answer that improves on the engine's previous one.
-            owned: engine -> variants that its authors have contributed; they are searched and timed apart from the suite's.
+            budget: the time for reference, search, timing and programs together.
+            told: function that is called with each sentence of progress.
+            better: function that is called with each answer that improves on the engine's previous one.
+            owned: engine -> variants that its authors have contributed; they are searched and timed separately from the suite's.
         """
         self.run, self.wanted, self.budget = run, dict(wanted), budget
-        self._told, self._better, self._speaking = told, better, threading.Lock()
-        self._stack, self._state = ExitStack(), threading.Condition()
+        self._told, self._better, self._report_lock = told, better, threading.Lock()
+        self._workers, self._changed = ExitStack(), threading.Condition()  # notified when a variant's search ends
         self._failures: queue.Queue[BaseException] = queue.Queue()  # errors in the threads of the search
         self.judge = Evaluator(run.mechanism)
         self.engines: dict[str, _Engine] = {}
         self.lost: dict[str, str] = {}
         self.truth: Truth | None = None
         for name, space in spaces.items():
-            self._enter(name, "", space)
+            self._add_search(name, "", space)
         for name, variants in (owned or {}).items():
             for owner in dict.fromkeys(x.owner for x in variants):
-                self._enter(name, owner, [x for x in variants if x.owner == owner])
+                self._add_search(name, owner, [x for x in variants if x.owner == owner])
 
-    def _enter(self, name: str, owner: str, space: Sequence[Variant] | str) -> None:
+    def _add_search(self, name: str, owner: str, space: Sequence[Variant] | str) -> None:
         """Add a search for an engine's variants.
 
         Args:
@@ -228,7 +238,7 @@ class Recommender:
             space: the variants, or the reason why the engine is not searched.
         """
         offered = offer(name)
-        engine = _Engine(name, [], self._stack.enter_context(Worker()), offered.adaptive, owner=owner)
+        engine = _Engine(name, [], self._workers.enter_context(Worker()), offered.adaptive, owner=owner)
         if not offered.usable:
             engine.refused = offered.status, offered.reason
         elif isinstance(space, str):
@@ -242,11 +252,11 @@ class Recommender:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._stack.close()
+        self._workers.close()
 
     def report(self, sentence: str) -> None:
         """Report a sentence of progress with the elapsed time; several threads may call this at once."""
-        with self._speaking:
+        with self._report_lock:
             self._told(f"{self.budget.wall_time():5.1f} s  {sentence}")
 
     # The search for accurate settings
@@ -280,33 +290,34 @@ class Recommender:
         return Searched(truth, {x.name: x.trials for x in self.engines.values() if not x.owner})
 
     def _truth(self) -> Truth:
-        """Return the reference, computed in the worker of the engine TRUE.
+        """Return the reference motion, computed in the worker process of the engine TRUE.
 
-        If that engine also takes part in the search, it does so in the same worker, so that its model is compiled only once.
+        If the engine TRUE also takes part in the search, the search uses the same worker, so that the model is compiled only once.
         """
+        # the error bars of the reference shall be at most the share KNOWN of the allowed errors
         wanted = {k: KNOWN * x for k, x in self.wanted.items()}
         own = self.engines.get(TRUE)
-        worker = own.worker if own is not None and own.refused is None else self._stack.enter_context(Worker())
+        worker = own.worker if own is not None and own.refused is None else self._workers.enter_context(Worker())
         return truth(self.run, wanted, lambda: self.budget.remaining(TRUTH), worker, self.report)
 
     def _search_in_turn(self) -> None:
         """Search one variant after the other until none is left; LANES threads run this. Errors are kept in `_failures`."""
         try:
-            while (engine := self._next()) is not None:
-                self._variant(engine, engine.left.pop(0))
-                with self._state:
+            while (engine := self._next_engine()) is not None:
+                self._search_variant(engine, engine.left.pop(0))
+                with self._changed:
                     engine.busy = False
-                    self._state.notify_all()
+                    self._changed.notify_all()
         except BaseException as error:
             self._failures.put(error)
 
-    def _next(self) -> _Engine | None:
+    def _next_engine(self) -> _Engine | None:
         """Return the idle engine with the fewest variants tried, or None at the end of the search.
 
         When the time for the search has ended, each engine without a run still gets one, with steps that should be accurate enough.
         Variants that refuse the linkage take no time, so that an engine whose variants all refused has had no run.
         """
-        with self._state:
+        with self._changed:
             while self._failures.empty():
                 in_time = self.budget.remaining(SEARCHED) > 0
                 waiting = [x for x in self.engines.values() if x.is_open and (in_time or not x.has_run)]
@@ -317,27 +328,27 @@ class Recommender:
                     return chosen
                 if not waiting:
                     return None
-                self._state.wait(0.2)
+                self._changed.wait(0.2)
         return None
 
-    def _variant(self, engine: _Engine, variant: Variant) -> None:
-        """Search one variant over steps or tolerances, and keep its trials."""
+    def _search_variant(self, engine: _Engine, variant: Variant) -> None:
+        """Search one variant over steps or tolerances, and store its trial runs in `engine.trials`."""
         way = Way(engine.name, variant.name, variant.integrator, variant.stabilization, 0.0)
         adaptive, before, is_first = variant.integrator in engine.adaptive, engine.best(), not engine.has_run
         trials: list[Trial] = []
         engine.trials[way] = trials
         scale, most = tolerances(smallest=12), 0
         if not adaptive:
-            most = self._most(way, before)
+            most = self._step_limit(way, before)
             scale = no_coarser(equal_steps(self.run.until, BEATS, most), self.longest)
         known: dict[float, Trial] = {}  # size -> trial: the search asks for some sizes twice
-        until = self.budget.seconds_used() + self._slice(is_first)
+        until = self.budget.seconds_used() + self._time_for(is_first)
 
         def evaluate(size: float) -> Trial:
             """Return the trial at a step [s] or tolerance; if there is none yet, run it.
 
             Raises:
-                _Over: the time of the variant has ended.
+                _Over: the time allowed for the variant is used up.
             """
             if size not in known:
                 # the first run of an engine is made in any case
@@ -348,9 +359,8 @@ class Recommender:
             return known[size]
 
         try:
-            is_late = (
-                is_first and self.budget.remaining(SEARCHED) <= 0
-            )  # only one run is left, so its step is chosen rather too short
+            # if the time is over, the engine gets one run only; half the usual step makes it likely to be accurate
+            is_late = is_first and self.budget.remaining(SEARCHED) <= 0
             start = scale if adaptive else no_coarser(scale, self.first / 2 if is_late else self.first)
             # begin with coarser sizes as long as these are accurate enough: the cheapest may need fewer steps than the reference
             while len(start.sizes) < len(scale.sizes) and evaluate(start.sizes[0]).meets(HALF):
@@ -359,23 +369,24 @@ class Recommender:
         except _Over:
             engine.cut, engine.ended[way] = True, "its time for searching ended"
         if trials and not engine.has_run:
-            self._refuse(engine, trials[-1])
-        self._tell(engine, before)
+            self._choose_after_refusal(engine, trials[-1])
+        self._report_change(engine, before)
 
-    def _waiting(self) -> int:
-        """Return the number of engines that were not tried yet."""
+    def _untried(self) -> int:
+        """Return the number of engines of which no variant was tried yet."""
         return sum(not x.trials and x.refused is None for x in self.engines.values())
 
-    def _slice(self, is_first: bool) -> float:
+    def _time_for(self, is_first: bool) -> float:
         """Return the seconds that a variant may take; the first variant of an engine has twice an equal share of the time."""
         left = self.budget.remaining(SEARCHED)
-        return min(left, 2 * LANES * left / (1 + self._waiting())) if is_first else left
+        return min(left, 2 * LANES * left / (1 + self._untried())) if is_first else left
 
-    def _refuse(self, engine: _Engine, trial: Trial) -> None:
-        """Choose the variants that are still tried of an engine that refused the linkage in its last trial.
+    def _choose_after_refusal(self, engine: _Engine, trial: Trial) -> None:
+        """After an engine refused the linkage in its trial `trial`, choose which of its remaining variants are still tried.
 
-        They are the variants whose steps are taken by another time loop (Python's or a compiled one). If there are none, it is one
-        variant with another integrator. If there is none either, the engine has refused.
+        These are the variants whose time loop (a loop in Python, or a compiled one) has not been tried. If there are no such
+        variants and only one variant was tried, the choice is one variant with another integrator. If there is no such variant
+        either, the refusal is final and is stored in `engine.refused`.
         """
         loops = {engine.loop_of(way) for way in engine.trials}
         others = [x for x in engine.left if str(x.options.get("loop", "")) not in loops]
@@ -384,15 +395,23 @@ class Recommender:
         engine.left = others
         engine.refused = None if others else (trial.status, trial.message)
 
-    def _most(self, way: Way, before: tuple[Way, Trial] | None) -> int:
-        """Return the largest number of steps of a variant: MOST, or fewer steps if those take SPARE times the least work so far."""
+    def _step_limit(self, way: Way, before: tuple[Way, Trial] | None) -> int:
+        """Return the largest number of steps that a run of a variant may take.
+
+        The limit is MOST, or the number of steps with SPARE times the work of the best setting so far if that is less, but at
+        least 2 DENSE. `before` is the best setting of the engine and its trial run, or None.
+        """
         if before is None:
             return MOST
         spared = SPARE * work(before[0].integrator, before[1]) / EVALUATIONS.get(way.integrator, 1)
         return int(min(MOST, max(spared, 2 * DENSE)))
 
     def _evaluate(self, engine: _Engine, way: Way, adaptive: bool) -> Trial:
-        """Run a setting and return the trial, whose errors include SHARE."""
+        """Run a setting and return the trial run.
+
+        Its errors include SHARE, the largest ratio of an error to its allowed value, and LOOPS, the largest gap of a joint [m], if
+        the user limits it.
+        """
         assert self.truth is not None
         steps = BEATS if adaptive else round(self.run.until / way.size)
         # the number of samples divides the number of steps, so that no shorter step is needed to meet a sample
@@ -401,6 +420,7 @@ class Recommender:
         limit, wall = self._limit(engine), max(self.budget.remaining_wall_time(TRIED), 1.0)
         engine.longest = max(engine.longest, min(limit, wall))
         request = request_of(self.run, way, adaptive, wanted)
+        # again: the worker keeps the model, because further runs of this engine follow
         ran = run_apart(request, self.run.mechanism, limit, engine.worker, again=True, longest=wall)
         trial = judge_trial(self.run, self.judge, self.truth.at(self.run, wanted.times), way, ran)
         if trial.status is not Status.OK:
@@ -415,16 +435,20 @@ class Recommender:
     def _limit(self, engine: _Engine) -> float:
         """Return the time limit of a run [s]; it is longer for the first run of an engine, which loads or compiles its library.
 
-        Engines that wait for their first run share the time until TRIED among LANES threads.
+        Engines that wait for their first run share equally the time until TRIED, in which LANES processes run in parallel.
         """
+        # the time until the end of the search, which a run may exceed by the share AFTER of the budget
         left = self.budget.remaining(SEARCHED + AFTER)
         if engine.has_run:
             return max(min(LONGEST * self.budget.seconds, left), 1.0)
-        own = max(left, LANES * self.budget.remaining(TRIED) / (1 + self._waiting()))
+        own = max(left, LANES * self.budget.remaining(TRIED) / (1 + self._untried()))
         return max(min(2 * LONGEST * self.budget.seconds, own), ONE_TRY * self.budget.seconds, 1.0)
 
-    def _tell(self, engine: _Engine, before: tuple[Way, Trial] | None) -> None:
-        """Report what the search of a variant has changed: a refusal, a first setting that is accurate enough, or a better one."""
+    def _report_change(self, engine: _Engine, before: tuple[Way, Trial] | None) -> None:
+        """Report what the search of a variant has changed: a refusal, a first setting that is accurate enough, or a better one.
+
+        `before` is the engine's best setting before this variant was searched, with its trial run; None if there was none.
+        """
         after = engine.best()
         if after is None:
             near = nearest(engine.all_trials(), SHARE)
@@ -435,17 +459,17 @@ class Recommender:
         elif before is None or work(after[0].integrator, after[1]) < work(before[0].integrator, before[1]):
             how = "holds" if before is None else "better"
             self.report(f"{engine.title}: {how}: {describe_setting(after[0], engine)}: {self._errors(after[1])}")
-            with self._speaking:
-                self._better(replace(self._hold(engine, *after, None, None), message="not raced yet"))
+            with self._report_lock:  # a preliminary answer: there are no times of this setting or of the fastest engine yet
+                self._better(replace(self._accepted_answer(engine, *after, None, None), message="not raced yet"))
 
     def _errors(self, trial: Trial) -> str:
         """Return a text with those errors of a trial that the requirement limits."""
         return format_errors(trial.errors, self.wanted, ", ")
 
-    # The race for the cheapest setting
+    # The timing of the accurate settings
 
     def race(self) -> dict[Way, Array]:
-        """Time the accurate settings side by side in one process; return setting -> seconds of a run (rounds,)."""
+        """Time the accurate settings side by side in one process; return setting -> run time in each round (rounds,) [s]."""
         chosen: dict[Way, int | None] = {}  # setting -> number of steps
         by_engine = [choices(x) for x in self.engines.values()]
         for rank in range(CHOICES):  # first choices of all engines before second choices of any
@@ -472,30 +496,30 @@ class Recommender:
     def answers(self, times: Mapping[Way, Array]) -> list[Answer]:
         """Return an answer for every engine: first those that meet the requirement, the fastest first, then the others.
 
-        `times` are setting -> seconds of a run (rounds,).
+        `times` maps a timed setting to its run time in each round (rounds,) [s].
         """
         chosen: dict[str, tuple[Way, Trial]] = {}  # title of an engine -> its setting
         for engine in self.engines.values():
             ways = engine.passing()
-            if raced := {way: times[way] for way in ways if way in times}:
-                winner = pick_winner(raced)[0]
+            if timed := {way: times[way] for way in ways if way in times}:
+                winner = pick_winner(timed)[0]
                 chosen[engine.title] = winner, ways[winner]
             elif best := engine.best():
                 chosen[engine.title] = best
         fastest = min((times[w] for w, _ in chosen.values() if w in times), key=time_of, default=None)
-        held = []
+        accepted = []
         for title, (way, trial) in chosen.items():
             engine = self.engines[title]
             own = {w: x for w, x in times.items() if w.settings in engine.options}
-            answer = self._hold(engine, way, trial, times.get(way), fastest)
-            held.append(replace(answer, loops=by_loop(engine, own, fastest)))
-        held.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)  # settings without a race come last
-        return held + [self._not_held(x) for x in self.engines.values() if x.title not in chosen]
+            answer = self._accepted_answer(engine, way, trial, times.get(way), fastest)
+            accepted.append(replace(answer, loops=by_loop(engine, own, fastest)))
+        accepted.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)  # settings without a race come last
+        return accepted + [self._answer_without_setting(x) for x in self.engines.values() if x.title not in chosen]
 
     def call_worker(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...], least: float = 1.0) -> Any:
-        """Return function(*arguments) from the worker of an engine.
+        """Call function(*arguments) in the worker process of an engine, and return the result.
 
-        It must end within LAST times the budget since the start of the search, but has at least `least` seconds.
+        The call must end before LAST times the budget has passed since the start of the search, but has at least `least` seconds.
 
         Raises:
             WorkerFailure: the call failed or took too long.
@@ -506,15 +530,15 @@ class Recommender:
         return worker.call(function, arguments, limit, longest=longest)
 
     def _counts(self, engine: _Engine) -> dict[str, Any]:
-        """Return the fields of an answer that do not depend on its setting."""
+        """Return the fields of an answer that do not depend on the recommended setting, such as the number of variants tried."""
         complete = not engine.cut and not engine.is_open
         counts = {"tried": len(engine.trials), "variants": engine.variants, "evaluations": len(engine.all_trials())}
         return counts | {"complete": complete, "owner": engine.owner}
 
-    def _hold(self, engine: _Engine, way: Way, trial: Trial, seconds: Array | None, fastest: Array | None) -> Answer:
-        """Return the answer with a setting that meets the requirement.
+    def _accepted_answer(self, engine: _Engine, way: Way, trial: Trial, seconds: Array | None, fastest: Array | None) -> Answer:
+        """Return the answer for an engine with a setting (`way`) that meets the requirement in the run `trial`.
 
-        `seconds` are the times of its run (rounds,), and `fastest` those of the fastest engine; None without a race.
+        `seconds` are the run times of this setting (rounds,), and `fastest` those of the fastest engine; None if not timed.
         """
         fields = self._counts(engine) | engine.size_of(way)
         message = ""
@@ -535,9 +559,10 @@ class Recommender:
             **fields,
         )
 
-    def _not_held(self, engine: _Engine) -> Answer:
+    def _answer_without_setting(self, engine: _Engine) -> Answer:
         """Return the answer for an engine without a setting that meets the requirement, with the setting that came nearest."""
         found = answer_of(engine)
+        # an engine that cannot model the linkage is skipped, which is no failure
         status = str(Status.SKIP if found.kind in (Kind.NO_MODEL, Kind.UNDETERMINED) else found.kind)
         near, counts = engine.nearest(), self._counts(engine)
         if found.kind is not Kind.NOT_REACHED or near is None:
@@ -548,30 +573,31 @@ class Recommender:
 
 
 def known_errors(trial: Trial) -> dict[str, float]:
-    """Return kind -> error of a trial, for the kinds of UNITS that are determined."""
+    """Return kind of error -> error of a trial run, for the kinds in UNITS; errors that are undetermined (NaN) are left out."""
     return {kind: x for kind, x in trial.errors.items() if kind in UNITS and not math.isnan(x)}
 
 
 def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
     """Return at most CHOICES settings of an engine to be timed.
 
-    They are those with the least work, and for each other time loop (Python's or a compiled one) its setting with the least work.
-    Settings with adaptive integrators are kept whatever their work, because the numbers of evaluations do not tell their time.
+    These are the settings whose work is at most NEAR times the least one. For each time loop (a loop in Python, or a compiled one)
+    that is not among them, the loop's setting with the least work is added. Settings with adaptive integrators count as near
+    regardless of their work, because the run time does not follow from the number of evaluations.
     """
     ways = list(engine.passing().items())  # by increasing work
     least = min((work(w.integrator, t) for w, t in ways), default=0.0)
     near = [(w, t) for w, t in ways if work(w.integrator, t) <= NEAR * least or w.integrator in engine.adaptive][:CHOICES]
-    shown = {engine.loop_of(w) for w, _ in near}
+    loops_covered = {engine.loop_of(w) for w, _ in near}
     # reversed, so that the setting with the least work replaces the others of its loop
-    others = {engine.loop_of(w): (w, t) for w, t in reversed(ways) if engine.loop_of(w) not in shown}
+    others = {engine.loop_of(w): (w, t) for w, t in reversed(ways) if engine.loop_of(w) not in loops_covered}
     return [*near[: CHOICES - len(others)], *others.values()]
 
 
 def by_loop(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) -> dict[str, float]:
-    """Return, for each time loop of an engine (Python's or a compiled one), how much longer its fastest setting takes.
+    """Return name of a time loop -> run time of its fastest setting divided by the run time of the fastest engine.
 
-    The values are times divided by the time `fastest` of the fastest engine. The result is empty if nothing was timed, and for an
-    engine with a single loop.
+    A time loop is the loop over the steps, in Python or compiled. The result is empty if nothing was timed, and for an engine whose
+    timed settings all have the same time loop. `times` and `fastest` are run times in each round (rounds,) [s].
     """
     seconds: dict[str, list[float]] = {}
     for way, x in times.items():
@@ -583,7 +609,10 @@ def by_loop(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) 
 
 
 def answer_of(engine: _Engine) -> Reach:
-    """Return the kind of answer and the sentence for an engine without a setting that meets the requirement."""
+    """Return why an engine has no setting that meets the requirement: the kind of reason, and a sentence.
+
+    The engine refused the linkage, or had no time for a run, or the errors of all its trial runs were above HALF.
+    """
 
     def not_tried(reason: str) -> Reach:
         return Reach(Kind.NOT_TRIED, f"{reason}; {MORE}", within="within the budget")
@@ -606,5 +635,5 @@ def answer_of(engine: _Engine) -> Reach:
 
 
 def describe_setting(way: Way, engine: _Engine) -> str:
-    """Return a setting in words."""
+    """Return a setting of an engine as text."""
     return format_setting(way.settings, way.integrator, way.stabilization, **engine.size_of(way))

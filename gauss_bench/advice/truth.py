@@ -1,12 +1,13 @@
 """A reference for any motion within seconds: runs with equal steps, which are halved until the motion changes little.
 
-The integrator has order eight. It runs with the suite's own formulation, in numpy at first, and compiled if more steps are needed.
-The run with half the step is the reference. Its difference from the run with the whole step is its error bar, which is about 200
-times too large at order eight. The accelerations at every sample are compared with those of the suite's equations in numpy, which
-shows an error of the compiled equations. If there is a certificate, the motion is compared with it too, and the error bar includes
-the difference. The reference has a sample at each whole
-step. Between samples, positions are polynomials of degree five that match position, velocity and acceleration at both ends (quintic
-Hermite interpolation). The error bar includes the interpolation error.
+The integrator has order eight. The equations of motion are those of the suite's own formulation, first in numpy, and compiled if
+more steps are needed. Runs come in pairs, one with a step and one with half of it. The run with half the step is the reference. The
+difference between both runs is the error bar of the reference; at order eight this error bar is about 200 times larger than the
+error. The accelerations at every sample are compared with those of the suite's equations in numpy, which shows an error of the
+compiled equations. If the motion has a certificate (a reference with guaranteed digits), the reference is compared with it too, and
+the error bar includes the difference. The reference has a sample at each whole step. Between samples, positions are polynomials of
+degree five that match position, velocity and acceleration at both ends (quintic Hermite interpolation). The error bar includes the
+interpolation error.
 """
 
 import math
@@ -30,13 +31,13 @@ from gauss_bench.runs.worker import Worker
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
-MORE = "a larger --budget helps"  # the end of a reason if only time was missing
+MORE = "a larger --budget helps"  # the end of the reason of a failure that more time would have prevented
 METHOD = "dop853_fixed"
-PLAIN, NATIVE = 100, 1600  # steps of the first coarser run, in numpy and compiled
+PLAIN, NATIVE = 100, 1600  # steps of the coarser run of the first pair, in numpy and compiled
 LOOK = 0.2  # share of the budget for the first two runs, in numpy
 COMPILED = 0.6  # share of the budget for compiled code, which may be compiled during a run; the rest is for numpy
-MOST = 400_000  # most steps of a run
-SAMPLES = 3200  # most samples of the reference
+MOST = 400_000  # largest number of steps of the coarser run of a pair
+SAMPLES = 3200  # largest number of samples of the reference
 AGREEMENT = 1e-6  # allowed relative difference of accelerations from those in numpy: rounding leaves 1e-9, a wrong term about 1
 # The interpolation through every second sample has 2^6 = 64 times the error of that through all samples. A quarter is relied on.
 SIXTH = 16.0
@@ -52,10 +53,11 @@ class Truth:
     """A reference: a motion to judge runs by.
 
     Attributes:
-        reference: its samples, equally spaced.
-        bars: kind of error -> error bar of the reference [m], [rad], [N]; without forces if redundant constraints leave them open.
-        halving: kind of error -> the change by halving the steps.
-        steps: number of steps of the coarser run.
+        reference: the motion in equally spaced samples.
+        bars: kind of error -> error bar of the reference [m], [rad], [N]; there is no entry for forces if redundant constraints
+            leave them undetermined.
+        halving: kind of error -> change of the result when the steps are halved [m], [rad], [N].
+        steps: number of steps of the run with the whole step; the reference took twice as many.
         certified: whether a certificate confirms the motion.
         told: one line on how the reference was made.
     """
@@ -68,7 +70,7 @@ class Truth:
     told: str
 
     def at(self, run: Run, times: Array) -> Reference:
-        """Return the reference at any times (k,) [s] of the run, with accelerations."""
+        """Return the reference motion, with accelerations, at any times (k,) [s] within the run."""
         q, v = between(self.reference, times)
         a = AbsoluteCoordinates(run.mechanism).acceleration(times, q, v)
         return Reference.with_one_bar(Trajectory(times, q, v, a, None), self.reference.method, self.bar)
@@ -88,12 +90,13 @@ def shorten(until: float) -> Iterator[float]:
 def between(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
     """Return q and v (k, n) at times (k,) [s] between equally spaced samples, by quintic Hermite polynomials of q.
 
-    In the interval that contains a time, with s from 0 to 1 over the interval and derivatives with respect to s,
+    In the interval that contains a time, s runs from 0 to 1, and q is the polynomial
 
-        q(s) = p + u s + b s^2 / 2 + c3 s^3 + c4 s^4 + c5 s^5
+        q(s) = p + u s + b s^2 / 2 + c3 s^3 + c4 s^4 + c5 s^5.
 
-    p, u and b are position, first and second derivative at s = 0. P, U and B are what position and derivatives at s = 1 have beyond
-    the polynomial of degree two, and determine c3, c4 and c5.
+    p, u and b are q and its first two derivatives with respect to s at s = 0. P, U and B are the values of q and of these
+    derivatives at s = 1, minus those of the quadratic polynomial p + u s + b s^2 / 2. The three equations for P, U and B determine
+    c3, c4 and c5.
     """
     h = float(known.t[1] - known.t[0])
     k = np.clip(np.floor(times / h + 1e-9).astype(int), 0, len(known.t) - 2)  # interval of each time
@@ -108,32 +111,37 @@ def between(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
 def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], worker: Worker, told: Callable[[str], object]) -> Truth:
     """Return a reference whose error bars are within `wanted`, or as small as time and rounding allow.
 
-    Two runs in numpy come first: if they are accurate enough, nothing is compiled. Otherwise the compiled formulation runs with
-    smaller and smaller steps, for at most the share COMPILED of the budget. If it fails, numpy continues.
+    There are three attempts. First two short runs are made in numpy; if they are accurate enough, nothing is compiled. If not, the
+    compiled formulation runs with smaller and smaller steps, for at most the share COMPILED of the budget. If this is not accurate
+    enough either, numpy continues with smaller steps until the budget ends.
 
     Args:
+        run: linkage, scenario and duration.
         wanted: kind of error -> largest error bar [m], [rad], [N].
-        left: returns the seconds that are left.
-        worker: runs the compiled formulation and keeps its model.
-        told: called with sentences of progress.
+        left: function that returns the seconds that are left of the budget.
+        worker: process that runs the compiled formulation and keeps its compiled model.
+        told: function that is called with each sentence of progress.
 
     Raises:
-        NoTruth: no run was completed, its accelerations are not the linkage's, or it contradicts the certificate.
+        NoTruth: no pair of runs was completed, or the accelerations of a run do not satisfy the linkage's equations, or the motion
+            contradicts the certificate.
     """
     budget = left()
     reasons: dict[str, str] = {}
-    known: list[Truth] = []
+    references: list[Truth] = []
 
     def try_steps(engine: str, where: Worker, share: float, first: int, most: float = math.inf) -> bool:
-        """Run an engine in a worker with `first` to `most` steps, and tell whether a reference is accurate enough.
+        """Run an engine in a worker, and return whether one of its references is accurate enough.
 
-        References are added to `known`, and the reason of a failure to `reasons`. `share` is the part of the budget that is kept
-        for other engines.
+        The coarser run of the first pair has `first` steps. The steps double from pair to pair, up to `most`. References that were
+        found are added to `references`, and the reason of a failure to `reasons`. `share` is the fraction of the budget that is
+        reserved for the attempts after this one.
         """
         try:
             for found in follow(run, engine, where, lambda: left() - share * budget, first, most):
+                # the finer run of a pair has 2 * found.steps steps and is the reference
                 told(f"truth: {2 * found.steps} steps by {engine}, known to {format_errors(found.bars, wanted, ', ')}")
-                known.append(found)
+                references.append(found)
                 if all(found.bars.get(k, 0.0) <= x for k, x in wanted.items()):
                     return True
         except NoTruth as failure:
@@ -146,27 +154,30 @@ def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], work
         if not served and find_spec("llvmlite") and not run.mechanism.has_friction:
             served = try_steps("gauss-native", worker, 1 - COMPILED, NATIVE)
         served = served or try_steps("gauss", aside, 0.0, 2 * PLAIN)
-        if not known:
+        if not references:
             why = "; ".join(dict.fromkeys(reasons.values()))
             if left() <= 0:
                 ended = f"; {why}" if why else ""
                 raise NoTruth(f"no reference within {budget:.3g} s, its share of the budget; {MORE}{ended}")
             raise NoTruth(f"the motion cannot be followed: {why}")
-        best = known[-1] if served else min(known, key=lambda x: max(x.bars.get(k, 0.0) / y for k, y in wanted.items()))
+        best = references[-1] if served else min(references, key=lambda x: max(x.bars.get(k, 0.0) / y for k, y in wanted.items()))
         return _certify(run, best)
 
 
 def follow(
     run: Run, engine: str, worker: Worker, left: Callable[[], float], steps: int = PLAIN, most: float = math.inf
 ) -> Iterator[Truth]:
-    """Yield references with smaller and smaller steps of one engine.
+    """Yield references that one engine computes, each with half the step of the one before.
 
-    It ends when the time is up or when rounding stops the improvement; if the time is up at once, it yields none.
+    A reference comes from a pair of runs with n and 2 n steps: it is the run with 2 n steps, and its error bar is the difference
+    between the two. The generator ends when the time is up, or when rounding stops the improvement. If no time is left at the
+    start, nothing is yielded.
 
     Args:
-        left: returns the seconds that are left.
-        steps: number of steps of the first coarser run.
-        most: largest number of steps of a coarser run.
+        run: linkage, scenario and duration.
+        left: function that returns the seconds that are left.
+        steps: number n of steps of the coarser run of the first pair.
+        most: largest number of steps of the coarser run of a pair.
 
     Raises:
         NoTruth: the run with the smallest steps failed, or accelerations of a run do not satisfy the linkage's equations.
@@ -193,29 +204,31 @@ def follow(
 
 
 def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Trajectory | str:
-    """Run with a number of steps within `limit` [s]; return the trajectory, or the reason why there is none.
+    """Run an engine with `steps` equal steps; return the trajectory, or the reason why there is none.
 
-    The trajectory has at most SAMPLES samples, which are equally spaced.
+    The computation may take `limit` seconds. The trajectory has at most about SAMPLES samples, which are equally spaced.
     """
-    every = max(1, math.ceil(steps / SAMPLES))  # steps from sample to sample
+    # if `every` does not divide `steps`, samples lie a little more than `every` steps apart
+    every = max(1, math.ceil(steps / SAMPLES))
     kept = steps // every
     times = run.until / kept * np.arange(kept + 1)
     choice = Choice("default", METHOD, "none", run.until / steps)
-    request = Request(run.linkage, run.mechanism.scenario, engine, choice, Sampling(times, choice.step, steps, 0))
+    request = Request(run.linkage, run.mechanism.scenario, engine, choice, Sampling(times, choice.step, count=steps, shortened=0))
     ran = run_apart(request, run.mechanism, limit, worker, again=True)
     return ran.trajectory or ran.message
 
 
 def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, steps: int, engine: str) -> Truth:
-    """Return the finer run as a reference, whose error bar is its difference from the coarser run of `steps` steps.
+    """Return the run `fine` as a reference, whose error bar is its difference from the run `coarse` with `steps` steps.
 
-    The error bars of positions and angles also include the interpolation error and the largest gap of a joint.
+    The error bars of positions and angles also include the interpolation error and the largest gap of a joint. The error bar of
+    forces is the difference between both runs alone.
 
     Raises:
-        NoTruth: the accelerations are not those of the linkage.
+        NoTruth: the accelerations that the engine reported do not satisfy the linkage's equations of motion.
     """
     every = (len(fine.t) - 1) // (len(coarse.t) - 1)  # samples of the finer run for each of the coarser one
-    kept = fine[::every]
+    kept = fine[::every]  # samples of the finer run at the times of the coarser run
     true = AbsoluteCoordinates(run.mechanism).acceleration(kept.t, kept.q, kept.v)
     off = float(np.median(relative_acceleration_error(kept.a, true)))
     if not off <= AGREEMENT:
@@ -228,24 +241,31 @@ def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, s
     between_samples = _between_bars(reference)
     gaps = float(drift(judge, fine).position.max())  # largest gap of a joint [m]
     bars = {kind: x + between_samples[kind] + gaps for kind, x in bars.items()}
-    return Truth(reference, halving | bars, halving, steps, False, how)
+    # for positions and angles `bars` replaces the smaller error bar in `halving`
+    return Truth(reference, bars=halving | bars, halving=halving, steps=steps, certified=False, told=how)
 
 
 def _between_bars(known: Reference) -> dict[str, float]:
-    """Return kind -> error bar of the interpolation between samples, estimated from every second sample."""
+    """Return kind of error -> error bar of the interpolation between the samples of a reference [m], [rad].
+
+    The odd samples are interpolated from the even ones, which are twice as far apart. The interpolation error grows with the sixth
+    power of the distance, so that the difference from the true odd samples, divided by SIXTH, is a safe estimate.
+    """
     half = known.samples[::2]
     if len(half.t) < 2:
         return {"position": math.inf, "angle": math.inf}
-    # the other samples as interpolated from these, compared with themselves
+    # the odd samples as interpolated from the even ones, minus their true values
     missed = np.abs(between(half, known.t[1:-1:2])[0] - known.q[1:-1:2]) / SIXTH
     return {"position": float(places(missed).max(initial=0.0)), "angle": float(angles(missed).max(initial=0.0))}
 
 
 def _certify(run: Run, truth: Truth) -> Truth:
-    """Return the reference, compared with the certificate of the motion if there is one; the error bars include the difference.
+    """Compare a reference with the certificate of the motion (a reference with guaranteed digits), and return it.
+
+    The returned error bars include the difference. Without a certificate the reference is returned as it is.
 
     Raises:
-        NoTruth: the certificate has another motion.
+        NoTruth: the reference differs from the certificate by more than a thousand error bars.
     """
     certificate = find_certified(run.mechanism, run.until)
     if certificate is None:
@@ -255,7 +275,9 @@ def _certify(run: Run, truth: Truth) -> Truth:
     certified_error = float(np.fmax(certificate.error_q, certificate.floor_q).max())
     if max(off.values()) > 1e3 * max(truth.bar, certified_error):
         raise NoTruth(f"the motion found and the certified one differ by {max(off.values()):.1e}")
-    # The error bar is the difference between runs with steps h and h/2. At order eight, the error of the finer run is 1/256 of it.
+    # The error bar so far is the difference between runs with steps h and h/2. At order eight, the error of the finer run is
+    # 1/2^8 = 1/256 of it. The new error bar is the difference from the certificate, but at least this error, plus the error of the
+    # certificate.
     bars = {**truth.bars, **{kind: max(x, truth.bars[kind] / 256) + certified_error for kind, x in off.items()}}
     return replace(
         truth,

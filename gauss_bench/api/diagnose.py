@@ -34,7 +34,7 @@ from gauss_bench.trajectory import Reference, Trajectory
 STEP = 1e-3  # [s] default of the integration step
 BUDGET = 120.0  # [s] default of the time for the whole diagnosis
 USUAL = 1.0  # [s] longest motion by default: in longer runs errors grow until they no longer add up linearly
-LEAST = 1.0  # [s] that every run may take, even after the deadline
+MIN_TIME = 1.0  # [s] computing time that every run may take, even after the deadline
 KNOWN = {"position": 1e-9, "angle": 1e-9}  # [m], [rad] largest error bars of the reference: errors below 1e-6 are not diagnosed
 
 
@@ -44,14 +44,14 @@ class Diagnosis(OneRun):
 
     Attributes:
         until: end of the run [s].
-        cause: the dominant cause; part: the part of the error to which the cause belongs, or None.
+        cause: dominant cause of the error; part: part of the error to which the cause belongs, or None.
         verdict: the diagnosis in one sentence.
-        parts: part -> its share of the error [m, rad].
-        numbers: the measured figures; None if no run reached a checkpoint.
-        explanations: explanations of wrong accelerations, the best first.
-        candidates: the explanations that reproduce the accelerations within their noise.
-        runs: status and message of each run.
-        reference: how the reference was made.
+        parts: name of a part of the error -> size of this part [m, rad].
+        numbers: figures that were measured in the runs; None if no run reached a checkpoint.
+        explanations: possible explanations of wrong accelerations, the best first.
+        candidates: those explanations that reproduce the engine's accelerations within their noise.
+        runs: status and message of each run of the engine.
+        reference: how the reference motion was made.
         remarks: sentences on the closures of a model file, on the engine's own joint forces, and on each required accuracy.
     """
 
@@ -109,9 +109,10 @@ def diagnose(
 ) -> Diagnosis:
     """Split an engine's error on a linkage by its causes, and name the dominant cause.
 
-    The engine runs in a worker with the given step, half of it and a quarter of it, or with finer tolerances if it chooses its own
-    steps. There is no dominant cause if the largest position error is below 1e-6 m or rad, or below three times the error bar of
-    the reference, and if the reported accelerations agree with the linkage's to 1e-3 (`diagnosis/diagnosis.py`).
+    The engine runs in a worker process with the given step, half of it and a quarter of it, or with finer tolerances if it chooses
+    its own steps. No cause dominates if both of the following are true (`diagnosis/diagnosis.py`). The largest error of a link's
+    position or angle is below 1e-6 m or rad, or below three times the error bar of the reference. The reported accelerations agree
+    with the linkage's to 1e-3.
 
     A model file is diagnosed like the linkage that it describes, at its keyframe and with the keyframe's controls. MuJoCo runs an
     MJCF file with the file's own timestep, integrator and closures; other engines run the linkage.
@@ -119,17 +120,18 @@ def diagnose(
     Args:
         linkage: name of a built-in linkage, or a path of a linkage file, an MJCF file (MODEL.xml) or a URDF file (MODEL.urdf).
         engine: name of the engine; may be left out for an MJCF file, which MuJoCo runs.
-        scenario: name of a scenario; by default the first with a start.
+        scenario: name of a scenario; by default the first one that gives the motion a start.
         settings, integrator, stabilization: names of the engine's options; by default the engine's own, or those of the MJCF file.
         step: integration step [s]; by default 0.001, or the timestep of the MJCF file.
         until: end of the run [s]; by default one second, or the scenario's duration if that is shorter.
         budget: time for the whole diagnosis [s]; by default 120.
-        told: called with each sentence of progress.
-        close: the loops of a URDF file, each as LINK.FRAME=LINK.FRAME.
-        position, angle: largest allowed errors [m], [rad]; a remark says whether the run holds them.
+        told: function that is called with each sentence of progress.
+        close: pairs of points to be joined, which close the loops of a URDF file; each as LINK.FRAME=LINK.FRAME.
+        position, angle: largest allowed errors [m], [rad]; a remark says whether the run stays within them.
 
     Raises:
-        LinkageError, ExchangeError: the file has faults, or something acts in the model that no linkage has.
+        LinkageError, ExchangeError: the file has faults, or the model has a contact, joint limit or dry friction that acts, which
+            linkage files cannot express.
         ChoiceError: the engine does not offer the setting, the run has too few steps, or no reference can be made.
         KeyError: the engine is unknown.
     """
@@ -166,7 +168,7 @@ def diagnose(
 def subject_with_settings(
     engine: str | None, settings: str | None, integrator: str | None, stabilization: str | None, step: float | None
 ) -> Subject:
-    """Return an engine with the given settings, and its defaults for those that are None.
+    """Return an engine with the given settings; a setting that is None takes the engine's default.
 
     Raises:
         ChoiceError: no engine is named, or it does not offer a setting.
@@ -193,15 +195,20 @@ def run_ladder(
     """Diagnose runs with finer and finer steps or tolerances; return the verdict, and the first run or None if none was needed.
 
     Args:
+        linkage, mechanism: path or name of the linkage, and the linkage in its scenario.
+        subject: the engine and the setting of the first run.
         end: duration of the runs [s].
+        reference: the motion with which the runs are compared.
         deadline: time of the monotonic clock [s] by which the last run ends.
-        told: called with sentences of progress.
-        question: the question on the engine's own joint forces, which is put to the first run.
+        worker: process in which the engine runs.
+        told: function that is called with each sentence of progress.
+        question: the states at which the first run also asks the engine for its own joint forces.
     """
     choice, offered, runs = subject.choice, subject.offered, list[Run]()
 
     def run(chosen: Choice, wanted: Sampling) -> Run:
-        left = max(LEAST, deadline - time.monotonic())
+        """Run the engine once with the setting `chosen` within the time that is left, and add the run to `runs`."""
+        left = max(MIN_TIME, deadline - time.monotonic())
         request = Request(linkage, mechanism.scenario, subject.engine, chosen, wanted)
         if not runs:  # the first run alone is asked for forces
             request = replace(request, ask=question.ask, answers=question.answers)
@@ -209,7 +216,8 @@ def run_ladder(
         return runs[-1]
 
     adaptive = choice.integrator in offered.adaptive
-    # drift is recognised by a further run of the same setting with projection, which then has a smaller error
+    # If the error comes from drift off the constraints, a further run of the same setting with projection has a smaller error. An
+    # integrator that chooses its own steps would also choose other steps with projection, so that both runs could not be compared.
     can_project = choice.stabilization == "none" and "projection" in offered.stabilizations
     projected = replace(choice, stabilization="projection") if can_project and not adaptive else None
     verdict = diagnose_runs(run, mechanism, reference, ladder(choice, adaptive), end, adaptive, projected, told)
@@ -251,7 +259,7 @@ def read_file(name: str, close: tuple[str, ...]) -> OwnFile | None:
 
     Raises:
         ExchangeError, MissingExtra: the model file cannot be read.
-        ChoiceError: `close` is given for a linkage.
+        ChoiceError: `close` (the option --close, with pairs of points to be joined) is given, but the name is that of a linkage.
     """
     if is_model_file(name):
         with Worker() as worker:
@@ -262,10 +270,12 @@ def read_file(name: str, close: tuple[str, ...]) -> OwnFile | None:
 
 
 def subject_as_it_stands(file: OwnFile, integrator: str | None, stabilization: str | None, step: float | None) -> Subject:
-    """Return MuJoCo with the settings of an MJCF file, and with the file's own integrator and timestep [s] for those that are None.
+    """Return MuJoCo with the settings of an MJCF file.
+
+    `integrator` and `step` [s] replace those of the file unless they are None. `stabilization` must be None or "none".
 
     Raises:
-        ChoiceError: MJCF has no such integrator, stabilisation or step.
+        ChoiceError: an MJCF file cannot express this integrator, stabilisation or step.
     """
     integrator = integrator or file.settings["integrator"]
     step = file.settings["timestep"] if step is None else step
@@ -281,9 +291,8 @@ def subject_as_it_stands(file: OwnFile, integrator: str | None, stabilization: s
 
 def compare_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference, required: Mapping[str, float]) -> list[str]:
     """Return for each requirement (kind -> largest error [m], [rad]) a sentence that says whether a run meets it."""
-    if (
-        not reference.certified
-    ):  # other references have equally spaced samples, which need not be those of the run; only q and v are compared
+    # a reference without certificate has equally spaced samples, at times that need not be those of the run, and is interpolated
+    if not reference.certified:
         q, v = truths.between(reference, trajectory.t)
         reference = Reference.with_one_bar(replace(trajectory, q=q, v=v), reference.method)
     largest = state_errors(mechanism, trajectory, reference).largest
@@ -298,7 +307,7 @@ def find_reference(linkage: str, mechanism: Mechanism, until: float, deadline: f
     """Return the certified motion up to `until` [s]; if there is none, compute a reference with smaller and smaller steps.
 
     Raises:
-        ChoiceError: no reference is exact enough before the deadline (a time of the monotonic clock [s]).
+        ChoiceError: no sufficiently accurate reference was found before the deadline (a time of the monotonic clock [s]).
     """
     if certified := find_certified(mechanism, until):
         return certified

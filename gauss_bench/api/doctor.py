@@ -1,7 +1,7 @@
 """Check this machine: versions, the processor, threads, caches, and each engine on a small linkage.
 
-Only the interpreter and the suite's own formulations are required. If another part is missing, the checkup says what does not work
-without it.
+Only the Python interpreter and the suite's own formulations are required. If an optional part, such as a library or a compiler, is
+missing, the checkup reports what does not work without it.
 """
 
 import os
@@ -152,8 +152,11 @@ def _check_builds(known: Iterable[Offer]) -> Iterator[Finding]:
 
 
 def _find_lacking(offer: Offer, choices: Iterable[Choice]) -> str:
-    """Return what this machine lacks to compile an engine's code; empty if nothing is lacking or the adapter is a foreign one."""
-    if offer.name not in SAFE:  # the code of other adapters does not run in this process
+    """Return why an engine's code cannot be compiled on this machine: the name of a missing compiler or library, in a sentence.
+
+    The result is empty if nothing is missing, or if the engine's adapter is not part of the suite and is not called here.
+    """
+    if offer.name not in SAFE:  # only the suite's adapters named in SAFE run in this process; others run in a worker
         return ""
     skipped = (get(offer.name).skip(load(TRIED), choice) for choice in choices)
     return next((x for x in skipped if x and ABSENT.search(x)), "")

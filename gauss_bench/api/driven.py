@@ -28,10 +28,11 @@ RISE = {"travel_deg": 360.0, "time": 1.0}  # defaults of all other laws
 def driver_table(text: str) -> dict[str, Any]:
     """Return the driver table (key -> number or text, as in a scenario) of a text "LAW" or "LAW:key=value,...".
 
-    A law without keys gets defaults: one turn in a second. The law "table" may name a file, whose rows are read.
+    If the text is a law without keys, the keys get defaults: one turn in one second (TURN or RISE). The law "table" may name a file
+    with its rows, which are read.
 
     Raises:
-        ChoiceError: the part after the colon has another form.
+        ChoiceError: the text after the colon is not of the form key=value,key=value.
     """
     law, _, rest = text.partition(":")
     table: dict[str, Any] = {"law": law}
@@ -48,7 +49,7 @@ def driver_table(text: str) -> dict[str, Any]:
 
 
 def _read_number(value: str) -> float | str:
-    """Return a text as a number, or unchanged if it is none."""
+    """Return a text as a number, or the unchanged text if it is not a number."""
     try:
         return float(value)
     except ValueError:
@@ -56,10 +57,12 @@ def _read_number(value: str) -> float | str:
 
 
 def _read_rows(path: Path) -> list[list[float]]:
-    """Return the rows [t, value] of a text file; commas or blanks separate numbers, and # starts a comment.
+    """Return the numbers of each line of a text file that is not empty: the rows [t, value] of a motion law.
+
+    Commas or blanks separate numbers, and # starts a comment. The loader of linkages checks later that each row has two numbers.
 
     Raises:
-        ChoiceError: the file cannot be read, or holds something else.
+        ChoiceError: the file cannot be read, is not UTF-8, or has a word that is not a number.
     """
     try:
         content = read_bytes(path, MAX_BYTES).decode("utf-8")
@@ -84,7 +87,7 @@ class Source:
     scenario: str | None
 
     def load(self, place: Place = assemble) -> Mechanism:
-        """Return the mechanism of the unchanged file; `place` finds its position at the start."""
+        """Return the mechanism of the file as it is, in the chosen scenario; the function `place` finds the start position."""
         return load_document(self.document, self.scenario, str(self.path), self.digest, self.path.stem, place)
 
     def load_changed(self, document: dict[str, Any], scenario: dict[str, Any]) -> Mechanism:
@@ -92,7 +95,7 @@ class Source:
         return load_document(document | {"scenarios": {"kinematics": scenario}}, "kinematics", str(self.path), self.digest)
 
     def refuse(self, scenario: str, sentence: str) -> LinkageError:
-        """Return the error that a scenario of this file cannot be moved, with the reason."""
+        """Return the exception that says why a scenario of this file cannot be moved; `sentence` is the reason."""
         return LinkageError(str(self.path), [Fault(f"scenarios.{scenario}", sentence)])
 
 
@@ -141,7 +144,15 @@ def _explain_undriven(mechanism: Mechanism) -> str:
 
 
 def _place_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict[str, Any]:
-    """Return the table of a driver given as text; by default it drives the crank from its position at the scenario's start.
+    """Return the driver table of a driver given as text.
+
+    If the text does not say what is driven, the driver moves the linkage's crank. If the text gives no start value, the law starts
+    at the value that the driven coordinate has at the start of the scenario.
+
+    Args:
+        document: content of the linkage file.
+        own: the mechanism of the file in its scenario, before the driver is added.
+        driver: the driver as text, as for `driver_table`.
 
     Raises:
         ChoiceError: the text names nothing to drive, and the linkage has no crank.
@@ -161,7 +172,9 @@ def _place_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict
 
 
 def _read_holds(source: Source, hold: Sequence[str] | None) -> dict[str, float | None]:
-    """Return name of a link or joint -> value at which it is held [degrees or m]; None stands for its value at the start.
+    """Return name of a link or joint -> value at which it is held [degrees or m].
+
+    None means that the link or joint keeps the value that it has at the start of the scenario.
 
     Raises:
         ChoiceError: the text after a name is not a number.
@@ -182,7 +195,9 @@ def _load_held(source: Source, driver: str | None, held: dict[str, float | None]
     """Return the driven mechanism in which some coordinates do not move.
 
     Args:
-        held: name of a link, slide or pin -> the value at which it is held [deg], [m], or None for its present value.
+        source: the linkage file and the scenario.
+        driver: the driver as text; None for the scenario's own drivers.
+        held: name of a link, slide or pin -> the value at which it is held [deg], [m], or None for its value at the start.
         with_forces: whether the forces of the scenario act.
     """
     own = _load_own(source)
@@ -212,7 +227,10 @@ def _load_held(source: Source, driver: str | None, held: dict[str, float | None]
 
 
 def _load_own(source: Source) -> Mechanism:
-    """Return the mechanism of the unchanged scenario; if its start leaves freedoms open, the sketch decides them."""
+    """Return the mechanism of the scenario as it is in the file.
+
+    If the scenario's start does not determine all degrees of freedom, the position is taken from the sketch in the file.
+    """
     try:
         return source.load()
     except LinkageError as error:
@@ -244,9 +262,10 @@ def _hold_body(moved: dict[str, Any], own: Mechanism, name: str, value: float | 
     """Hold a link by its angle, a slide by its coordinate, or a pin by welding its two links.
 
     Args:
-        moved: the document, in which a held pin is replaced by a weld.
-        own: the mechanism of the unchanged file.
-        name, value: what is held, and where [degrees or m]; None stands for the value at the start.
+        moved: the content of the linkage file, in which this function replaces a held pin by a weld.
+        own: the mechanism of the file as it is, which gives the values at the start.
+        name: name of the link, slide or pin that is held.
+        value: angle [deg] of the link or pin, or position [m] of the slide, at which it is held; None for its value at the start.
         start: the scenario's table `start`, to which the angle or slide that is held is added.
 
     Raises:
@@ -267,7 +286,15 @@ def _hold_body(moved: dict[str, Any], own: Mechanism, name: str, value: float | 
 
 
 def _hold_pin(moved: dict[str, Any], own: Mechanism, name: str, value: float | None, start: dict[str, Any]) -> None:
-    """Hold a pin of two links; arguments as in `_hold_body`."""
+    """Hold a pin of two links by replacing the pin with a weld; if one link is the ground, hold the angle of the other link.
+
+    Args:
+        moved: the content of the linkage file, which is changed.
+        own: the mechanism of the file as it is, which gives the values at the start.
+        name: name of the pin.
+        value: relative angle [deg] of the second link to the first at which the pin is held; None for the angle at the start.
+        start: the scenario's table `start`, to which the angle of a held link is added.
+    """
     near, far = moved["joints"][name]["at"]  # both as "link.point"
     near_link, far_link = (x.partition(".")[0] for x in (near, far))
     # the ground cannot be welded: the angle of the other link is held, which is minus the pin's if the ground is the far link
@@ -278,7 +305,7 @@ def _hold_pin(moved: dict[str, Any], own: Mechanism, name: str, value: float | N
     angle = _start_angle(own, far_link) - _start_angle(own, near_link) if value is None else float(np.radians(value))
     moved["joints"] = {key: x for key, x in moved["joints"].items() if key != name}
     sketch = dict(moved.get("assembly", {}).get("sketch", {}))
-    if name in sketch:  # the sketch named the point by the joint, which is gone
+    if name in sketch:  # the sketch gave the position of this joint, which no longer exists: the point takes its place
         sketch[near] = sketch.pop(name)
         moved["assembly"] = moved["assembly"] | {"sketch": sketch}
     weld = {"link": far_link, "to": near_link, "points": [[near, far]], "angle": angle}
@@ -286,19 +313,21 @@ def _hold_pin(moved: dict[str, Any], own: Mechanism, name: str, value: float | N
 
 
 def _start_angle(mechanism: Mechanism, name: str) -> float:
-    """Return the angle [rad] of a link of the file at the start."""
+    """Return the angle [rad] that a link of the file has at the start; the link may be welded into a larger body."""
     body, turn = mechanism.find_body(name)
     return float(angle_at(mechanism.q0, body) + turn)
 
 
 def _find_driven_scenarios(document: dict[str, Any]) -> Iterator[str]:
+    """Return the names of the scenarios of a linkage file that have a driver."""
     return (name for name, x in items(document, "scenarios") if "driver" in x or "drivers" in x)
 
 
 def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
-    """Return the value [rad, m] at the start of the coordinate that a driver table names; None if there is no such coordinate.
+    """Return the start value [rad, m] of the coordinate that a driver table names, or None if there is no such coordinate.
 
-    It is the first value of the scenario's own driver of the coordinate, or else the value in the assembled position.
+    If the scenario has its own driver of this coordinate, the start value is that driver's value at time 0. Otherwise it is the
+    value of the coordinate in the assembled position.
     """
     link, joint, between = table.get("link"), table.get("joint"), table.get("between", ())
     named = {AngleDriver: link, SlideDriver: joint, LengthDriver: "-".join(between)}

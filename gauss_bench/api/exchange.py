@@ -37,8 +37,8 @@ WRITING, READING = 120.0, 30.0  # [s] limits for writing and reading a model, si
 BUDGET = LIMIT  # [s] default of the time for a search
 STEP = 1e-3  # [s] default of the step in a file
 TOLERANCE = 1e-8  # default of the tolerance in a program whose integrator chooses its steps
-OPEN, MOTION = 1e-6, 1e-4  # [m], [m and rad] requirements on a tuned step, whose errors must be at most half of them
-SHORTEST, LONGEST = 5.0, 10.0  # [s] a step is tried over the scenario's duration, but not less or more than these
+OPEN, MOTION = 1e-6, 1e-4  # largest gap of loops [m] and error of motion [m, rad]; with a tuned step, errors are at most half
+SHORTEST, LONGEST = 5.0, 10.0  # [s] a step is tried over the scenario's duration, but over no less and no more than these
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Tuning(Result):
         step: integration step [s]; until: end of the measured run [s].
         loops_open: largest gap of any joint [m, rad].
         motion_error: largest error of any link's position or angle [m, rad].
-        truth: how the reference was made; known: error bar of the reference [m, rad].
+        truth: how the reference motion was made; known: error bar of the reference [m, rad].
         loops_wanted, motion_wanted: requirements on both errors [m, rad]; the errors must be at most half of them.
     """
 
@@ -90,14 +90,14 @@ class Export(Result):
     """A linkage that was written for another program.
 
     Attributes:
-        engine: kind of the file; what: the kind in words.
+        engine: name of the kind of file; what: description of the kind.
         mechanism, scenario: names of the exported linkage and scenario.
         file: path of the file, which is not written if `refused` has a reason; bytes: its size.
         step: integration step in the file [s].
         left_out: parts of the linkage file that the exported file lacks.
-        tuning: how the step was found, or None.
-        error: measured error of a program; None for a model in MJCF, or if no setting was found.
-        refused: why nothing was written, or an empty text.
+        tuning: how the step was found; None if the step was not tuned.
+        error: measured error of an exported program; None if the file is an MJCF model, or if no setting was found.
+        refused: the reason why nothing was written; empty if the file was written.
     """
 
     engine: str
@@ -168,22 +168,22 @@ def export(
         engine: kind of the file: "mujoco" (MJCF), "pinocchio", "exudyn" or "casadi" (Python), "c", or the name of an engine that
             writes programs itself (`program` in `gauss_bench.engines.base`).
         out: path of the file to write.
-        scenario: name of a scenario; by default the first with a start.
-        tuned: find the largest step that holds the loops to 1e-6 m and the motion to 1e-4 (m, rad), and write the measured errors
-            into the file.
+        scenario: name of a scenario; by default the first one that gives the motion a start.
+        tuned: find the largest step with which loops open by at most 1e-6 m and the motion is off by at most 1e-4 (m, rad), and
+            write the measured errors into the file.
         step: integration step in the file [s]; by default 0.001.
         replace: whether an existing file may be replaced.
-        budget: longest time of the search, and again of measuring a program [s]; by default 60, and at least 60 for measuring. Only
-            processor time of the search and of the program counts.
-        told: called with each message of progress.
-        position, angle, force: largest allowed errors [m], [rad], [N]. The file gets the engine's cheapest setting that holds them
-            over the scenario's duration. If there is none, nothing is written.
-        anyway: write a program that the judge refuses too, with a warning at its top.
+        budget: time limit of the search [s], by default 60. Measuring an exported program has the same limit again, but at least
+            60 s. Only the processor time of the search and of the program counts against these limits.
+        told: function that is called with each message of progress.
+        position, angle, force: largest allowed errors [m], [rad], [N]. The file gets the engine's cheapest setting whose errors
+            stay within them over the scenario's duration. If there is no such setting, nothing is written.
+        anyway: write the program even if the judge refuses its motion, with a warning at its top.
 
     Raises:
         LinkageError: the linkage file has faults.
-        ExchangeError: the format cannot express a named part of the linkage, or the file exists already.
-        ChoiceError: the kind is unknown, the step is not positive, or a requirement cannot be used.
+        ExchangeError: the format cannot express a part of the linkage, which the message names, or the file exists already.
+        ChoiceError: the kind of file is unknown, the step is not positive, or a required accuracy cannot be used for this kind.
         MissingExtra: the library that builds the model is not installed.
         OSError: the file cannot be written.
     """
@@ -207,7 +207,8 @@ def export(
     remarks, warning = setting.remarks, ""
     if kind.is_program:
         interpreter = None if kind.writer else interpreter_of(kind.engine)
-        runs_itself = engine == "c" or interpreter is not None  # of other programs the suite runs the same setting
+        # a program that cannot run by itself is measured by the suite's own run with the same engine and setting
+        runs_itself = engine == "c" or interpreter is not None
         if runs_itself and setting.choice != usual:
             file = order.write(setting.choice)
         source = file.text if runs_itself else ""
@@ -227,7 +228,8 @@ def _check_step(engine: str, kind: Kind, step: float | None, tuned: bool) -> Non
     """Check the arguments that determine the time step [s] of an exported file.
 
     Raises:
-        ChoiceError: the step is not positive, `step` and `tuned` are both given, or the kind's integrator chooses its steps.
+        ChoiceError: the step is not positive; or `step` and `tuned` are both given; or one of them is given although the integrator
+            of this kind of file chooses its own steps.
     """
     if step is not None and not (np.isfinite(step) and step > 0):
         raise ChoiceError(f"the step must be a positive number of seconds, not {step:g}")
@@ -244,7 +246,8 @@ class Order:
     Attributes:
         linkage: name of a built-in linkage, or a path.
         mechanism: the linkage in one scenario.
-        name, kind: name of the kind of file, as the user gives it, and the kind.
+        name: name of the kind of file, as the user gave it.
+        kind: the properties of this kind of file.
     """
 
     linkage: str
@@ -253,12 +256,14 @@ class Order:
     kind: Kind
 
     def write(self, choice: Choice, remarks: tuple[str, ...] = (), warning: str = "") -> Exported:
-        """Return the file's text with a setting, and with remarks and a warning in its head.
+        """Return the text of the file for a setting (`choice`), with remarks and a warning in its header comment.
 
-        A worker makes the text, because libraries may crash or hang.
+        A worker process makes the text, because libraries may crash or hang. Kinds without a `writer` are programs that the
+        engine's adapter writes.
 
         Raises:
-            ExchangeError: the format cannot express a named part of the linkage; MissingExtra: a library is not installed.
+            ExchangeError: the format cannot express a part of the linkage, which the message names.
+            MissingExtra: a library is not installed.
         """
         if self.kind.writer:
             return write_file(self.linkage, self.mechanism.scenario, self.name, choice, remarks, warning)
@@ -275,9 +280,9 @@ class Setting:
     """The setting of an exported file.
 
     Attributes:
-        choice: the setting as the engine takes it.
-        remarks: sentences for the head of the file, on how the setting was found.
-        tuning: how the step was found, or None.
+        choice: settings, integrator, stabilisation and step with which the engine runs.
+        remarks: sentences for the header comment of the file, on how the setting was found.
+        tuning: how the step was found; None if the step was not tuned.
     """
 
     choice: Choice
@@ -286,11 +291,14 @@ class Setting:
 
 
 def choose_setting(order: Order, usual: Choice, tuned: bool, wanted: Mapping[str, float], budget: float, told: Told) -> Setting:
-    """Return a setting with the largest accurate step if `tuned`, the cheapest that holds `wanted` if given, or else the usual one.
+    """Return the setting for an exported file.
+
+    If `tuned`, the setting has the largest step that is accurate. If requirements are given in `wanted`, it is the cheapest setting
+    that meets them. Otherwise it is `usual`.
 
     Raises:
-        NotReached: no setting is known to hold the requirement.
-        ExchangeError: no step can be judged.
+        NotReached: no setting is known to meet the requirements.
+        ExchangeError: no step can be judged, because there is no reference.
     """
     if tuned:
         tuning = tune(order, budget, told)
@@ -302,7 +310,7 @@ def find_kind(name: str) -> Kind:
     """Return the kind of file with this name: one of KINDS, or the program of an engine that writes programs itself.
 
     Raises:
-        ChoiceError: there is none; the message lists all kinds.
+        ChoiceError: there is no kind of file with this name; the message lists all kinds.
     """
     if name in KINDS:
         return KINDS[name]
@@ -317,10 +325,10 @@ def find_kind(name: str) -> Kind:
 
 
 def required(engine: str, kind: Kind, has_step: bool, **limits: float | None) -> dict[str, float]:
-    """Return the requirements that are given: quantity (position, angle or force) -> its largest error [m], [rad], [N].
+    """Return the requirements that the user gave: quantity (position, angle or force) -> largest allowed error [m], [rad], [N].
 
     Raises:
-        ChoiceError: a file of this kind cannot hold the settings of a search, or another argument gives the step already.
+        ChoiceError: a file of this kind cannot express the settings that a search may find, or another argument fixes the step.
     """
     if all(x is None for x in limits.values()):
         return {}
@@ -339,10 +347,16 @@ class NotReached(ArithmeticError):
 
 
 def find_setting(order: Order, wanted: Mapping[str, float], budget: float, told: Told) -> Setting:
-    """Return the engine's cheapest setting that meets the requirement over the scenario's duration.
+    """Return the engine's cheapest setting that meets the required accuracy over the scenario's duration.
+
+    Args:
+        order: the linkage and the kind of file.
+        wanted: kind of error -> largest allowed error [m], [rad], [N].
+        budget: time for the search [s].
+        told: function that is called with each sentence of progress.
 
     Raises:
-        NotReached: no setting that meets it is found within the budget, or no reference is accurate enough.
+        NotReached: no setting that meets the required accuracy was found within the budget, or no reference is accurate enough.
     """
     engine, end = order.kind.engine, order.mechanism.duration
     # a program in C has only the integrators that are written in C
@@ -351,7 +365,7 @@ def find_setting(order: Order, wanted: Mapping[str, float], budget: float, told:
     try:
         with Recommender(Run(order.linkage, order.mechanism, end), wanted, {engine: tried}, Budget(budget), told) as recommender:
             recommender.search()
-            (answer,) = recommender.answers(recommender.race())
+            (answer,) = recommender.answers(recommender.race())  # one engine was searched, so there is one answer
     except NoTruth as reason:
         raise NotReached(f"no setting can be judged: {reason}") from reason
     if answer.status != "ok":
@@ -361,7 +375,7 @@ def find_setting(order: Order, wanted: Mapping[str, float], budget: float, told:
 
 
 def name_missed(error: ProgramError, wanted: Mapping[str, float]) -> str:
-    """Return a sentence on the first requirement that a program misses, although its setting held it in the search; else ""."""
+    """Return a sentence on the first requirement that a program misses although its setting met it in the search, or ""."""
     for name, limit in wanted.items():
         found = {"position": error.position, "angle": error.angle}.get(name)
         if found is not None and not found <= limit:
@@ -372,10 +386,13 @@ def name_missed(error: ProgramError, wanted: Mapping[str, float]) -> str:
 def write_file(
     linkage: str, scenario: str, kind: str, choice: Choice, remarks: tuple[str, ...] = (), warning: str = ""
 ) -> Exported:
-    """Return a file of one of KINDS with remarks and a warning in its head; a worker makes it.
+    """Return the text of an exported file of one of KINDS, with remarks and a warning in its header comment.
+
+    A worker process makes the text.
 
     Raises:
-        ExchangeError: the format cannot express a named part of the linkage; MissingExtra: a library is not installed.
+        ExchangeError: the format cannot express a part of the linkage, which the message names.
+        MissingExtra: a library is not installed.
     """
     with Worker() as worker:
         file = answer_in_worker(worker, write_there, (linkage, scenario, kind, choice, remarks, warning), WRITING, linkage)
@@ -393,11 +410,11 @@ def import_model(
     """Write a linkage file from a planar model in MJCF or URDF.
 
     Args:
-        model: path of the model; MuJoCo's own compiler reads MJCF.
-        out: path of the linkage file to write, after which the linkage is named.
-        close: the loops of a URDF file, each as LINK.FRAME=LINK.FRAME.
+        model: path of the model. MJCF is read by MuJoCo's own compiler.
+        out: path of the linkage file to write; the file's name without its ending becomes the name of the linkage.
+        close: pairs of points to be joined, which close the loops of a URDF file; each as LINK.FRAME=LINK.FRAME.
         replace: whether an existing file may be replaced.
-        told: called with each sentence of progress.
+        told: function that is called with each sentence of progress.
 
     Raises:
         ExchangeError: an element is not planar or cannot be part of a linkage, or the file exists already.
@@ -419,18 +436,19 @@ def read_there(model: str, name: str, close: list[str]) -> dict[str, Any]:
 
 
 def tune(order: Order, budget: float, told: Told) -> Tuning:
-    """Find the largest step whose errors are at most half of OPEN (gaps of loops) and MOTION, or else the step of least errors.
+    """Find the largest step with which loops open by at most OPEN / 2 and the motion is off by at most MOTION / 2.
 
-    The motion may be chaotic, so that no reference is exact enough over the whole time. Then a quarter of the time is tried, and
-    then a sixteenth.
+    If no step is that accurate, the result has the step with the smallest errors. The motion may be chaotic, so that no reference
+    is accurate enough over the whole duration. Then the search is repeated over a quarter of the duration, and then over a
+    sixteenth.
 
     Raises:
-        ExchangeError: no run ends, or no reference is exact enough.
+        ExchangeError: no run reaches its end within the budget, or no reference is accurate enough.
     """
     kind, mechanism = order.kind, order.mechanism
     named = f"{mechanism.source}: {mechanism.name}"
     space = {kind.engine: [Variant(kind.settings, kind.integrator, kind.stabilization, {})]}
-    wanted = {"position": MOTION, "angle": MOTION, LOOPS: OPEN}
+    wanted = {"position": MOTION, "angle": MOTION, LOOPS: OPEN}  # the Recommender accepts errors up to half of these
     # a Recommender searches for the share SEARCHED of its budget; here nothing is timed afterwards, so the search may use it all
     search_budget = Budget(budget / SEARCHED)
     for until in shorten(min(max(mechanism.duration, SHORTEST), LONGEST)):

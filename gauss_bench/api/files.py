@@ -1,4 +1,4 @@
-"""Check the files that a verb will write, before it runs anything."""
+"""Check the files that a subcommand of the command line will write, before the subcommand starts its computation."""
 
 import os
 import re
@@ -25,12 +25,12 @@ def writable(
     """Return the path `out` if a file may be written there.
 
     Args:
-        out: the path.
+        out: path of the file to write.
         replace: whether an existing file may be replaced.
         option: the command-line option that named the path, for error texts.
-        usual: the default folder of such files; the verb creates it if only its parent exists.
+        usual: the default folder of such files; the subcommand creates it if only its parent exists.
         suffix: ending of the kind of file to write; an existing file of another kind is never replaced.
-        source: path of the verb's input, which is never replaced.
+        source: path of the subcommand's input file, which is never replaced.
 
     Raises:
         FileRefused: the path is a folder, its folder cannot be written, or a file exists there and may not be replaced.
@@ -95,15 +95,16 @@ def _check_writable(folder: Path, named: str) -> None:
 def describe_files(
     asked: Mapping[str, Path], kinds: Mapping[str, tuple[str, ...]], replace: bool, source: str | Path = ""
 ) -> dict[str, Path]:
-    """Return option -> path of all files that a verb will write, each checked by `writable`.
+    """Return option -> path for each file that a subcommand will write; `writable` has checked each path.
 
     Args:
-        asked: option -> path, as the user gave them.
-        kinds: option -> file endings that the option accepts.
-        replace, source: as in `writable`.
+        asked: name of an option -> path that the user gave for it.
+        kinds: name of an option -> file endings that the option accepts.
+        replace: whether existing files may be replaced.
+        source: path of the subcommand's input file, which is never replaced.
 
     Raises:
-        FileRefused: an ending is unknown, a file is named twice, or `writable` refuses one.
+        FileRefused: the ending of a file is unknown, a file is named twice, or `writable` refuses a file.
     """
     files: dict[str, Path] = {}
     for name, path in asked.items():

@@ -1,8 +1,8 @@
 """The curves of a run, which `simulate --plot` draws and `--out` writes as a table.
 
 The groups of curves are observed links, observed points, energies, joint forces, motors and transmission angles. Within a group,
-curves have the order of the linkage file. If the file observes nothing, all links are included. Signs and reference points are
-those of `Simulation`.
+the curves are in the order in which the linkage file lists the links, points or joints. If the file observes nothing, all links are
+included. The signs of joint forces, and the points to which joint forces refer, are those of `gauss_bench.api.simulate.Simulation`.
 """
 
 import csv
@@ -39,10 +39,15 @@ def history(result: Simulation) -> History:
 
 
 def curves(mechanism: Mechanism, x: Trajectory, trusted: int) -> Iterator[Curve]:
-    """Yield every curve of a trajectory in order; only its first `trusted` samples count for the work done."""
+    """Yield every curve of a trajectory, in the order of the groups in this module's docstring.
+
+    The work done, which the curve of the gained energy needs, is integrated over the first `trusted` samples only; the judge
+    objects to the later samples.
+    """
+    # whole: the linkage with every link of the file, also those that are welded together; links: the motion of these links
     whole, links = mechanism.whole, motion_of_links(mechanism, x)
     turning = whole.observed_links or (() if whole.observed_points else range(len(whole.links)))
-    yield from turn(whole, links, turning)
+    yield from angular_curves(whole, links, turning)
     yield from observe(whole, links)
     evaluator = Evaluator(mechanism)
     yield from energies(evaluator, x, trusted)
@@ -50,15 +55,18 @@ def curves(mechanism: Mechanism, x: Trajectory, trusted: int) -> Iterator[Curve]
     yield from transmission(mechanism, x.q)
 
 
-def turn(whole: Mechanism, links: Trajectory, which: Iterable[int]) -> Iterator[Curve]:
-    """Yield the angle, angular velocity and angular acceleration of the links with these indices."""
-    for i in which:
+def angular_curves(whole: Mechanism, links: Trajectory, indices: Iterable[int]) -> Iterator[Curve]:
+    """Yield the angle, angular velocity and angular acceleration of each link whose index is in `indices`.
+
+    `whole` is the linkage with every link of the file, and `links` is the motion of these links.
+    """
+    for i in indices:
         for key, unit, level in zip(("theta", "omega", "alpha"), LEVELS, (links.q, links.v, links.a), strict=True):
             yield Curve(Group.LINK, whole.link_name(i), key, f"rad{unit}", angle_at(level, i))
 
 
 def observe(whole: Mechanism, links: Trajectory) -> Iterator[Curve]:
-    """Yield the positions, velocities and accelerations of observed points, by coordinates."""
+    """Yield the x and y coordinates of the position, velocity and acceleration of each observed point."""
     for point in whole.observed_points:
         for letter, unit, level in zip(("", "v", "a"), LEVELS, point_levels(point, links), strict=True):
             for j, axis in enumerate("xy"):
@@ -66,7 +74,7 @@ def observe(whole: Mechanism, links: Trajectory) -> Iterator[Curve]:
 
 
 def energies(evaluator: Evaluator, x: Trajectory, trusted: int) -> Iterator[Curve]:
-    """Yield kinetic energy, potential energy, and the energy gained beyond the work done [J]; NaN after `trusted` samples."""
+    """Yield kinetic energy, potential energy, and the energy gained beyond the work done [J] (NaN after `trusted` samples)."""
     potential, gained = evaluator.applied.potential(x.q), np.full(len(x.t), np.nan)
     if trusted:
         gained[:trusted] = metrics.energy_error(evaluator, x[:trusted])[0]

@@ -1,4 +1,4 @@
-"""Call functions that return plain data or refuse with a sentence, in a worker."""
+"""Call functions in a worker process. They return plain data, or raise an error whose message says why they refuse their input."""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,10 +11,11 @@ from gauss_bench.runs.worker import Worker, WorkerFailure
 def answer_in_worker(
     worker: Worker, function: Callable[..., dict[str, Any]], arguments: tuple[Any, ...], limit: float, file: str
 ) -> dict[str, Any]:
-    """Return the answer of a function that a worker calls within `limit` seconds; errors name `file`.
+    """Call a function in a worker process within `limit` seconds, and return its result; error messages mention `file`.
 
     Raises:
-        ExchangeError: the function refused, or the process failed; MissingExtra: a library is missing.
+        ExchangeError: the function refused its input, or the worker process failed.
+        MissingExtra: a library is missing.
     """
     try:
         return read_answer(worker.call(answer_plainly, (function, *arguments), limit), file)
@@ -23,10 +24,11 @@ def answer_in_worker(
 
 
 def read_answer(answer: object, file: str) -> dict[str, Any]:
-    """Return the data of an answer that `answer_plainly` made; errors name `file`.
+    """Return the data in an answer of `answer_plainly`; error messages mention `file`.
 
     Raises:
-        ExchangeError: the function refused, or the answer is something else; MissingExtra: a library is missing.
+        ExchangeError: the function refused its input, or `answer` is not a dictionary, which only `answer_plainly` returns.
+        MissingExtra: a library is missing.
     """
     match answer:
         case {"refused": str(sentence)}:
@@ -39,7 +41,7 @@ def read_answer(answer: object, file: str) -> dict[str, Any]:
 
 
 def answer_plainly(function: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
-    """Return a function's answer, or the reason for its refusal, as plain data that a worker can send."""
+    """Call a function, and return its result, or the reason why it refused its input, as plain data that a worker can send."""
     try:
         return function(*arguments)
     except ExchangeError as error:

@@ -39,10 +39,11 @@ class DriverState(TypedDict):
     """The motion of a driver.
 
     Attributes:
-        angle: (k,) value of the driver [rad]; for a driver of a slide or length, the former name of its value [m].
-        position: (k,) value of a slide's driver [m]; length: (k,) value of a driver of a length or cylinder [m].
-        speed: (k,) [rad/s] or [m/s].
-        acceleration: (k,) [rad/s^2] or [m/s^2].
+        angle: (k,) driven angle [rad]; if the driver moves a slide or a length, the same values [m] as under `position` or
+            `length`, for programs that use this older key.
+        position: (k,) driven position of a slide [m]; length: (k,) driven length, also of a cylinder [m].
+        speed: (k,) first time derivative of the driven value [rad/s] or [m/s].
+        acceleration: (k,) second time derivative of the driven value [rad/s^2] or [m/s^2].
     """
 
     angle: Array
@@ -56,9 +57,9 @@ class BranchChange(TypedDict):
     """A change of the assembly branch.
 
     Attributes:
-        t: first time after the change [s].
-        group: name of the group of links that changes sides.
-        before, after: side of the group before and after the change, +1 or -1.
+        t: time of the first sample after the change [s].
+        group: name of the group of links that changes from one assembly to its mirror image.
+        before, after: assembly of the group before and after the change, +1 or -1.
     """
 
     t: float
@@ -92,19 +93,20 @@ class Kinematics(Result):
     """The motion of a driven linkage at k times.
 
     Attributes:
-        status: "ok", or "stopped" if the motion ends before the driver's law; message: why it ends.
+        status: "ok", or "stopped" if the motion ends before the scenario's duration; message: why the motion ends.
         mechanism, scenario: names of the linkage and scenario.
         method: "loop", "basic" or "native".
         t: (k,) times [s].
-        driver: motion of the first driver; drivers: name -> motion of the driver.
-        links, points: name -> motion of the link or point.
-        link_types: name of a link, or "ground" -> its type in Wang's notation of link units.
+        driver: motion of the first driver; drivers: name of a driver -> motion of the driver.
+        links, points: name of a link or point -> motion of the link or point.
+        link_types: name of a link, or "ground" -> type of the link in Wang's notation of link units (`kinematics/link_units.py`).
         loops: names of the joints around each loop.
-        branch: name of a group of links -> its side at the start, +1 or -1; branch_changes: changes of sides in the motion.
+        branch: name of a group of links -> assembly of the group at the start, +1 or its mirror image -1; branch_changes: changes
+            between both assemblies during the motion.
         iterations: (k,) iterations of the solver at each time, or None if the method does not count them.
-        singular: limits and dead centres, or a sentence on why they cannot be listed.
+        singular: limits and dead centres of the linkage, or a sentence on why they cannot be listed.
         observed: names of the points and links that are shown.
-        loads: the largest and mean loads of joints, welds and drivers, if they were asked for.
+        loads: the largest and mean loads of joints, welds and drivers; None if `forces` was not set.
         model: the driven linkage; trajectory: states of its links; shown: the observed points; load_curves: the loads at every
             time. Dictionaries leave these four out.
     """
@@ -177,22 +179,23 @@ def kinematics(
 
     Args:
         linkage: name of a built-in linkage, or a path.
-        scenario: name of a driven scenario; by default the first.
+        scenario: name of a scenario with a driver; by default the first one.
         driver: "LAW" or "LAW:key=value,..." with the keys of a scenario's driver; by default the scenario's own drivers. If the
             text names no start, the driver starts at the first value of the scenario's driver, or at the assembled position.
         intervals: number of equal parts of the duration; there is one more position.
         points: names of points to report, as "link.point"; by default those that the file observes.
         method: "loop" (link units), "basic" (point coordinates) or "native" (compiled loops; needs the extra "kernel").
         hold: "NAME" or "NAME=VALUE" of links, slides and pins that must not move; by default the scenario's own list. VALUE is a
-            link's angle or the relative angle of a pin's two links [degrees], or a slide's position [m]; without VALUE they stay
-            where they are at the start.
-        steps: former name of `intervals`, for one release.
-        told: called with a sentence when the motion begins, after all arguments were checked.
+            link's angle or the relative angle of a pin's two links [degrees], or a slide's position [m]; without VALUE the angle
+            or position keeps its value at the start.
+        steps: older name of `intervals`, which is accepted for one more release.
+        told: function that is called with a sentence when the motion begins, after all arguments were checked.
         forces: also find by inverse dynamics the loads of joints, welds and drivers under gravity and the scenario's forces.
 
     Raises:
-        LinkageError, ChoiceError: the file, the driver, a point or the method cannot be used, the driver goes too far, or the loads
-            are not determined.
+        LinkageError: the linkage file or the driver's table has faults.
+        ChoiceError: the driver's text, a held name, a point or the method cannot be used; or a coordinate is not driven; or a
+            driver travels too far; or the loads are not determined.
     """
     if steps is not None:
         warnings.warn("kinematics(steps=) is now kinematics(intervals=)", DeprecationWarning, stacklevel=2)
@@ -251,7 +254,7 @@ class Moved:
     Attributes:
         states: states at the k times that were reached.
         iterations: (k,) iterations of the solver at each time, or None if the method does not count them.
-        stopped: why the motion ends before the drivers' laws, or an empty text.
+        stopped: the reason why the motion ends before the last of the given times; empty if it reaches this time.
     """
 
     states: Trajectory
@@ -260,7 +263,9 @@ class Moved:
 
 
 def move(mechanism: Mechanism, times: Array, method: str) -> Moved:
-    """Move a linkage by its drivers over the times (k,) [s], as far as it goes, by one of METHODS.
+    """Move a linkage by its drivers over the times (k,) [s] by one of METHODS.
+
+    The motion ends at the last time, or before the first position that cannot be reached.
 
     Raises:
         ChoiceError: the method does not cover the linkage, or the number of drivers differs from the number of degrees of freedom.
@@ -272,8 +277,8 @@ def move(mechanism: Mechanism, times: Array, method: str) -> Moved:
         stopped, motion = str(error), error.reached
     except ValueError as error:
         raise ChoiceError(str(error)) from error
-    count = len(motion.q)  # fewer than times if the motion stopped
-    states = Trajectory(times[:count], motion.q, motion.v, motion.a, count - 1)
+    count = len(motion.q)  # fewer than the given times if the motion stopped
+    states = Trajectory(times[:count], motion.q, motion.v, motion.a, steps=count - 1)
     return Moved(states, getattr(motion, "iterations", None), stopped)
 
 
@@ -301,7 +306,11 @@ def name_value(driver: Driver) -> str:
 
 
 def driver_state(driver: Driver, times: Array) -> DriverState:
-    """Return the motion of a driver at times (k,) [s]; its value has two keys, "angle" and that of linkage files."""
+    """Return the motion of a driver at times (k,) [s].
+
+    The driven value stands under two keys: under "angle", which older programs use, and under the key of linkage files, which is
+    "angle", "position" or "length".
+    """
     value, speed, acceleration = driver.law(times)
     state = DriverState(angle=value, speed=speed, acceleration=acceleration)
     return cast(DriverState, state | {name_value(driver): value})
@@ -340,13 +349,13 @@ def _check_all_driven(mechanism: Mechanism) -> None:
 
 
 def _link_types(mechanism: Mechanism, graph: LinkageGraph) -> dict[str, str]:
-    """Return name of a link, or "ground" -> its type in Wang's notation of link units."""
+    """Return name of a link, or "ground" -> type of the link in Wang's notation of link units (see `kinematics/link_units.py`)."""
     types = {x.name: link_type(graph.elements(k)) for k, x in enumerate(mechanism.links)}
     return types | {"ground": link_type(graph.elements(GROUND), frame=True)}
 
 
 def _changes(mechanism: Mechanism, states: Trajectory) -> list[BranchChange]:
-    """Return the changes of assembly branch between neighbouring samples of a motion."""
+    """Return the changes of assembly branch (a group of links and its mirror image) between neighbouring samples of a motion."""
     branches = [branch_of(mechanism, q) for q in states.q]
     changes: list[BranchChange] = []
     for t, (before, after) in zip(states.t[1:].tolist(), pairwise(branches), strict=True):

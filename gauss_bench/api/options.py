@@ -1,4 +1,7 @@
-"""Build the parser of the command line from `verbs.toml`, without importing the functions behind the verbs."""
+"""Build the parser of the command line from `verbs.toml`, without importing the functions that carry out the subcommands.
+
+A verb is a subcommand, such as `run` in `gauss-bench run`.
+"""
 
 import argparse
 import math
@@ -19,7 +22,10 @@ EXIT_CODES = (
 
 
 def read_verbs() -> dict[str, dict[str, Any]]:
-    """Return name of a verb -> its table in `verbs.toml`, with each word for a shared option replaced by that option."""
+    """Return name of a subcommand -> its table in `verbs.toml`.
+
+    Where the file names a shared option by a word, the word is replaced by the table of that option.
+    """
     verbs: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("verbs.toml").read_text(encoding="utf-8"))
     shared = verbs.pop("shared")
     for verb in verbs.values():
@@ -40,7 +46,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def parser(actions: Mapping[str, Verb]) -> argparse.ArgumentParser:
-    """Return the parser of all verbs; `actions` is name of a verb -> function that runs it."""
+    """Return the parser of all subcommands; `actions` is name of a subcommand -> function that carries it out."""
     top = Parser(prog="gauss-bench", description=DESCRIPTION, epilog=EXIT_CODES)
     top.add_argument("--version", action="version", version=f"gauss-bench {__version__}")
     verbs = top.add_subparsers(title="verbs", required=True, metavar="VERB")
@@ -52,7 +58,7 @@ def parser(actions: Mapping[str, Verb]) -> argparse.ArgumentParser:
 
 
 def add_options(parser: argparse.ArgumentParser, verb: Mapping[str, Any]) -> None:
-    """Add the options of a verb to a parser; `verb` is a table of VERBS."""
+    """Add the options of a subcommand to its parser; `verb` is the subcommand's table in VERBS."""
     has_json = verb.get("json", True)
     alternatives = parser.add_mutually_exclusive_group() if has_json else parser  # options that exclude --json, and --json
     for names, option in verb.get("options", {}).items():
@@ -70,14 +76,14 @@ def add_options(parser: argparse.ArgumentParser, verb: Mapping[str, Any]) -> Non
 
 
 def jobs(text: str) -> int:
-    """Return a number of workers from 1 to MOST_JOBS."""
+    """Return the number of workers, from 1 to MOST_JOBS, in the text of an option."""
     if not text.isdecimal() or not 1 <= int(text) <= MOST_JOBS:
         raise argparse.ArgumentTypeError(f"{text[:40]!r} is no number of workers from 1 to {MOST_JOBS}")
     return int(text)
 
 
 def numbers(text: str) -> list[float]:
-    """Return the numbers of a text with commas between them."""
+    """Return the numbers in a text such as "0.1,0.2", in which commas separate them."""
     try:
         return [float(x) for x in text.split(",")]
     except ValueError as error:
@@ -85,21 +91,21 @@ def numbers(text: str) -> list[float]:
 
 
 def times(text: str) -> list[float]:
-    """Return finite numbers that are not negative."""
+    """Return the numbers in a comma-separated text; each must be finite and not negative."""
     if not all(math.isfinite(x) and x >= 0 for x in numbers(text)):
         raise argparse.ArgumentTypeError("times must be numbers that are not negative")
     return numbers(text)
 
 
 def steps(text: str) -> list[float]:
-    """Return finite positive numbers."""
+    """Return the numbers in a comma-separated text; each must be finite and positive."""
     if not all(math.isfinite(x) and x > 0 for x in numbers(text)):
         raise argparse.ArgumentTypeError("steps must be positive numbers")
     return numbers(text)
 
 
 def names(text: str) -> list[str]:
-    """Return the names of a text with commas between them."""
+    """Return the names in a comma-separated text."""
     return text.split(",")
 
 

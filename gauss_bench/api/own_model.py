@@ -18,7 +18,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.worker import Worker
 
 ENDINGS = (".xml", ".urdf", ".mjcf")
-ACTING = 60.0  # [s] limit of the run that looks for contacts and limits
+ACTING = 60.0  # [s] time limit of the run that looks for contacts and joint limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +60,10 @@ def read_own_file(name: str | Path, close: tuple[str, ...], worker: Worker) -> O
 
 
 def read_plainly(file: str, close: list[str]) -> dict[str, Any]:
-    """Read a model file, and return the fields of `OwnFile` as plain data, with a linkage document; this runs in a worker.
+    """Read a model file, and return the fields of `OwnFile` as plain data, with the content of a linkage file as "document".
 
-    `close` lists pairs of points that are joined to close loops, for URDF alone, which cannot say so.
+    This function runs in a worker process. `close` lists pairs of points that are joined to close loops. It is only for URDF files,
+    because URDF cannot express closed loops.
     """
     path = Path(file)
     name, kind = re.sub("[^A-Za-z0-9_]+", "_", path.stem), FORMS.get(str(read_xml(path).tag), "")
@@ -81,7 +82,7 @@ def refuse_what_acts(file: OwnFile, until: float, worker: Worker) -> None:
     """Refuse a model in which a contact, the end of a joint's range, or dry friction acts before the time `until` [s].
 
     Raises:
-        ExchangeError: one of them acts; the message names the element and the time at which it first does.
+        ExchangeError: a contact, joint limit or dry friction acts; the message names the element, and the time when it first acts.
     """
     found = answer_in_worker(worker, acts_beside_loops, (str(file.path), file.key, until), ACTING, str(file.path))
     if found["what"]:

@@ -1,4 +1,4 @@
-"""Measure the error of an exported program: run its engine and setting, judge the run, and compare it with a reference.
+"""Measure the error of an exported program: run its engine and setting, judge the run, and compare the run with a reference.
 
 A program in C is itself compiled and run if there is a compiler, because its arithmetic differs from that of any engine. A program
 that an engine writes itself is run in the engine's environment, without this package.
@@ -31,7 +31,7 @@ from gauss_bench.runs.programs import run_there
 from gauss_bench.runs.worker import Interpreter, Worker, WorkerFailure
 from gauss_bench.trajectory import Status, Trajectory, in_a_sentence, spread_evenly
 
-LIMIT = 60.0  # [s] default of the time for the run, its repetition and the reference
+LIMIT = 60.0  # [s] default of the time for the run, its repetition with half the step, and the reference
 COMPILING = 20.0  # [s] limit of the C compiler
 COMPILED_STEP = 2e-6  # [s] time of a compiled step of a linkage of usual size
 QUICK, PRECISE = 1e-6, 1e-9  # error bars of the two references, relative to the linkage's size, and [rad]
@@ -42,17 +42,17 @@ NUMPY = "gauss"  # own formulation whose run is judged if the engine of a progra
 
 @dataclass(frozen=True, kw_only=True)
 class ProgramError(Result):
-    """The error of a program with its own setting, over the scenario's duration.
+    """The error of an exported program with the setting that is written in the program, over the scenario's duration.
 
     Attributes:
-        status, message: the judge's verdict, "ok" or another status with its reason.
+        status, message: the judge's verdict on the run: "ok", or another status with its reason.
         settings, integrator, stabilization, step, tolerance: setting of the program; with a tolerance, the step is the time between
-            rows [s].
+            printed rows [s].
         until: end of the run [s].
         position, angle: largest error of any link's centre of mass [m] or angle [rad]; None if there is no reference.
-        known: error bar of the reference [m, rad], or None.
+        known: error bar of the reference [m, rad]; None if there is no reference.
         reference: how the reference was made, or why there is none.
-        measured_on: what was run, in words.
+        measured_on: what was run to measure the error: the program itself, or the suite's run of the same setting.
     """
 
     status: str
@@ -75,12 +75,12 @@ class ProgramError(Result):
 
     @property
     def warning(self) -> str:
-        """The sentence for the top of a program that the judge refuses; empty if the program is valid."""
+        """The warning at the top of a program whose motion the judge refuses; empty if the judge accepts the motion."""
         return "" if self.is_valid else f"WARNING: do not trust this program with {self.setting}. {self.status}: {self.message}"
 
     @property
     def refusal(self) -> str:
-        """The sentence for the user on a program that the judge refuses, with what may help."""
+        """The message to the user if the judge refuses the program's motion, with options that may help."""
         hints = {
             str(Status.TIMEOUT): "a larger --budget gives it more time, ",
             str(Status.INVALID): "--position finds a setting that holds an accuracy, ",
@@ -94,7 +94,7 @@ class ProgramError(Result):
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Sentences for the head of the program."""
+        """Sentences on the measured error for the header comment of the program."""
         run = f"Measured over {self.until:g} s with {self.setting}, on {self.measured_on}:"
         if self.position is None or self.angle is None:
             return run, f"Error: not known: {self.reference}."
@@ -129,7 +129,7 @@ class Compared:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A run by which a program is judged; `what` says in words whether the program or an engine of the suite was run."""
+    """A run by which a program is judged; `what` is a text that says whether the program itself or an engine of the suite ran."""
 
     status: Status
     message: str
@@ -138,7 +138,7 @@ class Measured:
 
 
 class ProgramFailed(Exception):
-    """The failure of a program; the message is the program's own."""
+    """Raised if a program fails; the message is the one that the program printed."""
 
 
 def measure_program(
@@ -156,19 +156,21 @@ def measure_program(
     Args:
         linkage, mechanism: name or path of the linkage, and the linkage in its scenario.
         engine, choice: engine and setting of the program.
-        source: text of the program if it is run itself, else an empty text.
-        seconds: time for the run, its repetition at half the step, and the reference [s].
-        told: called with each sentence of progress.
-        interpreter: interpreter that runs the program; None for a program in C.
+        source: text of the program if the program itself is run, else an empty text.
+        seconds: time for the run, its repetition at half the step, and the reference [s]: a quarter is for the suite's run with its
+            repetition, and half is for the reference.
+        told: function that is called with each sentence of progress.
+        interpreter: Python interpreter that runs the program; None for a program in C.
 
     Raises:
-        ChoiceError: the steps would take longer than a quarter of the seconds.
+        ChoiceError: the steps of a program in C would take longer than a quarter of `seconds`.
     """
     end = mechanism.duration
     steps, every = plan(end, choice.step)  # number of steps, and steps between the rows that the program prints
     choice = choice if choice.tolerance is not None else replace(choice, step=end / steps)
     rows = (end / steps * np.arange(0, steps + 1, every)).tolist()  # [s]
     if source and interpreter is None:
+        # the suite's run beside a program in C: by the program's engine, or by NUMPY if this engine cannot be used here
         engine = engine if offer(engine).usable else NUMPY
         check_affordable(choice.step, end, COMPILED_STEP, seconds / 4)
     told(f"measuring: {engine}, {end:g} s")
@@ -204,12 +206,13 @@ def measure_program(
 def run_program(run: Simulation, source: str, interpreter: Interpreter | None, seconds: float) -> Measured:
     """Run a program for at most `seconds`; if it cannot be run here, return the suite's run of the same setting.
 
-    `Measured.what` says which of the two it is, and why. A program that runs and fails has no trajectory.
+    The field `what` of the result says which of the two ran, and why. A program that starts and fails has no trajectory.
 
     Args:
-        run: the suite's run.
-        source: text of the program; empty for a kind that is not run by itself.
-        interpreter: the Python that runs it, or None for a program in C.
+        run: the suite's run with the engine and setting of the program.
+        source: text of the program; empty if a program of this kind cannot be run on its own.
+        interpreter: the Python interpreter that runs the program, or None for a program in C.
+        seconds: time limit of a Python program [s].
     """
     what = f"the suite's run of {run.engine} with the same setting"
     if not source:
@@ -227,9 +230,10 @@ def run_program(run: Simulation, source: str, interpreter: Interpreter | None, s
 
 
 def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Compared:
-    """Return the largest errors of a trajectory, the last sample included, against references that take at most `seconds`.
+    """Return the largest errors of a trajectory against a reference; computing references takes at most `seconds`.
 
-    A quick reference is computed first. If its error bar is more than a tenth of the error, a more precise one follows.
+    At most COMPARED samples are compared, including the last one. A quick reference is computed first. If its error bar is more
+    than a tenth of the error, a more precise reference follows.
     """
     part = trajectory[spread_evenly(len(trajectory.t), COMPARED)]
     size, budget = run.mechanism.size, Budget(seconds)
@@ -255,14 +259,14 @@ def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Compared:
 
 
 def refuse_far(mechanism: Mechanism, position: float, angle: float) -> str:
-    """Return the objection to errors [m], [rad] that are larger than the judge allows, or an empty text."""
+    """Return the reason why errors [m], [rad] of a motion are larger than the judge allows; empty if they are not."""
     if not position <= OFF_MOTION * mechanism.size:
         return f"a link ends up {position:.2g} m from where it should be"
     return "" if angle <= OFF_MOTION else f"a link ends up turned by {angle:.2g} rad from where it should be"
 
 
 def refuse_other(mechanism: Mechanism, trajectory: Trajectory, own: Trajectory | None) -> str:
-    """Return the objection to a program that ends far from the end of the suite's own run, or an empty text."""
+    """Return the reason why a program is refused that ends far from where the suite's own run ends; empty if it ends near."""
     if own is None or trajectory is own:
         return ""
     off = np.abs(trajectory.q[-1] - own.q[-1]).max()
@@ -270,10 +274,12 @@ def refuse_other(mechanism: Mechanism, trajectory: Trajectory, own: Trajectory |
 
 
 def run_c(source: str, n: int) -> tuple[Trajectory | None, str]:
-    """Compile a program in C and run it; return its rows of n coordinates and n rates, or None and why it was not run.
+    """Compile and run a program in C, which prints the time, n coordinates and their n rates in each row.
+
+    Return (trajectory, ""), or (None, reason) if the program could not be compiled or run.
 
     Raises:
-        ProgramFailed: the program stopped before its end.
+        ProgramFailed: the program stopped with an error before its end.
     """
     program = compiler()
     if program is None:
@@ -296,10 +302,12 @@ def run_c(source: str, n: int) -> tuple[Trajectory | None, str]:
 
 
 def run_python(source: str, mechanism: Mechanism, interpreter: Interpreter, seconds: float) -> tuple[Trajectory | None, str]:
-    """Run a program in Python under an interpreter; return its rows, or None and why they cannot be read.
+    """Run a program in Python with the given interpreter.
+
+    Return (trajectory, ""), or (None, reason) if the program printed no table that can be read.
 
     Raises:
-        ProgramFailed: the program stopped before its end, or took longer than the seconds.
+        ProgramFailed: the program stopped with an error before its end, or took longer than `seconds`.
     """
     heading = ",".join(["t", *coordinates(mechanism), *rates(mechanism)])
     try:
@@ -322,7 +330,7 @@ def read_rows(lines: list[str], n: int) -> Trajectory:
     """Return a trajectory from lines of CSV, each with t, n positions and n velocities; its accelerations are zero.
 
     Raises:
-        ProgramFailed: a line has another form, or a number is not finite.
+        ProgramFailed: a line does not consist of 1 + 2 n numbers, or a number is not finite.
     """
     try:
         rows = np.array([*csv.reader(lines)], dtype=float).reshape(-1, 1 + 2 * n)

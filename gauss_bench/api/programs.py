@@ -1,4 +1,4 @@
-"""Write a program for an engine with a setting, in a process that has the engine's library."""
+"""Write programs that run a linkage in an engine with a setting; a process that has the engine's library writes them."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +18,7 @@ from gauss_bench.runs.programs import program_there, read_program, writes_progra
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import RunFailure
 
-LIMIT = 60.0  # [s] longest time to write a program of a report
+LIMIT = 60.0  # [s] time limit for writing one program of a report
 LARGEST = 30_000  # characters of a program in a report; `gauss-bench export` writes longer ones
 BEATS = 50  # samples that a program prints if its integrator chooses its own steps
 UNWRITTEN = (ExchangeError, LinkageError, RunFailure, WorkerFailure, ImportError, ValueError, KeyError)
@@ -30,9 +30,11 @@ def write_program(call: Call, linkage: str, mechanism: Mechanism, engine: str, c
     """Return the text of a program that runs a mechanism over its duration in an engine.
 
     Args:
-        call: calls a function with arguments in the engine's process.
-        linkage: name or path of the linkage, as the program names it.
-        remarks: sentences for the head of the program.
+        call: function that calls another function with arguments in the engine's process.
+        linkage: name or path of the linkage, as the program states it.
+        mechanism: the linkage in its scenario.
+        engine, choice: the engine and its setting.
+        remarks: sentences for the header comment of the program.
 
     Raises:
         ExchangeError, RunFailure: a program cannot express the setting, or the engine refuses it.
@@ -49,14 +51,16 @@ def write_program(call: Call, linkage: str, mechanism: Mechanism, engine: str, c
 def snippet_there(
     linkage: str, scenario: str, until: float, engine: str, choice: Choice, remarks: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Return {"text": program} for a library that writes it itself; this runs in a worker."""
+    """Return {"text": program} for an engine whose library is needed to write the program; this runs in a worker process."""
     mechanism = load_until(linkage, scenario, until)
     return {"text": snippet(mechanism, linkage, engine, choice, until, remarks)}
 
 
 @lru_cache(maxsize=32)
 def load_until(linkage: str, scenario: str, until: float) -> Mechanism:
-    """Return a linkage in a scenario with the duration `until` [s]; a report asks for each of them many times.
+    """Return a linkage in a scenario with the duration `until` [s].
+
+    The results are cached, because a report asks for the same linkage, scenario and duration many times.
 
     Raises:
         LinkageError: the file has faults.
@@ -65,7 +69,7 @@ def load_until(linkage: str, scenario: str, until: float) -> Mechanism:
 
 
 class Wanted(NamedTuple):
-    """A setting of a report, run up to `until` [s]; a step [s] or tolerance that does not apply is NaN."""
+    """A setting of an engine in a report, with the end `until` [s] of its run; a step [s] or tolerance is NaN if not used."""
 
     linkage: str
     scenario: str
@@ -79,7 +83,7 @@ class Wanted(NamedTuple):
 
     @property
     def choice(self) -> Choice:
-        """The setting as an engine takes it."""
+        """The setting as the `Choice` that an engine accepts."""
         # an integrator that chooses its steps is asked for samples at the distance of the step
         step = self.step if math.isfinite(self.step) else self.until / BEATS
         tolerance = self.tolerance if math.isfinite(self.tolerance) else None
@@ -87,7 +91,7 @@ class Wanted(NamedTuple):
 
 
 def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]:
-    """Return a program for each setting, keyed by the fields of its `Wanted`.
+    """Return setting -> program; each setting is a tuple with the fields of `Wanted`.
 
     Settings whose program cannot be written on this machine, or is too long for a report, are left out.
     """
@@ -95,6 +99,7 @@ def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]
     load_until.cache_clear()  # a file may have changed since the last report
     with Worker() as worker:
         for x in sorted(map(Wanted._make, wanted), key=lambda x: x.engine):  # in this order each engine starts only once
+            # programs exist only for some integrators and stabilisations of an engine
             if not holds(x.engine, x.integrator, x.stabilization):
                 continue
             call = partial(worker.under(interpreter_of(x.engine)).call, limit=LIMIT)

@@ -1,4 +1,7 @@
-"""Find the cheapest setting of each engine that holds a user's requirements: the object that `recommend --json` prints."""
+"""Find the cheapest setting of each engine that meets a user's accuracy requirements.
+
+The result is the object that `gauss-bench recommend --json` prints.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -31,16 +34,18 @@ FIRST = ("dop853_fixed", "rk4", "dop853")  # integrators that are tried first in
 
 @dataclass(frozen=True, eq=False)
 class Recommendation(Result):
-    """For every engine the cheapest setting that holds the requirement, or why there is none.
+    """The cheapest setting of every engine that meets the accuracy requirement, or the reason why none does.
 
     Attributes:
         mechanism, scenario: names of the linkage and scenario; until: end of the run [s].
-        required: kind -> largest allowed error [m], [rad], [N]; errors of settings are at most half of it.
-        truth: how the reference was made; certified: whether it is a certificate.
-        known: kind -> error bar of the reference [m], [rad], [N].
-        answers: one answer per engine: first those that were raced, from the fastest, then those that hold without a race.
+        required: kind of error -> largest allowed error [m], [rad], [N]. A setting is accepted only if its measured errors are at
+            most half of these.
+        truth: how the reference motion was made; certified: whether a certificate confirms the reference.
+        known: kind of error -> error bar of the reference [m], [rad], [N].
+        answers: one answer per engine. First come the accurate settings that were timed, the fastest first, then the accurate
+            settings that were not timed, and then the engines without an accurate setting.
         advice: the advice in one sentence.
-        remarks: sentences on limits of the answers.
+        remarks: sentences on what limits the validity of the answers.
         complete: whether every variant of every engine was tried.
     """
 
@@ -82,30 +87,31 @@ def recommend(
 ) -> Recommendation:
     """Find the cheapest setting of each engine whose error over the whole run is at most half of the requirement.
 
-    Candidates and their errors are the same in every call. Two things depend on the clock: which candidates are not tried within
-    the budget, and which of the accurate settings is the fastest.
+    The candidate settings and their errors are the same in every call with the same arguments. Two things depend on the clock:
+    which candidates are not tried within the budget, and which of the accurate settings is the fastest.
 
     Args:
         linkage: name of a built-in linkage, or a path.
         position, angle, force: largest allowed error of any link's centre of mass [m] or angle [rad], or of any joint force [N]. At
-            least one is needed, and a setting must hold all that are given.
+            least one is needed, and a setting must meet all that are given.
         until: end of the run [s]; by default the scenario's duration.
         engines: names of engines; by default all.
-        scenario: name of a scenario; by default the first with a start.
+        scenario: name of a scenario; by default the first one that gives the motion a start.
         settings: settings of a single engine, as in `simulate`; the search then varies integrator, stabilization and step.
-        budget: longest time of the whole call [s]; by default 60. Time in which other programs had the processor does not count,
-            but the search ends at the latest when 1.45 times as many seconds have passed. The program of the advised setting is
-            always written.
-        told: called with each sentence of progress.
-        better: called with the first answer of an engine and with every cheaper one, before the race.
-        authors: files of settings by engines' authors, which get an answer of their own beside the suite's.
+        budget: longest time of the whole call [s]; by default 60. Time in which other programs had the processor is not counted,
+            but the search ends at the latest when the elapsed time is 1.45 times the budget. The program of the recommended setting
+            is written even if the budget is used up.
+        told: function that is called with each sentence of progress.
+        better: function that is called with the first answer of an engine and with every cheaper one, before settings are timed.
+        authors: files of settings that engines' authors have contributed. These settings get an answer of their own beside the
+            answer with the suite's settings for the same engine.
 
     Raises:
         LinkageError: the linkage file has faults.
         SettingsFault: a file of settings has faults.
         ChoiceError: a requirement, time or setting cannot be used.
         KeyError: an engine is unknown.
-        NoTruth: no reference is exact enough.
+        NoTruth: no reference is accurate enough.
     """
     wanted = list_requirements(position=position, angle=angle, force=force)
     seconds = Budget(check_budget(budget, BUDGET))
@@ -123,7 +129,7 @@ def recommend(
         searched = recommender.search()
         answers = recommender.answers(recommender.race())
         best = advised(answers)
-        with ThreadPoolExecutor(LANES) as lanes:
+        with ThreadPoolExecutor(LANES) as lanes:  # the recommended setting has WRITTEN seconds, even if the budget is used up
             answers = list(lanes.map(lambda x: with_snippet(recommender, x, WRITTEN if x is best else 1.0), answers))
     return Recommendation(
         mechanism=mechanism.name,
@@ -141,9 +147,10 @@ def recommend(
 
 
 def with_snippet(recommender: Recommender, answer: Answer, least: float) -> Answer:
-    """Return an answer with the program that runs its setting, or with the reason why there is no program.
+    """Return an answer with the program that runs the answer's setting, or with the reason why no program can be written.
 
-    The engine's worker writes the program if that needs the engine's library; it has at least `least` seconds, whatever the budget.
+    If writing the program needs the engine's library, the engine's worker process writes it. The worker process then has at least
+    `least` seconds, even if the budget is used up.
     """
     if answer.status != "ok":
         return answer
@@ -172,10 +179,10 @@ def name_from_anywhere(linkage: str) -> str:
 
 
 def list_requirements(**limits: float | None) -> dict[str, float]:
-    """Return kind ("position", "angle", "force") -> largest allowed error, for those that are not None.
+    """Return kind of error ("position", "angle", "force") -> largest allowed error, without the limits that are None.
 
     Raises:
-        ChoiceError: all are None, or one is not a positive number.
+        ChoiceError: all limits are None, or a limit is not a positive number.
     """
     wanted = {kind: x for kind, x in limits.items() if x is not None}
     if not wanted:
@@ -187,7 +194,9 @@ def list_requirements(**limits: float | None) -> dict[str, float]:
 
 
 def list_owned(engines: Sequence[str], files: Sequence[str | Path]) -> dict[str, list[Variant]]:
-    """Return name of an engine -> settings by its authors in some files; engines without such settings are left out.
+    """Return name of an engine -> settings that the engine's authors have contributed.
+
+    The settings are those of the given files and those that the suite includes. Engines without such settings are left out.
 
     Raises:
         ChoiceError: a file is for an engine that is not among `engines`.
@@ -208,7 +217,7 @@ def order_kinds() -> list[str]:
 
 
 def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
-    """Return the variants of an engine in the order in which the search tries them: all, or those with the given settings."""
+    """Return the variants of an engine, or those with the given settings, in the order in which the search tries them."""
     if not engine.usable:
         return []
     if settings is not None:
@@ -216,12 +225,14 @@ def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
         tried = [Variant(settings, i, s, options) for i in engine.integrators for s in engine.stabilizations]
     else:
         tried = space(engine)
+    # a program can be written only for some integrators and stabilisations of an engine
     tried = [x for x in tried if holds(engine.name, x.integrator, x.stabilization, str(x.options.get("code", "")))]
 
     def rank(x: Variant) -> tuple[int, bool]:
-        """Return the key by which variants are sorted: the place in the engine's own order, or else that of the integrator.
+        """Return the key by which variants are sorted.
 
-        Of equal integrators, variants without stabilization come first.
+        If the engine gives an order of its variants, the key is the place in this order. If not, it is the place of the variant's
+        integrator in FIRST, and among variants with equal keys those without stabilization come first.
         """
         if engine.first:
             return place_in(engine.first, x.name), False
@@ -256,28 +267,38 @@ def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
 
 
 def advised(answers: Sequence[Answer]) -> Answer | None:
-    """Return the advised answer: the fastest in the race, or else the first that holds; None if no setting holds."""
+    """Return the recommended answer: the fastest one that was timed, or the first accurate one if none was timed.
+
+    The result is None if no setting meets the requirement.
+    """
     holding = [x for x in answers if x.status == "ok"]
     return next((x for x in holding if x.ratio is not None), holding[0] if holding else None)
 
 
 def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
-    """Return the advice: which setting to take, or what to do if none holds the requirement."""
+    """Return the advice: which setting to take, or what to do if no setting meets the requirement.
+
+    `answers` are in the order of `Recommendation.answers`: the timed ones first, the fastest of them at the beginning.
+    """
     best = advised(answers)
     if best is None:
         return advise_without(answers, wanted)
-    takes = " (no setting was raced)" if best.seconds is None else f" in {duration_of(best.seconds)} a run"
+    time = " (no setting was raced)" if best.seconds is None else f" in {duration_of(best.seconds)} a run"
     others = [x for x in answers if x is not best and x.engine in (*FOREIGN, *ELSEWHERE) and x.ratio is not None]
     next_best = f"; of other libraries {others[0].engine} comes next, {others[0].ratio:.3g} times as long" if others else ""
     unraced = [x for x in answers if x is not best and x.status == "ok" and x.ratio is None]
-    hold = f"{len(unraced)} other engine{' holds' if len(unraced) == 1 else 's hold'}"
-    more = f" {hold} it too and had no race." if unraced and best.ratio is not None else ""
+    count = f"{len(unraced)} other engine{' holds' if len(unraced) == 1 else 's hold'}"
+    more = f" {count} it too and had no race." if unraced and best.ratio is not None else ""
     errors = format_errors(best.errors, wanted)
-    return f"Take {best.engine} with {setting_of(best)}: it holds {format_limits(wanted)} with {errors}{takes}{next_best}.{more}"
+    return f"Take {best.engine} with {setting_of(best)}: it holds {format_limits(wanted)} with {errors}{time}{next_best}.{more}"
 
 
 def advise_without(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
-    """Return the advice if no setting holds the requirement."""
+    """Return the advice if no setting meets the requirement.
+
+    The advice names the engine whose errors come nearest. If there are no errors at all, it says that no run ended in time, or that
+    no engine can run the linkage. Settings must meet half of the requirement, because the error of the reference may add to theirs.
+    """
     limit, remedy = format_limits(wanted), "raise --budget or the limit"
     with_errors = [x for x in answers if x.errors]
     if with_errors:
@@ -290,13 +311,13 @@ def advise_without(answers: Sequence[Answer], wanted: Mapping[str, float]) -> st
 
 
 def setting_of(answer: Answer) -> str:
-    """Return the setting of an answer in words."""
+    """Return the setting of an answer as text."""
     words = format_setting(answer.settings, answer.integrator, answer.stabilization, answer.step, answer.tolerance)
     return f"{words}, {BY_AUTHORS}" if answer.owner else words
 
 
 def duration_of(seconds: float) -> str:
-    """Return a duration in words, in s, ms or us."""
+    """Return a duration [s] as text in s, ms or us."""
     if seconds >= 1.0:
         return f"{seconds:.3g} s"
     return f"{seconds * 1e3:.3g} ms" if seconds >= 1e-3 else f"{seconds * 1e6:.3g} us"

@@ -35,8 +35,8 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Caption, Reference, Status, Trajectory
 
 RAN = (Status.OK, Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED)  # statuses of runs that are repeated at half the step
-QUICKEST_COMPILED, QUICKEST_INTERPRETED = 2e-8, 1e-4  # [s] least time of a step, of the smallest linkage on a fast machine
-LIMIT = 600.0  # [s] default of the time of a worker
+QUICKEST_COMPILED, QUICKEST_INTERPRETED = 2e-8, 1e-4  # [s] shortest computing time of a step: the smallest linkage, a fast machine
+LIMIT = 600.0  # [s] default of the time limit of the worker process
 
 
 class PointState(TypedDict):
@@ -60,9 +60,9 @@ class LinkState(TypedDict):
     """The motion of a link.
 
     Attributes:
-        x, y: (k,) position of its centre of mass [m]; theta: (k,) its angle, unwrapped [rad].
-        vx, vy: (k,) velocity [m/s]; omega: (k,) [rad/s].
-        ax, ay: (k,) acceleration [m/s^2]; alpha: (k,) [rad/s^2].
+        x, y: (k,) position of the link's centre of mass [m]; theta: (k,) angle of the link, unwrapped [rad].
+        vx, vy: (k,) velocity of the centre of mass [m/s]; omega: (k,) angular velocity [rad/s].
+        ax, ay: (k,) acceleration of the centre of mass [m/s^2]; alpha: (k,) angular acceleration [rad/s^2].
     """
 
     x: Array
@@ -145,8 +145,8 @@ class OneRun(Result):
     """The result of one run of one linkage in one engine.
 
     Attributes:
-        engine, mechanism, scenario, settings, integrator, stabilization: names of what was run.
-        step: of the integration [s].
+        engine, mechanism, scenario, settings, integrator, stabilization: names that identify the run.
+        step: integration step [s].
     """
 
     engine: str
@@ -159,36 +159,38 @@ class OneRun(Result):
 
 
 def name_run(mechanism: Mechanism, engine: str, choice: Choice) -> dict[str, Any]:
-    """Return the fields of OneRun by name."""
+    """Return name -> value for the fields of `OneRun`, which identify a run."""
     names = {"engine": engine, "mechanism": mechanism.name, "scenario": mechanism.scenario}
     return names | {name: getattr(choice, name) for name in ("settings", "integrator", "stabilization", "step")}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Simulation(OneRun):
-    """A run sampled at k times, with the fields of OneRun.
+    """A run, with its samples at k times. The fields that identify the run are those of `OneRun`.
 
     Attributes:
         status: "ok", "skip", "invalid" if the run ended but the judge rejects it, or the kind of failure.
         message: reason of the status, or a remark on the run.
-        t: (k,) times [s]. A failed run has the requested times that it reached, and its last time. If it reached none, all fields
-            of samples are empty.
-        links: name -> motion of the link.
-        points: name -> motion of the observed point.
-        joints: name -> constraint force on the joint's second link, and moment.
+        t: (k,) times of the samples [s]. If the run failed, these are the requested times before the failure, and the time of the
+            last sample before the failure. If there is no sample before the failure, all arrays are empty.
+        links: name of a link -> motion of the link.
+        points: name of an observed point -> motion of the point.
+        joints: name of a joint -> constraint force and moment that act on the joint's second link.
         metrics: figures of the run that need no reference, and its costs.
         valid: whether the run ended and the judge has no objection.
-        objections: the judge's objections to the run, or to the part that a failed run reached.
-        trusted_until: end of the part without objections [s]; None if there is nothing to judge.
+        objections: the judge's objections to the run, or to the part of a failed run before the failure.
+        trusted_until: end of the part of the run to which the judge has no objection [s]; None if the run has no samples to judge.
         advice: what may make an invalid run valid, or an empty text.
-        observed: names of the points and links that the file observes.
-        drivers: name -> torque [N m] or force [N] that the driver exerts (k,); dictionaries leave it out if it is empty.
-        welds: name -> force on the welded link, and moment about the point of the weld; dictionaries leave it out if it is empty.
-        warnings: warnings of the loader on the file; dictionaries leave it out if it is empty.
-        loads: the largest and mean loads of joints, welds and drivers until `trusted_until`, if they were asked for. A run with
-            wrong accelerations has none.
-        asked_until: requested end of the run [s]; model: the linkage; trajectory: all samples, or None. Dictionaries leave these
-            three out; `gauss_bench.history` makes curves of them.
+        observed: names of the points and links that the linkage file observes.
+        drivers: name of a driver -> torque [N m] or force [N] that the driver exerts (k,). This field is omitted in dictionaries if
+            it is empty.
+        welds: name of a weld -> force on the welded link, and moment about the point of the weld. This field is omitted in
+            dictionaries if it is empty.
+        warnings: warnings of the loader on the linkage file. This field is omitted in dictionaries if it is empty.
+        loads: the largest and mean loads of joints, welds and drivers until `trusted_until`; None if they were not asked for. They
+            are empty if the accelerations of the run are wrong.
+        asked_until: requested end of the run [s]; model: the linkage; trajectory: all samples of the run, or None if there are
+            none. Dictionaries leave these three out; `gauss_bench.history` makes curves of them.
     """
 
     status: Status
@@ -220,7 +222,10 @@ class Simulation(OneRun):
         return tuple(f"warning: {x}" for x in self.warnings)
 
     def told(self) -> Caption:
-        """Return the caption of plots and animations: sentences on the run, and the times [s] when it and its trusted part end."""
+        """Return the caption of plots and animations: sentences on the run, and two times [s].
+
+        The times are the end of the run, and the end of the part to which the judge has no objection (None if it has none at all).
+        """
         how = f"{self.engine} ({self.settings}), {self.integrator}, stabilization {self.stabilization}, step {self.step:g} s"
         verdict = "" if self.valid else _join(f"{self.status}: {self.message}", self.advice)
         end = max(self.asked_until, float(self.t[-1]) if len(self.t) else 0.0)
@@ -245,20 +250,20 @@ def simulate(
 ) -> Simulation:
     """Simulate a linkage in one engine, and judge the run.
 
-    Own formulations run in this process, and every other engine runs in a worker. If an engine crashes, hangs or cannot be
-    imported, the result has a status and a sentence. A failed run is returned up to its failure.
+    The suite's own formulations run in this process, and every other engine runs in a worker process. If an engine crashes, hangs
+    or cannot be imported, the result has a status and a sentence on the reason. A failed run has the samples before its failure.
 
     Args:
         linkage: name of a built-in linkage, or a path.
         engine: one of `gauss_bench.engines.names()`.
-        scenario: name of a scenario; by default the first with a start.
+        scenario: name of a scenario; by default the first one that gives the motion a start.
         settings: settings of the engine, as a name, as KEY=VALUE,... or as both; by default the engine's own.
-        integrator, stabilization: names; by default the engine's first.
+        integrator, stabilization: names of the integrator and the stabilisation; by default the first ones that the engine offers.
         step: integration step [s]. A time of `at` that is no multiple of the step is reached by a shorter step, and the message
             says so.
         at: times [s] to report; by default 0 and the scenario's duration. The run ends at the last of them.
-        limit: longest time of a worker [s].
-        told: called with a sentence when the run begins, after all arguments were checked.
+        limit: time limit of the worker process [s].
+        told: function that is called with a sentence when the run begins, after all arguments were checked.
         tolerance: relative tolerance of an integrator that chooses its own steps; the absolute tolerance is a hundredth of it. By
             default the settings give both.
         whole: run through the whole duration of the scenario, for plots and tables of all samples.
@@ -298,7 +303,7 @@ def simulate(
 
 
 def _check_times(at: list[float], limit: float) -> None:
-    """Check the times to report [s] and the limit of the worker [s].
+    """Check the times to report [s] and the time limit of the worker process [s].
 
     Raises:
         ChoiceError: a time is negative or not finite, or the limit is not positive.
@@ -310,7 +315,7 @@ def _check_times(at: list[float], limit: float) -> None:
 
 
 def _without_samples(asked: dict[str, Any], status: Status, message: str) -> Simulation:
-    """Return the result of a run without samples that can be judged; `asked` has the fields of Simulation that name the run."""
+    """Return the result of a run that gave no samples to judge; `asked` has the fields of `Simulation` that identify the run."""
     mechanism: Mechanism = asked["model"]
     none = np.zeros((0, mechanism.n))
     return Simulation(**asked, **states_at(mechanism, Trajectory(np.zeros(0), none, none, none, 0)), status=status, message=message)
@@ -318,12 +323,12 @@ def _without_samples(asked: dict[str, Any], status: Status, message: str) -> Sim
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """A run, and the reference and repetition by which it is judged.
+    """A run, with the reference motion and the repetition with a finer setting by which the run is judged.
 
     Attributes:
         run: the run with the requested setting.
-        truth: the certified motion, or None.
-        finer: the repetition at half the step or a tighter tolerance; None if it is not needed or not possible.
+        truth: the certified motion; None if there is no certificate.
+        finer: the repetition of the run at half the step or a tighter tolerance; None if no repetition was needed or possible.
         adaptive: whether the integrator chooses its own steps.
     """
 
@@ -334,17 +339,21 @@ class Runs:
 
     @property
     def samples(self) -> Trajectory | None:
-        """The samples of the run, or those before its failure."""
+        """The samples of the run; of a failed run, the samples before its failure."""
         return self.run.trajectory or self.run.reached
 
 
 def run_twice(request: Request, mechanism: Mechanism, offered: Offer, limit: float) -> Runs:
-    """Carry out a request within `limit` seconds, and repeat it with a finer setting if no certified motion can decide on it."""
+    """Carry out a run within `limit` seconds, and repeat the run with a finer setting if the repetition is needed to judge it.
+
+    No repetition is needed if the motion is certified and the velocities and accelerations of the run agree with the changes of its
+    positions.
+    """
     truth, finer = None, None
     worker = keep(request.engine)  # the worker that already described the engine
     try:
         run = run_of(request, mechanism, limit, worker)
-        samples = run.trajectory or run.reached
+        samples = run.trajectory or run.reached  # reached: the samples before a failure
         if samples is not None and run.status in RAN:
             with suppress(OSError, ValueError):  # with a damaged certificate the run is judged by its repetition
                 truth = find_certified(mechanism, float(request.wanted.times[-1]))
@@ -357,11 +366,20 @@ def run_twice(request: Request, mechanism: Mechanism, offered: Offer, limit: flo
 
 
 def _judge(mechanism: Mechanism, choice: Choice, runs: Runs, samples: Trajectory, at: list[float], forces: bool) -> dict[str, Any]:
-    """Return the fields of Simulation that the samples of a run decide.
+    """Judge a run, and return the fields of `Simulation` that are computed from its samples.
 
-    States are those at the times `at` [s]. Of a failed run they are those at the times that it reached, and at its last sample.
+    The returned states are those at the times `at` [s]. For a failed run, they are those at the times before the failure and at the
+    last sample.
+
+    Args:
+        mechanism: the linkage in its scenario.
+        choice: the setting of the run.
+        runs: the run, with the reference and the repetition by which it is judged.
+        samples: all samples of the run.
+        at: times to report [s].
+        forces: whether the largest and mean loads are computed.
     """
-    run, ended = runs.run, runs.run.trajectory is not None
+    run, ended = runs.run, runs.run.trajectory is not None  # ended: the run reached its end
     evidence, undecided = evidence_of(mechanism, choice, samples, runs.truth, runs.finer, adaptive=runs.adaptive)
     verdict, last = judge(evidence), float(samples.t[-1])
     status = (Status.OK if verdict.valid else Status.INVALID) if ended else run.status
@@ -390,9 +408,10 @@ def _join(*sentences: str) -> str:
 
 
 def loads_until(mechanism: Mechanism, trajectory: Trajectory, until: float, verdict: Judgement) -> Loads:
-    """Return the largest and mean loads over the samples up to a time [s]; the judge objects to later samples.
+    """Return the largest and mean loads of joints, welds and drivers over the samples until the time `until` [s].
 
-    Forces follow from accelerations. If the judge objects to the accelerations, or if only the start is valid, there are no loads.
+    The judge objects to later samples. Forces follow from accelerations: if the judge objects to the accelerations, or if only the
+    start is valid, the loads are those of no sample.
     """
     accelerations_are_wrong = any(x.subject is Subject.MODEL for x in verdict.objections)
     trusted = verdict.valid or (until > 0.0 and not accelerations_are_wrong)
@@ -401,7 +420,8 @@ def loads_until(mechanism: Mechanism, trajectory: Trajectory, until: float, verd
 
 
 def states_at(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
-    """Return the fields of Simulation with times, states and forces at the samples of a trajectory."""
+    """Return the fields of `Simulation` with times, states and forces at the samples of a trajectory."""
+    # mechanism.whole: the linkage with every link of the file; mechanism itself has one body for links that are welded together
     evaluator, links = Evaluator(mechanism), motion_of_links(mechanism, x)
     exerted = metrics.driving_forces(evaluator, x).T if mechanism.drivers else ()
     return {
@@ -455,7 +475,7 @@ def point_levels(point: Point, x: Trajectory) -> tuple[Array, Array, Array]:
 
 
 def link_states(mechanism: Mechanism, x: Trajectory) -> dict[str, LinkState]:
-    """Return name -> motion of the link."""
+    """Return name of a link -> motion of the link, for all links of a mechanism."""
     states: dict[str, LinkState] = {}
     for i, link in enumerate(mechanism.links):
         (px, py, theta), (vx, vy, omega), (ax, ay, alpha) = (bodies(level)[:, i].T for level in (x.q, x.v, x.a))
@@ -464,7 +484,7 @@ def link_states(mechanism: Mechanism, x: Trajectory) -> dict[str, LinkState]:
 
 
 def point_states(points: tuple[Point, ...], x: Trajectory) -> dict[str, PointState]:
-    """Return name -> motion of the point."""
+    """Return name of a point -> motion of the point."""
     states: dict[str, PointState] = {}
     for point in points:
         (px, py), (vx, vy), (ax, ay) = (level.T for level in point_levels(point, x))

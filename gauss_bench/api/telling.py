@@ -1,4 +1,4 @@
-"""Output of commands: an object as JSON or as text on stdout, and progress on stderr.
+"""The output of commands: an object on stdout, as JSON or as text, and progress on stderr.
 
 The text comes from a template `text/VERB.txt`, in which x is the object that `--json` prints.
 """
@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 from gauss_bench.untrusted import harmless
 
-LONG = 2.0  # [s] after which `tell_if_long` prints its sentence
+LONG = 2.0  # [s] time after which `tell_if_long` prints its sentence
 HIDDEN = {"told": "never"}  # metadata of a field that dictionaries leave out
 UNLESS_EMPTY = {"told": "unless empty"}  # metadata of a field that dictionaries leave out if it is empty
 Told = Callable[[str], None]
@@ -28,9 +28,9 @@ class Result:
 
     Attributes:
         computed: names of properties that are part of the dictionary.
-        text: text that the command line prints; None takes the verb's template.
+        text: text that the command line prints; with None the text is made from the command's template.
         succeeded: whether the command ends with exit code 0.
-        notices: sentences for stderr.
+        notices: sentences that are printed on stderr.
         data: the object that `--json` prints.
     """
 
@@ -52,7 +52,8 @@ class Result:
     def as_dict(self) -> dict[str, Any]:
         """Return name -> field, in order, as plain data and arrays, then the properties in `computed`.
 
-        A field whose metadata have "told" is left out ("never"), or left out if it is empty ("unless empty").
+        A field is left out if the entry "told" of its metadata is "never" (HIDDEN). A field is left out if it is empty and the
+        entry is "unless empty" (UNLESS_EMPTY). Fields without this entry are always included.
         """
         by_name = {}
         for x in fields(self):  # type: ignore[arg-type]
@@ -74,10 +75,10 @@ class Answer(Generic[Data]):
     """The result of a command that is no public function of the package.
 
     Attributes:
-        data: object that --json prints; None prints nothing. Its type is the verb's published schema.
+        data: object that --json prints; None prints nothing. The type of this object is published as the command's JSON schema.
         succeeded: whether the command ends with exit code 0.
-        text: text that is printed without --json; None takes the verb's template.
-        notices: sentences for stderr.
+        text: text that is printed without --json; with None the text is made from the command's template.
+        notices: sentences that are printed on stderr.
     """
 
     data: Data
@@ -131,10 +132,10 @@ def nobody(sentence: str) -> None:
 
 
 def tell_if_long(sentence: str) -> None:
-    """Print a sentence on stderr after LONG seconds, unless `no_longer` is called before."""
+    """Print a sentence on stderr after LONG seconds, unless a call of `no_longer` cancels the sentence before."""
     timer = threading.Timer(LONG, tell, (sentence,))
     timer.daemon = True
-    with contextlib.suppress(RuntimeError):  # no thread is left for the timer: the verb can still run
+    with contextlib.suppress(RuntimeError):  # no further thread can be started: the command runs without this sentence
         timer.start()
         _later.append(timer)
 

@@ -1,10 +1,10 @@
 """Write a copy of a user's MJCF file with settings that meet a required accuracy.
 
-The result is the object that `gauss-bench tune --json` prints.
+The function `tune` returns the object that `gauss-bench tune --json` prints.
 
 Only attributes of MJCF are changed, in the text of the file. Every setting is first tried at the file's own timestep; with
-`allow_step` the timestep is then halved until a setting is accurate enough. The written file is compiled and run again, and this
-run is judged.
+`allow_step` the timestep is then halved until a setting is accurate enough. The file that was written is compiled by MuJoCo and run
+again, and the errors of this run must meet the requirement too.
 """
 
 import math
@@ -47,28 +47,29 @@ from gauss_bench.untrusted import read_bytes
 
 BUDGET = 60.0  # [s] default of the time for the whole call
 REFERENCE = 0.5  # share of the budget for the reference
-HOLDS = HALF.limit  # largest error of a setting that holds a requirement, relative to the requirement
+HOLDS = HALF.limit  # largest error of an accepted setting, relative to the required error
 SAMPLES = 200  # largest number of samples of a run
 HALVINGS = 10  # number of timesteps that are tried, each half of the one before
 STIFF = VARIANTS.settings["tuned"]  # settings that make closures as stiff as documented options can
 UNWRITABLE = {"body_invweight0": VARIANTS.settings["rigid"]["body_invweight0_factor"]}
 IN_OPTION = ("timestep", "integrator", "tolerance", "iterations")  # attributes of <option>; the others are those of closures
-RACING, ROUNDS = 60.0, 7  # [s] limit of the race of both models, and its number of rounds
+RACING, ROUNDS = 60.0, 7  # [s] time limit of the timing of both models side by side, and its number of rounds
 
 
 @dataclass(frozen=True, eq=False)
 class Tuned(Result):
-    """A model file with settings that hold a requirement, or why no file was written.
+    """A model file with settings that meet a required accuracy, or the reason why no file was written.
 
     Attributes:
         model: path of the file that was read; file: path of the file that was written, or empty.
-        changed: attribute -> value in the written file.
-        required: kind -> largest allowed error [m], [rad], [N]; errors of the written file are at most half of it.
+        changed: attribute of MJCF -> value in the written file.
+        required: kind of error -> largest allowed error [m], [rad], [N]; the errors of the written file are at most half of these.
         until: end of the runs [s]; step: timestep of the written file [s].
-        before: kind -> largest error of the original file; errors: kind -> largest error of the written file or the best setting.
-        reference: how the reference was made; known: kind -> error bar of the reference [m], [rad], [N].
-        cost: processor time of the written model over that of the original, for the same motion; None if no file was written.
-        left_out: parts of the file that its linkage lacks.
+        before: kind of error -> largest error of the original file [m], [rad], [N].
+        errors: kind of error -> largest error [m], [rad], [N] of the written file, or of the best setting if no file was written.
+        reference: how the reference motion was made; known: kind of error -> error bar of the reference [m], [rad], [N].
+        cost: processor time of the written model divided by that of the original, for the same motion; None if no file was written.
+        left_out: parts of the model file that the linkage made from it lacks.
         remarks: sentences on settings that were not tried, and on better settings that MJCF cannot express.
     """
 
@@ -98,9 +99,10 @@ class Tried:
     """A setting that was tried.
 
     Attributes:
-        changes: attribute -> value that differs from the file's.
+        changes: attribute -> value, for the values that differ from those of the file.
         trial: status and largest errors of the run.
-        share: largest of the errors over the required ones, or infinite.
+        share: largest ratio of an error, plus the error bar of the reference, to the required error; infinite if an error is
+            unknown.
     """
 
     changes: dict[str, Any]
@@ -113,12 +115,12 @@ class Judge:
 
     Attributes:
         file: the model file.
-        run: its linkage, and the end of the runs [s].
-        required: kind -> largest allowed error [m], [rad], [N].
-        known: the reference.
+        run: the linkage that the file describes, and the end of the runs [s].
+        required: kind of error -> largest allowed error [m], [rad], [N].
+        known: the reference motion with its error bars.
         evaluator: evaluates the linkage's equations.
-        worker: the process of all runs.
-        budget: the time for all runs.
+        worker: the process in which all runs take place.
+        budget: the time for all runs together.
     """
 
     def __init__(self, file: OwnFile, until: float, required: Mapping[str, float], known: Truth, worker: Worker, budget: Budget):
@@ -127,15 +129,18 @@ class Judge:
         self.evaluator, self.worker, self.budget = Evaluator(file.mechanism), worker, budget
 
     def try_setting(self, changes: Mapping[str, Any], path: Path | None = None) -> Tried:
-        """Run the model file, or the file at `path`, with changed attributes; return the changes, the run's trial and its share."""
+        """Run the model file, or the file at `path`, with changed attributes.
+
+        Return the changes, the errors of the run, and the largest ratio of an error to the required one.
+        """
         step = float(changes.get("timestep", self.file.settings["timestep"]))
         steps = max(1, int(self.run.until / step * (1 + 1e-12)))
         times = step * np.unique(np.linspace(0, steps, min(steps, SAMPLES) + 1).round())  # (k,) [s], multiples of the step
         choice = Choice(setting_text(path or self.file.path, changes), "", "none", step)
-        wanted = Sampling(times, step, steps, 0)
+        wanted = Sampling(times, step, count=steps, shortened=0)
         request = Request(self.run.linkage, self.run.mechanism.scenario, ENGINE, choice, wanted)
         ran = run_apart(request, self.run.mechanism, max(1.0, self.budget.remaining()), self.worker)
-        way = Way(ENGINE, "", "", "none", step)
+        way = Way(ENGINE, settings="", integrator="", stabilization="none", size=step)
         trial = judge_trial(self.run, self.evaluator, self.known.at(self.run, times), way, ran)
         # the true error may be larger than the measured one by the error bar of the reference
         largest = {kind: x + self.known.bars.get(kind, 0.0) for kind, x in trial.errors.items()}
@@ -162,14 +167,15 @@ def tune(
         out: path of the file to write; files that the model includes must be found from its folder.
         position, angle, force: largest allowed error of any link's centre of mass [m] or angle [rad], or of any joint force [N].
         until: end of the time over which the errors are compared [s]; by default five seconds, or less for a chaotic motion.
-        allow_step: whether the timestep may be shortened.
+        allow_step: whether the timestep may be shortened if no setting is accurate enough at the file's own timestep.
         budget: longest time of the whole call [s]; by default 60.
         replace: whether an existing file may be replaced.
-        told: called with each sentence of progress.
+        told: function that is called with each sentence of progress.
 
     Raises:
-        ExchangeError: the file is no planar linkage, something acts in it that no linkage has, or it is a URDF file.
-        ChoiceError: there is no requirement, or a requirement is no positive number.
+        ExchangeError: the file is no planar linkage, or is a URDF file, or has a contact, joint limit or dry friction that acts; or
+            there is no reference for its motion.
+        ChoiceError: no required error is given, or a required error is no positive number.
         MissingExtra: MuJoCo is not installed.
         OSError: the file cannot be written.
     """
@@ -216,26 +222,27 @@ def tune(
 def find_reference(
     file: OwnFile, until: float | None, required: Mapping[str, float], budget: Budget, worker: Worker, told: Told
 ) -> tuple[float, Truth]:
-    """Return the end of the runs [s] and the reference up to there.
+    """Return the end of the runs [s], and the reference motion until this end.
 
-    If `until` is None and the motion is chaotic, shorter times are tried. The last reference is returned even if its error bar is
-    too large; no setting then holds the requirement.
+    The error bars of the reference shall be at most KNOWN times the required errors. If `until` is None and the motion is chaotic,
+    shorter durations are tried until a reference is as accurate as this. If no reference is, the last one is returned; then no
+    setting can be shown to meet the requirement.
 
     Raises:
-        ExchangeError: there is no reference at all.
+        ExchangeError: no reference could be computed, for any of the durations.
     """
-    whole = duration(file.mechanism.duration, until=until)
+    full_duration = duration(file.mechanism.duration, until=until)
     wanted = {kind: KNOWN * x for kind, x in required.items()}  # kind -> largest error bar
     last, reason = None, ""
-    for end in shorten(whole) if until is None else [whole]:
+    for end in shorten(full_duration) if until is None else [full_duration]:
         attempt = Budget(budget.remaining(REFERENCE) / 2)  # half of the time that is left; the rest is for shorter motions
         try:
-            found = truth(Run(str(file.path), file.mechanism, end), wanted, attempt.remaining, worker, told)
+            reference = truth(Run(str(file.path), file.mechanism, end), wanted, attempt.remaining, worker, told)
         except NoTruth as failure:
             reason = str(failure)
             continue
-        last = (end, found)
-        if all(found.bars.get(kind, 0.0) <= x for kind, x in wanted.items()):
+        last = (end, reference)
+        if all(reference.bars.get(kind, 0.0) <= x for kind, x in wanted.items()):
             break
     if last is None:
         raise ExchangeError(f"{file.path}: cannot be judged over {end:g} s: {reason}")
@@ -243,7 +250,11 @@ def find_reference(
 
 
 def list_settings(file: OwnFile, step: float) -> Iterator[dict[str, Any]]:
-    """Yield the changes (attribute -> value) that are tried at a step [s], beginning with the smallest ones."""
+    """Yield the changes (attribute -> value) that are tried at a timestep [s].
+
+    The first ones keep the closures of the file and change only the integrator; the later ones also make the closures stiff. Values
+    that the file already has are left out.
+    """
     own = file.settings["integrator"]
     integrators = [own, *(x for x in ("RK4", "implicitfast", "Euler") if x != own)]
     at = {} if step == file.settings["timestep"] else {"timestep": step}
@@ -256,18 +267,25 @@ def list_settings(file: OwnFile, step: float) -> Iterator[dict[str, Any]]:
 
 
 def is_set(value: Any, wanted: Any) -> bool:
-    """Tell whether an option already has the wanted value; `value` is a dictionary for options of single closures."""
+    """Return whether an option already has the wanted value.
+
+    `value` is a dictionary, name of a closure -> value, if each closure has its own value of the option.
+    """
     return all(x == wanted for x in value.values()) if isinstance(value, dict) else bool(value == wanted)
 
 
 def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> Tried:
-    """Return the first accurate enough setting at the longest possible step; if there is none, the one with the least errors."""
+    """Return the first accurate setting at the longest timestep; if there is none, the setting with the smallest errors.
+
+    A setting is accurate if its `share`, the largest ratio of an error to the required error, is at most HOLDS. `before` is the
+    setting of the file itself, which has been tried already.
+    """
     best, step = before, float(judge.file.settings["timestep"])
     for _ in range(HALVINGS if allow_step else 1):
         for changes in list_settings(judge.file, step):
             if judge.budget.remaining() <= 0:
                 return best
-            tried = judge.try_setting(changes) if changes else before
+            tried = judge.try_setting(changes) if changes else before  # without changes it is the setting of the file
             told(f"{describe_changes(changes)}: {describe_errors(tried)}")
             if tried.share < best.share:
                 best = tried
@@ -278,7 +296,9 @@ def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> T
 
 
 def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[Tried, float]:
-    """Write the edited file, run it from its place, and return its errors and its cost relative to the original file.
+    """Write the edited file, run it in the folder in which it is written, and return its errors and its relative cost.
+
+    The cost is the processor time of the edited file for one second of motion, divided by that of the original file.
 
     Raises:
         ExchangeError: an attribute does not take effect, something else changed, included files are not found from the
@@ -292,10 +312,16 @@ def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[
     written, cost = best, math.nan
 
     def write(part: Path) -> None:
-        """Fill a temporary file in the folder of the result, where MuJoCo looks for included files, and judge it."""
+        """Write the changed settings into the file `part`, check that nothing else changed, run it, and measure its cost.
+
+        `part` is a temporary file in the folder of the result, because MuJoCo looks there for included files. The results are
+        stored in `written` and `cost` of the enclosing function, because `atomically` takes no result.
+        """
         nonlocal written, cost
         reason = ""
-        for by_default in (False, True):  # an attribute in a default is needed only if closures stand in included files
+        # first change the attributes of each closure; if closures stand in included files, only an attribute in <default> has
+        # effect
+        for by_default in (False, True):
             part.write_bytes(write_settings(content, str(source), option, closures, by_default))
             arguments: tuple[Any, ...] = (str(source), str(part), best.changes)
             reason = answer_in_worker(worker, compare_models, arguments, READING, str(path))["reason"]
@@ -303,7 +329,7 @@ def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[
                 break
         if reason:
             raise ExchangeError(f"{path}: not written: {reason}")
-        # all other changes stand in the written file
+        # the written file has all changes already; the timestep is passed again because `try_setting` derives the samples from it
         written = judge.try_setting({key: x for key, x in best.changes.items() if key == "timestep"}, part)
         if written.share > HOLDS:
             raise ExchangeError(f"{path}: not written: the file itself is off by {describe_errors(written)}")
@@ -315,9 +341,10 @@ def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[
 
 
 def race_there(mechanism: Mechanism, before: str, step_before: float, after: str, step_after: float) -> dict[str, float]:
-    """Return {"ratio": processor time of a second of motion of the file `after` over that of the file `before`}.
+    """Return {"ratio": a / b}: the processor times for one second of motion with the files `after` (a) and `before` (b).
 
-    Blocks of steps of both models take turns. This runs in a worker.
+    The timing alternates between blocks of steps of the two models, so that disturbances affect both alike. This function runs in a
+    worker process. `step_before` and `step_after` are the timesteps [s].
     """
     engine, steps = get(ENGINE), (step_before, step_after)
     blocks = []
@@ -333,7 +360,7 @@ def race_there(mechanism: Mechanism, before: str, step_before: float, after: str
 
 
 def list_remarks(judge: Judge, best: Tried) -> list[str]:
-    """Return sentences on settings that were not tried, and on a better setting that cannot be written."""
+    """Return sentences on settings that were not tried, and on a more accurate setting that MJCF cannot express."""
     if judge.budget.remaining() <= 0:
         holds = best.share <= HOLDS
         return [] if holds else ["the budget ended before all settings were tried: a larger --budget may find one"]
@@ -345,14 +372,14 @@ def list_remarks(judge: Judge, best: Tried) -> list[str]:
 
 
 def describe_errors(tried: Tried) -> str:
-    """Return the errors of a run in words, or why the run has no errors."""
+    """Return the errors of a run as text, or the reason why the run has no errors."""
     if not tried.trial.errors:
         return tried.trial.message or str(tried.trial.status)
     return ", ".join(f"{kind} {tried.trial.errors[kind]:.2e} {UNITS[kind]}" for kind in UNITS if kind in tried.trial.errors)
 
 
 def describe_changes(changes: Mapping[str, Any]) -> str:
-    """Return changed attributes in the notation of an MJCF file."""
+    """Return changed attributes of an MJCF file in its notation, such as `timestep="0.001" integrator="RK4"`."""
     return " ".join(f'{key}="{attribute_text(x)}"' for key, x in changes.items()) or "as it stands"
 
 

@@ -1,4 +1,7 @@
-"""Draw the atlas as a picture and as a page: one panel for each axis, with one bar for each way of running an engine.
+"""Draw the results of the survey (the atlas) as a picture and as a page.
+
+There is one panel for each axis, which is a family of linkages that becomes harder with one number. A panel has one bar for each
+engine with its settings and stabilisation. The bar shows up to which value on the axis the engine passes.
 
 All panels have the width of a phone. A page places as many panels side by side as fit; a single picture has four in a row.
 """
@@ -26,7 +29,10 @@ TEMPLATES = Environment(loader=PackageLoader("gauss_bench.atlas", "."), autoesca
 
 
 def part(axis: Axis, value: float | None) -> float:
-    """Return the position of a value on its axis, from 0 (None) to 1 (the last value); all values are equally spaced."""
+    """Return the position of a value on its axis as a fraction of the axis' length; the values are equally spaced.
+
+    The last, hardest value is at 1. None, which means that not even the first value passed, is at 0.
+    """
     return 0.0 if value is None else (axis.values.index(value) + 1) / len(axis.values)
 
 
@@ -41,27 +47,28 @@ def number(value: float) -> str:
 def bar(axis: Axis, x: Reach) -> dict[str, Any]:
     """Return the horizontal bar of one engine and setting for the template: name, coloured spans (from, to, colour), and text.
 
-    The spans are fractions of the axis.
+    The ends of a span are fractions of the length of the axis. Later spans are painted over earlier ones: the part that passes
+    (up to `passes_to`) over the part that is at least degraded (up to `ends_at`), and this over the whole axis.
     """
     passes, ends = part(axis, x.passes_to), part(axis, x.ends_at)
     beyond = GRID if x.last in (Verdict.CANNOT, Verdict.OPEN) else FAILED
     spans = ((0.0, 1.0, beyond), (0.0, max(passes, ends), DEGRADED), (0.0, passes, PASS))
     if x.passes_to is None:
-        said = {Verdict.OPEN: "?", Verdict.CANNOT: "cannot"}.get(x.last, "nothing")
+        text = {Verdict.OPEN: "?", Verdict.CANNOT: "cannot"}.get(x.last, "nothing")
     elif x.passes_to == axis.values[-1]:
-        said = "all"
+        text = "all"
     else:
-        said = ("≥ " if x.last is Verdict.OPEN else "") + number(x.passes_to)
-    return {"name": x.way.name, "spans": spans, "said": said, "known": x.passes_to is not None}
+        text = ("≥ " if x.last is Verdict.OPEN else "") + number(x.passes_to)
+    return {"name": x.way.name, "spans": spans, "said": text, "known": x.passes_to is not None}
 
 
 def panels(reaches: Sequence[Reach]) -> list[tuple[Axis, list[Reach]]]:
-    """Return each axis with what the survey found for every engine and setting along it, in the order of the survey."""
+    """Return for each axis the results of the survey for every engine and setting on this axis, in the order of the survey."""
     return [(FAMILIES[axis], [x for x in reaches if x.axis == axis]) for axis in dict.fromkeys(x.axis for x in reaches)]
 
 
 def chart(reaches: Sequence[Reach], alone: bool = False) -> str:
-    """Return an SVG with all panels in one picture, or with a single panel if `alone`."""
+    """Return an SVG with the panels of all axes in one picture, or with a single panel that fills the picture if `alone`."""
     drawn = [(axis, [bar(axis, x) for x in some]) for axis, some in panels(reaches)]
     height = HEAD + FOOT + ROW * max((len(rows) for _, rows in drawn), default=0)
     abreast = min(ABREAST, max(1, len(drawn)))
@@ -75,7 +82,10 @@ def chart(reaches: Sequence[Reach], alone: bool = False) -> str:
 
 
 def page(reaches: Sequence[Reach]) -> str:
-    """Return an HTML page of all panels with their reasons; it loads nothing from other places."""
+    """Return an HTML page with the panels of all axes; it loads nothing from other sites.
+
+    Below each panel stands, for each engine and setting, a sentence on how far the engine passes and why it passes no further.
+    """
     swatch = '<svg viewBox="0 0 1 1"><rect width="1" height="1" fill="{}"/></svg>'
     legend = [(name, Markup(inline(swatch.format(colour), ""))) for name, colour in LEGEND]
     shown = [

@@ -1,15 +1,15 @@
-"""The axes of the atlas: each is a family of linkages that become harder with one number.
+"""The axes of the atlas: each axis is a family of linkages that becomes harder to simulate with one number, its value.
 
-`axes.toml` has the names and values of the axes, and this module makes the linkage of a value. Most linkages are variants of the
-four-bar in `mechanisms/`, under gravity, without motor and brake, with a given crank speed at the start.
+`axes.toml` has the names and values of the axes, and this module makes the linkage for a value. Most linkages are variants of the
+four-bar in `mechanisms/`, under gravity, without motor and brake, with a given crank speed at the start. Each axis varies:
 
-    singular     crank-rocker whose smallest transmission angle [deg] shrinks: it comes closer and closer to its dead centres
-    redundancy   hanging parallelogram with more cranks than it needs: redundant constraint rows
-    mass         coupler heavier than crank and rocker by this factor
-    stiffness    spring [N/m] from the ground to the coupler, compressed by a twentieth of its length
-    speed        of the crank at the start [rad/s]
-    step         of the integration [s]
-    size         loops of a hanging N-four-bar, which moves as one pendulum for every number of them
+    singular:    the smallest transmission angle [deg] of a crank-rocker; the smaller it is, the closer it comes to its dead centres
+    redundancy:  the number of cranks beyond two in a hanging parallelogram; each adds a redundant constraint row
+    mass:        the factor by which the coupler is heavier than crank and rocker, per metre
+    stiffness:   the stiffness [N/m] of a spring from the ground to the coupler, compressed by a twentieth of its length
+    speed:       the speed of the crank at the start [rad/s]
+    step:        the integration step [s]
+    size:        the number of loops of a hanging N-four-bar, whose cranks move like one pendulum for every number of loops
 """
 
 import copy
@@ -30,8 +30,8 @@ from gauss_bench.terms import Array
 SCENARIO = "run"
 STEP = 1e-3  # [s] default of an axis's step
 TURN = 2 * np.pi  # [rad/s] crank speed at the start, except on the axis "speed"
-DENSITY = 0.8  # [kg/m] mass of bars
-SQUEEZED = 1.05  # rest length of the spring over its length at the start
+DENSITY = 0.8  # [kg/m] mass of bars per length
+SQUEEZED = 1.05  # relaxed length of the spring divided by its length at the start: the spring starts compressed
 RELEASE = -60.0  # [deg] angle at which hanging linkages are released
 G = 9.81  # [m/s^2]
 
@@ -41,15 +41,15 @@ Truth = Callable[[float, Array, float], Array]
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis.
+    """A family of linkages that becomes harder to simulate with one number.
 
     Attributes:
         name: key of the axis; title, meaning, unit: texts for users.
-        values: values from the easiest to the hardest.
-        document: value -> linkage document with the scenario SCENARIO.
-        step: value -> integration step [s].
-        truth: (value, times (k,), relative tolerance) -> q, v, a (3, k, n), if a simpler equation has the same motion; otherwise
-            None, and DOP853 computes the reference.
+        values: values of the number, from the easiest to the hardest.
+        document: function of the value that returns the content of a linkage file, with the scenario SCENARIO.
+        step: function of the value that returns the integration step [s].
+        truth: function of (value, times (k,) [s], relative tolerance) that returns the true q, v, a (3, k, n), if a simpler
+            equation has the same motion; otherwise None, and DOP853 computes the reference.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Axis:
 
 
 def ladder(first: float, last: float, digits: Sequence[float] = (1.0, 3.0)) -> tuple[float, ...]:
-    """Return the numbers from first to last, up or down, whose leading digits in their decade are among `digits`."""
+    """Return the numbers d * 10^k between `first` and `last`, with d from `digits` and integer k; from first to last."""
     low, high = sorted((first, last))
     powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
     rungs = [float(f"{digit:g}e{power}") for power in powers for digit in digits]
@@ -72,6 +72,7 @@ def ladder(first: float, last: float, digits: Sequence[float] = (1.0, 3.0)) -> t
 
 
 def scenario(duration: float, crank_deg: float, speed: float) -> Document:
+    """Return the table of scenarios of one scenario: duration [s], and the crank's angle [deg] and speed [rad/s] at the start."""
     return {SCENARIO: {"duration": duration, "start": {"crank_deg": crank_deg, "speed": speed}}}
 
 
@@ -84,8 +85,9 @@ def four_bar(speed: float = TURN, duration: float = 0.5) -> Document:
 def singular(angle: float) -> Document:
     """Return a crank-rocker whose smallest transmission angle is `angle` [deg]; at 0 it passes through a singular position.
 
-    Ground and coupler have the length 1, and the rocker 1/2. The transmission angle is smallest if the crank lies on the line of
-    the ground pins, so that 1 - crank is the side of the triangle opposite to it: (1 - crank)^2 = 1 + 1/4 - cos(angle).
+    Ground and coupler have the length 1, and the rocker 1/2. The transmission angle, between coupler and rocker, is smallest when
+    the crank lies on the line of the ground pins. Then coupler (1), rocker (1/2) and the distance 1 - crank form a triangle, in
+    which the transmission angle is opposite to 1 - crank. The law of cosines gives (1 - crank)^2 = 1 + 1/4 - cos(angle).
     """
     crank = 1.0 - float(np.sqrt(1.25 - np.cos(np.radians(angle))))
     document, turn = four_bar(), np.radians(60.0)
@@ -100,7 +102,7 @@ def singular(angle: float) -> Document:
 
 
 def redundancy(count: float) -> Document:
-    """Return a coupler on 2 + count equal parallel cranks."""
+    """Return a coupler that hangs on 2 + count equal parallel cranks, and is released at rest at the angle RELEASE."""
     cranks = [f"crank{i}" for i in range(2 + round(count))]
     bar = {"points": {"A": [0.0, 0.0], "B": [LENGTH, 0.0]}, "bars": [["A", "B"]], "mass": MASS}
     points = {f"B{i}": [0.5 * i, 0.0] for i in range(len(cranks))}
@@ -128,19 +130,22 @@ def mass(ratio: float) -> Document:
 
 
 def stiffness(k: float) -> Document:
-    """Return the four-bar with a spring of stiffness k [N/m] at the coupler's point P, at rest at the start."""
+    """Return the four-bar with a spring of stiffness k [N/m] from the ground to the coupler's point P.
+
+    The linkage starts at rest. The relaxed length of the spring is SQUEEZED times its length at the start.
+    """
     document = four_bar(speed=0.0, duration=0.2)
     document["ground"]["points"]["S"] = [-0.4, 0.3]
     assembled = load_document(copy.deepcopy(document), SCENARIO)
-    way = position(assembled.q0, assembled.find_point("coupler.P")) - document["ground"]["points"]["S"]
-    spring = {"type": "spring_damper", "between": ["ground.S", "coupler.P"], "k": k, "rest": SQUEEZED * float(np.hypot(*way))}
+    along = position(assembled.q0, assembled.find_point("coupler.P")) - document["ground"]["points"]["S"]  # spring from S to P [m]
+    spring = {"type": "spring_damper", "between": ["ground.S", "coupler.P"], "k": k, "rest": SQUEEZED * float(np.hypot(*along))}
     document["scenarios"][SCENARIO]["forces"] = ["spring"]
     return document | {"forces": {"spring": spring}}
 
 
 def size(count: float) -> Document:
     """Return the N-four-bar with N = count, released at rest at the angle RELEASE."""
-    document = n_four_bar(round(count))
+    document = n_four_bar(round(count))  # the N + 1 cranks are named v0, v1, ...; the N couplers stay horizontal
     document["assembly"] = {"angles_deg": {x: RELEASE if x.startswith("v") else 0.0 for x in document["links"]}}
     return document | {"scenarios": scenario(0.1, RELEASE, 0.0)}
 
@@ -148,8 +153,10 @@ def size(count: float) -> Document:
 def pendulum(count: float, t: Array, tolerance: float) -> Array:
     """Return the motion q, v, a (3, k, n) of the N-four-bar of `size(count)` at times t (k,) [s].
 
-    For every N = `count` the cranks move as one pendulum does: N + 1 bars turn, and N bars move without turning. The pendulum's
-    inertia is ((N + 1) / 3 + N) m l^2, and gravity's moment on it is -((N + 1) / 2 + N) m g l cos(angle).
+    For every N = `count` the linkage moves like one pendulum. It has N + 1 cranks, which turn by the same angle, and N couplers,
+    which move without turning; all bars have the mass m and the length l. In the crank angle, the inertia of the whole linkage is
+    ((N + 1) / 3 + N) m l^2, and the moment of gravity is -((N + 1) / 2 + N) m g l cos(angle). The links are in the order of the
+    linkage file: N + 1 cranks, then N couplers. The equation is integrated with the relative tolerance `tolerance`.
     """
     from scipy.integrate import solve_ivp
 
@@ -157,28 +164,31 @@ def pendulum(count: float, t: Array, tolerance: float) -> Array:
     k = G / LENGTH * ((n + 1) / 2 + n) / ((n + 1) / 3 + n)
     start, tolerances = [np.radians(RELEASE), 0.0], {"rtol": tolerance, "atol": tolerance / 100}
     angle, rate = solve_ivp(lambda _, y: [y[1], -k * np.cos(y[0])], (0.0, t[-1]), start, "DOP853", t, **tolerances).y
-    second, along = -k * np.cos(angle), LENGTH * np.exp(1j * angle)  # second rate; bar from pin to top as complex numbers
-    upright = np.arange(2 * n + 1) <= n  # the first N + 1 bars turn
-    share = np.where(upright, 0.5, 1.0)  # displacement of a bar's middle over that of the tops
-    rest = LENGTH * np.where(upright, np.arange(2 * n + 1), np.arange(2 * n + 1) - n - 0.5)  # x of the pins and tops' middles
+    second, along = -k * np.cos(angle), LENGTH * np.exp(1j * angle)  # second rate; crank from ground pin to tip as complex numbers
+    is_crank = np.arange(2 * n + 1) <= n
+    share = np.where(is_crank, 0.5, 1.0)  # displacement of a bar's middle divided by that of the crank tips
+    rest = LENGTH * np.where(is_crank, np.arange(2 * n + 1), np.arange(2 * n + 1) - n - 0.5)  # x of pins, and between them
     states = np.zeros((3, len(t), load_document(size(count), SCENARIO).n))
-    ways = (along, 1j * rate * along, (1j * second - rate**2) * along)
-    for x, way, turn, offset in zip(states, ways, (angle, rate, second), (rest, 0.0, 0.0), strict=True):
-        moved = offset + share * way[:, None]
+    tips = (along, 1j * rate * along, (1j * second - rate**2) * along)  # displacement of the tips, and its two time derivatives
+    for x, tip, turn, offset in zip(states, tips, (angle, rate, second), (rest, 0.0, 0.0), strict=True):
+        moved = offset + share * tip[:, None]
         places(x)[..., 0], places(x)[..., 1] = moved.real, moved.imag
-        angles(x)[...] = upright * turn[:, None]
+        angles(x)[...] = is_crank * turn[:, None]
     return states
 
 
 def read_axis(name: str, values: Sequence[float] = (), step: float = STEP, unit: str = "", **table: Any) -> Axis:
-    """Return the axis of one table of `axes.toml`.
+    """Return the axis that one table of `axes.toml` describes.
 
-    The function of this module that has the axis's name makes its linkages. On the axes "speed" and "step" it is `four_bar`.
+    The linkages of an axis are made by the function in this module with the same name as the axis; on the axes "speed" and "step"
+    they are made by `four_bar`. The axis "size" has a true motion: a chain that moves like one pendulum.
 
     Args:
-        values: the values of the axis, from easy to hard; if there are none, they are the numbers between two ends, `ladder`.
-        step: integration step [s].
-        table: the other keys of the table: title, meaning, ladder (first, last), and the leading digits of its numbers.
+        name: name of the axis, which is the key of its table.
+        values: the values of the axis, from easy to hard; if there are none, they are computed by `ladder`.
+        step: integration step [s] on all axes but "step", where the value itself is the step.
+        unit: unit of the values.
+        table: the other keys of the table: title, meaning, ladder (first and last value), and the leading digits of the values.
     """
     if values:
         rungs = tuple(values)

@@ -1,8 +1,9 @@
-"""Run every engine with its settings along every axis of difficulty, and find by bisection where it stops passing.
+"""Run every engine with its settings along every axis, and find by bisection the hardest value that the engine passes.
 
-Bisection assumes that no harder value has a better verdict. Otherwise it finds one of the values at which the verdict changes. The
-first and the last value are always run. Every run takes place in a worker process with a time limit, so that a crash
-or a hang counts as a failure. Verdicts depend on time only if a run reaches its limit or the survey reaches its budget.
+An axis is a family of linkages that becomes harder to simulate with one number, its value; `verdict.py` says what it means to pass.
+Bisection assumes that the verdict never gets better from a value to a harder one. Otherwise it finds one of the values at which the
+verdict changes. The first and the last value are always run. Every run takes place in a worker process with a time limit, so that a
+crash or a hang counts as a failure. Verdicts depend on time only if a run reaches its time limit or the survey reaches its budget.
 """
 
 import tempfile
@@ -35,8 +36,8 @@ BUDGET = 600.0  # [s] default of the time for a survey
 LIMIT = 60.0  # [s] longest time of one run, including building the model
 SAMPLES = 100  # largest number of samples that are compared with the reference
 EXACT, NEARLY = 1e-12, 1e-10  # relative tolerances of the reference, and of the motion that gives its error bar
-STABILIZED = ("none", "projection")
-LABELS = ("default", "tuned")
+STABILIZED = ("none", "projection")  # stabilisations that are surveyed, if an engine offers them
+LABELS = ("default", "tuned")  # names of settings that are surveyed, if an engine offers them
 
 Told = Callable[[str], object]
 
@@ -58,16 +59,16 @@ class Way:
 
 @dataclass(frozen=True)
 class Reach:
-    """The result of one engine with one setting along one axis: how far it passes.
+    """The result of one engine with one setting along one axis: up to which value the engine passes.
 
     Attributes:
-        way, axis: the way of running, and the name of the axis.
-        passes_to: the hardest value that passes; None if the easiest does not pass.
-        ends_at: the hardest value that passes or is degraded; None if the easiest fails.
-        last: verdict on the hardest value that was run; OPEN if a value on which the result depends has no verdict.
-        reason: why the first value beyond `passes_to` does not pass or has no verdict.
-        error: error at the hardest value that passes, relative to the linkage's size, or [rad].
-        runs: number of runs.
+        way, axis: engine and setting of the runs, and the name of the axis.
+        passes_to: the hardest value on the axis with the verdict "pass"; None if even the easiest value has another verdict.
+        ends_at: the hardest value with the verdict "pass" or "degraded"; None if even the easiest value has another verdict.
+        last: verdict on the hardest value that was run; OPEN if the verdict on a value that decides the result is unknown.
+        reason: why the first value beyond `passes_to` does not pass, or why its verdict is unknown.
+        error: largest error at the value `passes_to`, relative to the linkage's size, or [rad]; NaN if no value passes.
+        runs: number of values at which the engine was run.
     """
 
     way: Way
@@ -81,7 +82,11 @@ class Reach:
 
 
 def ways(wanted: Sequence[str] | None) -> list[Way]:
-    """Return the ways of running the engines with these names, by default all engines of suites.
+    """Return the combinations of settings and stabilisation with which the engines of these names are run.
+
+    By default these are all engines that suites use and that can be used on this machine. Each engine runs with its settings named
+    in LABELS and its stabilisations named in STABILIZED. If it has none of these, it runs with the first that it offers. The
+    integrator is its first one.
 
     Raises:
         KeyError: an engine is unknown.
@@ -99,7 +104,7 @@ def ways(wanted: Sequence[str] | None) -> list[Way]:
 
 
 def axes(wanted: Sequence[str] | None) -> list[Axis]:
-    """Return the axes with these names, by default all.
+    """Return the axes (families of linkages) with these names, by default all axes.
 
     Raises:
         ChoiceError: there is no such axis.
@@ -111,15 +116,19 @@ def axes(wanted: Sequence[str] | None) -> list[Axis]:
 
 
 class Course:
-    """The linkages of all axes as files in a folder, with their references; each is made at its first use."""
+    """The linkages of all axes as files in a folder, with their references; each linkage is made when it is first used."""
 
     def __init__(self, folder: Path):
+        """Take the folder for linkage files, and choose the engine that computes references: compiled if that is possible."""
         self.folder, self.engine = folder, "gauss-native" if find_spec("llvmlite") else "gauss"
         self.known: dict[tuple[str, float], tuple[Mechanism, Reference | str]] = {}
         self.locks: defaultdict[tuple[str, float], threading.Lock] = defaultdict(threading.Lock)
 
     def at(self, axis: Axis, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
-        """Return the linkage that an axis has at a value, and its reference or the reason why there is none."""
+        """Return the linkage for a value of an axis, and its reference motion or the reason why there is no reference.
+
+        Each linkage is made only once, also if several threads ask for it. `worker` is the process that computes the reference.
+        """
         key = (axis.name, value)
         with self.locks[key]:
             if key not in self.known:
@@ -127,10 +136,10 @@ class Course:
             return self.known[key]
 
     def _make(self, axis: Axis, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
-        """Write the linkage that an axis has at a value as a file, and compute its reference.
+        """Write the linkage for a value of an axis as a file, and compute its reference motion.
 
-        The reference is computed with two tolerances, and the difference is its error bar. Return the linkage, and the reference
-        or the reason why there is none.
+        The reference is computed with two tolerances, EXACT and NEARLY, and the difference is its error bar. Return the linkage,
+        and the reference or the reason why there is none.
         """
         document = axis.document(value)
         document["name"] = f"{axis.name}_{axis.values.index(value)}"
@@ -138,7 +147,7 @@ class Course:
         path.write_text(toml(document, ()), encoding="utf-8")
         mechanism, step = load(path, SCENARIO), axis.step(value)
         times = comparison_times(step, mechanism.duration)
-        motions = []  # each q, v, a (3, k, n)
+        motions = []  # q, v, a (3, k, n) of the motion with the tolerance EXACT, and then of that with NEARLY
         for tolerance in (EXACT, NEARLY):
             if axis.truth is not None:
                 motions.append(axis.truth(value, times, tolerance))
@@ -158,38 +167,46 @@ class Course:
 def comparison_times(step: float, until: float) -> Array:
     """Return the times (k,) [s] at which a run up to `until` [s] is compared with the reference.
 
-    They are multiples of the step [s], at least about a millisecond apart, and about SAMPLES at most.
+    The times are multiples of the step [s], at least about a millisecond apart, and at most about SAMPLES in number.
     """
-    whole = int(np.floor(until / step * (1 + 1e-9)))
-    each = max(1, round(1e-3 / step), -(-whole // SAMPLES))
-    return np.arange(whole // each + 1) * (each * step)
+    count = int(np.floor(until / step * (1 + 1e-9)))
+    each = max(1, round(1e-3 / step), -(-count // SAMPLES))  # steps from one time to the next; -(-a // b) rounds a / b up
+    return np.arange(count // each + 1) * (each * step)
 
 
 def reach(way: Way, axis: Axis, course: Course, worker: Worker, remaining: Callable[[], float]) -> Reach:
-    """Find how far an engine with a setting (`way`) passes along an axis; `remaining` returns the seconds that are left for all."""
+    """Find the hardest value of an axis that an engine with a setting (`way`) passes.
+
+    Args:
+        way: the engine and its setting.
+        axis: the family of linkages.
+        course: makes the linkages and their references.
+        worker: the process in which the runs take place.
+        remaining: function that returns the seconds that are left for the whole survey.
+    """
     runs: dict[int, RunVerdict] = {}  # index of a value -> its verdict
 
     def at(i: int) -> RunVerdict:
-        """Return the verdict on value number i of the axis; the first call makes the run."""
+        """Return the verdict on the run at value number i of the axis; only the first call for an i runs the engine."""
         if i not in runs:
             runs[i] = run_and_judge(way, axis, axis.values[i], course, worker, remaining())
         return runs[i]
 
-    def count(*no_worse: Verdict) -> int:
-        """Return by bisection the number of values, from the easiest on, whose verdict is one of `no_worse`."""
+    def count_by_bisection(*accepted: Verdict) -> int:
+        """Return the number of values, counted from the easiest, whose verdict is one of `accepted`."""
         last = len(axis.values) - 1
-        if at(0).verdict not in no_worse:
+        if at(0).verdict not in accepted:
             return 0
-        if at(last).verdict in no_worse:
+        if at(last).verdict in accepted:
             return last + 1
         good, bad = 0, last
         while bad - good > 1:
             middle = (good + bad) // 2
-            good, bad = (middle, bad) if at(middle).verdict in no_worse else (good, middle)
+            good, bad = (middle, bad) if at(middle).verdict in accepted else (good, middle)
         return bad
 
-    passing = count(Verdict.PASS)
-    ending = max(passing, count(Verdict.PASS, Verdict.DEGRADED))
+    passing = count_by_bisection(Verdict.PASS)  # number of values with the verdict PASS
+    ending = max(passing, count_by_bisection(Verdict.PASS, Verdict.DEGRADED))  # and of those with PASS or DEGRADED
     unknown = next((x for _, x in sorted(runs.items()) if x.verdict is Verdict.OPEN), None)
     if unknown is not None:  # bisection may be wrong, so that only values that were run count
         passing = max((i + 1 for i, x in runs.items() if x.verdict is Verdict.PASS), default=0)
@@ -198,19 +215,19 @@ def reach(way: Way, axis: Axis, course: Course, worker: Worker, remaining: Calla
     return Reach(
         way,
         axis.name,
-        axis.values[passing - 1] if passing else None,
-        axis.values[ending - 1] if ending else None,
-        Verdict.OPEN if unknown is not None else runs[max(runs)].verdict,
-        beyond.reason if beyond else "",
-        runs[passing - 1].error if passing else float("nan"),
-        len(runs),
+        passes_to=axis.values[passing - 1] if passing else None,
+        ends_at=axis.values[ending - 1] if ending else None,
+        last=Verdict.OPEN if unknown is not None else runs[max(runs)].verdict,
+        reason=beyond.reason if beyond else "",
+        error=runs[passing - 1].error if passing else float("nan"),
+        runs=len(runs),
     )
 
 
 def run_and_judge(way: Way, axis: Axis, value: float, course: Course, worker: Worker, left: float) -> RunVerdict:
-    """Run an engine with a setting (`way`) at one value of an axis, and judge the run.
+    """Run an engine with a setting (`way`) on the linkage for one value of an axis, and give the verdict on the run.
 
-    The verdict is OPEN if no seconds are `left`, or if there is no reference.
+    `left` is the time [s] that is left for the whole survey. The verdict is OPEN if it is used up, or if there is no reference.
     """
     if left <= 0:
         return RunVerdict(Verdict.OPEN, reason="not reached within the budget")
@@ -223,17 +240,17 @@ def run_and_judge(way: Way, axis: Axis, value: float, course: Course, worker: Wo
 
 
 def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: int, told: Told) -> list[Reach]:
-    """Find how far every engine passes along every axis; return the results axis by axis.
+    """For each axis and each engine with its setting, find the hardest value that the engine passes; return the results by axis.
 
     Args:
         chosen: engines with their settings.
-        along: the axes.
-        budget: time for all runs [s].
+        along: the axes, which are families of linkages that become harder with one number.
+        budget: time for all runs together [s].
         jobs: number of threads, each with a worker process of its own.
-        told: called with each sentence of progress.
+        told: function that is called with each sentence of progress.
     """
     until, done, broken_off = time.monotonic() + budget, 0, threading.Event()
-    workers = threading.local()  # of each thread its worker
+    workers = threading.local()  # holds the worker process of each thread
     opened: list[Worker] = []
     saying = threading.Lock()  # one thread at a time reports its progress
     with tempfile.TemporaryDirectory() as folder:
@@ -244,10 +261,12 @@ def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: in
             return 0.0 if broken_off.is_set() else until - time.monotonic()
 
         def stop() -> None:
+            """End the worker processes of all threads."""
             for worker in opened:
                 worker.stop()
 
         def find_reach(pair: tuple[Axis, Way]) -> Reach:
+            """Find the result for one axis and one engine with its setting, in the worker of this thread, and report it."""
             nonlocal done
             axis, way = pair
             if not hasattr(workers, "own"):
@@ -275,7 +294,7 @@ def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: in
 
 
 def sentence(reached: Reach) -> str:
-    """Return a sentence on how far an engine passes along an axis, and what happens beyond."""
+    """Return a sentence on the hardest value of an axis that an engine passes, and on what happens at harder values."""
     axis = FAMILIES[reached.axis]
     unit = f" {axis.unit}" if axis.unit else ""
     if reached.passes_to is None:

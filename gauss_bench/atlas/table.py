@@ -1,4 +1,4 @@
-"""Write the atlas as rows of a table and as text."""
+"""Write the results of the survey (the atlas) as rows of a table and as text."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,14 +8,14 @@ from gauss_bench.atlas.families import FAMILIES
 from gauss_bench.atlas.survey import Reach, sentence
 from gauss_bench.atlas.verdict import RULE, Verdict
 
-HEAD = "axis,engine,"  # begin of the table's file, by which it is recognised
+HEAD = "axis,engine,"  # first columns of the table's file, by which the file is recognised
 
 
 def row(x: Reach) -> dict[str, Any]:
     """Return the row of one engine and setting along one axis.
 
-    `breaks_at` is the first value that does not pass; it is None if all pass, if the engine cannot have the linkage, or if the time
-    ended before.
+    The column `breaks_at` has the easiest value that does not pass. It is None if all values pass, if the engine cannot model the
+    linkage, or if the verdict on a value is unknown because the time ended or there is no reference.
     """
     axis = FAMILIES[x.axis]
     rest = axis.values[0 if x.passes_to is None else axis.values.index(x.passes_to) + 1 :]

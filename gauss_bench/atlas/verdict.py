@@ -1,12 +1,18 @@
-"""Decide on a run of the atlas.
+"""Give the verdict on a run of the atlas (a survey of linkages from easy to hard).
 
-pass       the run ends, the suite's judge has no objection, and the error of every link stays below PASSES times the linkage's
-           size [m] and PASSES [rad] over the whole run
-degraded   the run ends and the judge has no objection, but an error is larger. The limits of the judge are in `judge.py`: gaps of
-           1 % of the size, energy errors of 1 % of the energy scale, accelerations wrong by 1 %, links off by 5 %
-failed     the judge objects, or the run does not end: it is not finite, its solver refuses it, it takes too long, or it crashes
-open       the error bar of the reference is above a tenth of PASSES, or the budget ended before the run
-cannot     the engine has no model of this linkage
+The verdicts are:
+
+    pass:      the run reaches its end, the suite's judge has no objection, and the error of every link stays below PASSES times the
+               linkage's size [m] and below PASSES [rad] over the whole run
+    degraded:  the run reaches its end and the judge has no objection, but an error is larger
+    failed:    the judge objects, or the run does not reach its end: its numbers are not finite, its solver refuses the linkage, it
+               takes too long, or it crashes
+    open:      the verdict is unknown, because the error bar of the reference is above a tenth of PASSES, or because the time budget
+               ended before the run
+    cannot:    the engine cannot model this linkage
+
+The limits of the judge are in `judge.py`: gaps of 1 % of the size, energy errors of 1 % of the energy scale, accelerations wrong by
+1 %, and links off by 5 %.
 """
 
 from dataclasses import dataclass
@@ -30,7 +36,7 @@ RULE = (
 
 
 class Verdict(StrEnum):
-    """The outcome of a run, from good to bad; OPEN if it is unknown, CANNOT if the engine has no model of the linkage."""
+    """The outcome of a run; OPEN means that the outcome is unknown, and CANNOT that the engine has no model of the linkage."""
 
     PASS = "pass"
     DEGRADED = "degraded"
@@ -44,9 +50,10 @@ class RunVerdict:
     """The verdict on one run.
 
     Attributes:
-        verdict: the verdict.
-        error: largest error over the run, relative to the linkage's size, or [rad]; NaN without a run.
-        reason: why the run does not pass, or an empty text.
+        verdict: the outcome of the run.
+        error: largest error of a position, relative to the linkage's size, or of an angle [rad], over the whole run; NaN if no
+            error was computed.
+        reason: why the verdict is not "pass"; empty if it is.
     """
 
     verdict: Verdict
@@ -55,15 +62,15 @@ class RunVerdict:
 
 
 def decide(mechanism: Mechanism, run: Run, reference: Reference) -> RunVerdict:
-    """Return the verdict on a run, from its comparison with a reference."""
+    """Return the verdict on a run, from the comparison of the run with a reference."""
     if run.status is Status.SKIP:
         return RunVerdict(Verdict.CANNOT, reason=run.message)
     if run.trajectory is None:
         return RunVerdict(Verdict.FAILED, reason=f"{run.status}: {run.message}")
     size = mechanism.size
-    bar = float(np.max(reference.error_q, initial=0.0))
-    if not bar <= KNOWN * PASSES * min(1.0, size):
-        return RunVerdict(Verdict.OPEN, reason=f"the error bar of the reference is {bar:.1e}")
+    error_bar = float(np.max(reference.error_q, initial=0.0))
+    if not error_bar <= KNOWN * PASSES * min(1.0, size):
+        return RunVerdict(Verdict.OPEN, reason=f"the error bar of the reference is {error_bar:.1e}")
     with np.errstate(all="ignore"):
         evidence = examine(Evaluator(mechanism), run.trajectory, reference, acceleration_error(mechanism, run.trajectory))
     errors = evidence.errors

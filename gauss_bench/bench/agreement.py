@@ -4,8 +4,8 @@ Accelerations are compared with those of the suite's own equations on linkages t
 (`probes`), under every setting, integrator and variant. A run is compared with the suite's own motion. An engine may declare a
 setting `soft`: its loops are closed by springs or by other compliant constraints. A run under such a setting is compared with the
 motion that follows from the engine's own accelerations, which are compared first. The allowed error of a run is a multiple of the
-change that half the step, or a tighter tolerance, makes. A variant that is declared `unfinished` is known to be wrong: its
-accelerations are not checked, and an error of its run does not count as a failed check.
+change of its result when the step is halved or the tolerance is tightened. A variant that is declared `unfinished` is known to be
+wrong: its accelerations are not checked, and an error of its run does not count as a failed check.
 """
 
 from collections.abc import Iterator
@@ -52,7 +52,7 @@ LINKAGES = (  # linkages and scenarios, moved by loads and by drivers; parallelo
 
 
 def declarations(subject: Subject) -> Iterator[Check]:
-    """Check that what an engine declares `soft` or `unfinished` exists, may be declared so, and has a cause of some length."""
+    """Check that what an engine declares `soft` or `unfinished` exists, may be declared so, and has a long enough cause."""
     offer = subject.offer
     # (word, name of settings or of a variant, cause)
     declared = [("soft", *x) for x in offer.soft.items()] + [("unfinished", *x) for x in offer.unfinished.items()]
@@ -70,15 +70,16 @@ def declarations(subject: Subject) -> Iterator[Check]:
 
 @dataclass(frozen=True)
 class Answer:
-    """The accelerations of an engine on a probe, compared with the suite's own.
+    """The accelerations of an engine at the states of a probe (a test linkage), compared with the suite's own accelerations.
 
     Attributes:
-        off: relative error of the accelerations; NaN without accelerations.
-        along: N^T (M a - Q) relative to N^T Q, the error of the equations of motion along the free directions N; NaN without
-            accelerations.
-        gamma: the smallest share of gamma, the velocity term of J a = gamma, that a row of J a contains; 1 if it is complete.
-        refused: why the engine does not take the linkage, or an empty text.
-        wrong: why there are no accelerations, or an empty text.
+        off: largest error of the accelerations, relative to the largest acceleration of a state; NaN if the engine gave none.
+        along: |N^T (M a - Q)| relative to |N^T Q|, where the columns of N are the motions that the constraints leave free: the
+            error of the equations of motion without the constraint forces; NaN if the engine gave no accelerations.
+        gamma: the constraints require J a = gamma, where gamma depends on the velocities. Each row of J a should contain the whole
+            of gamma, a share of 1. This is the smallest share of all rows.
+        refused: the reason why the engine cannot model the linkage, or an empty text.
+        wrong: the reason why the engine gave no accelerations, or an empty text.
         given: the engine's accelerations (k, n), or None.
     """
 
@@ -90,14 +91,14 @@ class Answer:
     given: Array | None = None
 
     def fault(self, soft: bool) -> str:
-        """Return the fault in a sentence, or an empty text; a refusal is no fault.
+        """Return the fault of the accelerations in a sentence, or an empty text; an engine may refuse a linkage without a fault.
 
         Args:
-            soft: whether the engine declares soft closures, whose accelerations must be right along the free directions N alone.
+            soft: whether the engine declares soft closures. Its accelerations must then be right only along the free directions N.
         """
         if self.wrong or self.refused:
             return self.wrong
-        if not self.along <= ALONG:
+        if not self.along <= ALONG:  # `not <=` instead of `>`, here and below: NaN is a fault too
             cause = explain_size(self.along) or "not soft loops, but a wrong mass, force or row of J"
             return f"N^T (M a - Q) is {self.along:.1e} of N^T Q: {cause}"
         if not self.gamma >= LEAST_GAMMA:
@@ -117,7 +118,10 @@ def explain_size(error: float) -> str:
 
 
 def ask(subject: Subject, choice: Choice, at: Probe) -> Answer:
-    """Ask an engine for its accelerations at the states of a probe, and compare them with those of the probe."""
+    """Ask an engine for its accelerations at the states of a probe, and compare them with the known accelerations of the probe.
+
+    The answer has a reason instead of errors if the engine refuses the linkage or gives no accelerations.
+    """
     question = partial(accelerations, at.t, at.q, at.v)
     one_step = np.array([0.0, STEP])  # [s] sample times of the run, before which the model answers the question
     run = subject.perform(at.mechanism, choice, one_step, question, at.a.size)
@@ -134,21 +138,21 @@ def ask(subject: Subject, choice: Choice, at: Probe) -> Answer:
 def is_excusable(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism) -> bool:
     """Tell whether a run failed for a reason that is no fault of the engine.
 
-    There are four such reasons: the engine refuses the linkage; the time for all checks is used up; the engine does not take the
-    linkage's redundant rows; the solver gave up under a variant. Variants may give up because only searches try them. Settings may
-    not, because users are offered them.
+    There are four such reasons: the engine refuses the linkage; the time for all checks is used up; the engine cannot solve the
+    linkage's redundant constraint rows; the solver gave up in a run with a variant. A solver may give up with a variant, because
+    only searches try variants. It must not give up with one of the engine's settings, because users choose among these.
     """
     redundant = run.status is Status.RANK_LOST and mechanism.redundant > 0
     return run.status is Status.SKIP or redundant or (choice.settings in subject.offer.variants and run.status in GAVE_UP)
 
 
 def _check_failed(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism, title: str) -> Check:
-    """Return the check of a run without a trajectory: "not made" if `is_excusable`, else failed."""
+    """Return the check of a run that gave no trajectory: "not made" (None) if the failure `is_excusable`, else failed."""
     return Check(title, None if is_excusable(subject, choice, run, mechanism) else False, run.message)
 
 
 def name_choice(choice: Choice) -> str:
-    """Return settings, integrator and stabilisation of a choice in words."""
+    """Return the names of the settings, the integrator and the stabilisation of a choice, as a text."""
     return ", ".join((choice.settings, choice.integrator, choice.stabilization))
 
 
@@ -158,41 +162,44 @@ def digits(error: float) -> str:
 
 
 def same_states(subject: Subject) -> Iterator[Check]:
-    """Check accelerations at given states: on every linkage under each setting, on one under every integrator and variant."""
+    """Check accelerations at given states: every linkage with each setting, and one linkage with every integrator and variant."""
     offer = subject.offer
     for choice in subject.choices():
         title = f"accelerations ({name_choice(choice)})"
         if cause := offer.unfinished.get(choice.settings):
-            yield Check(title, None, f"declared unfinished: {cause}")
+            yield Check(title, None, f"declared unfinished: {cause}")  # None: neither passed nor failed
             continue
         subject.tell(f"Accelerations under {name_choice(choice)}.")
-        probes = [probe(*subject.moving[0])]  # the first linkage that the engine takes
+        probes = [probe(*subject.accepted[0])]  # the first linkage that the engine takes
         if choice.integrator == offer.integrators[0] and choice.settings in offer.settings:
             # a setting with the default integrator: all linkages, and that first one with all its numbers changed
-            probes = [*(probe(*x) for x in LINKAGES), probe(*subject.moving[0], EVERYTHING)]
+            probes = [*(probe(*x) for x in LINKAGES), probe(*subject.accepted[0], EVERYTHING)]
         answers = {}
-        for one in probes:
-            name = f"{one.mechanism.name} {one.mechanism.scenario}"
-            answers[name if one.change == AS_IT_IS else f"{name}, {one.change}"] = ask(subject, choice, one)
+        for at in probes:
+            name = f"{at.mechanism.name} {at.mechanism.scenario}"
+            answers[name if at.change == AS_IT_IS else f"{name}, {at.change}"] = ask(subject, choice, at)
         yield _combine(title, answers, choice.settings in offer.soft)
 
 
 def _combine(title: str, answers: dict[str, Answer], soft: bool) -> Check:
-    """Combine an engine's answers (name of the probe -> answer) into one check, whose message quotes the worst of them.
+    """Combine an engine's answers (name of the probe -> answer) into one check.
+
+    If the accelerations are wrong on some probes, the message quotes the worst fault and names the others. If not, it says to how
+    many digits the accelerations agree, at how many states, and which linkages the engine refused.
 
     Args:
-        soft: whether the engine declares soft closures: then its accelerations must be right along the free directions alone.
+        soft: whether the engine declares soft closures. Its accelerations must then be right only along the free directions.
     """
     taken = {name: x for name, x in answers.items() if not x.refused}
     if not taken:
         return Check(title, None, next(iter(answers.values())).refused)
     faults = {name: fault for name, x in taken.items() if (fault := x.fault(soft))}
     if faults:
-        worst = max(faults, key=lambda name: np.nan_to_num(taken[name].off, nan=np.inf))
+        worst = max(faults, key=lambda name: np.nan_to_num(taken[name].off, nan=np.inf))  # no accelerations: worst of all
         others = f"; it shows on {len(faults)} of {len(taken)}: {_list_few(list(faults))}"
         return Check(title, False, f"{faults[worst]} ({worst}){others}")
     message = f"agree to {digits(max(x.off for x in taken.values()))}"
-    if soft:  # the number above has no limit then; the one along the free directions has
+    if soft:  # `off`, which the message has so far, has no limit then; `along` has one
         message += f", those that constraints leave free to {digits(max(x.along for x in taken.values()))},"
     count = sum(len(x.given) for x in taken.values() if x.given is not None)
     message += f" at {count} states of {len(taken)} linkage{'s' * (len(taken) > 1)}"
@@ -206,21 +213,21 @@ def _list_few(names: list[str]) -> str:
 
 
 def change_numbers(subject: Subject) -> Iterator[Check]:
-    """Check that accelerations are right if numbers of the file are changed: one at a time, all of one kind, and all."""
+    """Check accelerations on linkages with changed numbers: each number alone, all numbers of one kind, and all numbers."""
     soft = subject.usual.settings in subject.offer.soft
-    for linkage, scenario in subject.moving:
+    for linkage, scenario in subject.accepted:
         names = [x for x in changes(linkage, scenario) if x != AS_IT_IS]  # AS_IT_IS names the linkage without a change
         answers = {name: ask(subject, subject.usual, probe(linkage, scenario, name)) for name in names}
         yield _combine(f"accelerations follow every number ({probe(linkage, scenario).mechanism.name})", answers, soft)
 
 
 def forces(subject: Subject) -> Iterator[Check]:
-    """Check that every kind of force acts as defined: first all together and, if that fails, each alone."""
+    """Check that every kind of force acts as defined: first all forces together and, if that fails, each force alone."""
     soft = subject.usual.settings in subject.offer.soft
     answer = ask(subject, subject.usual, probe(KINDS, "loaded"))
     together = _combine("every kind of force acts as defined", {"kinds": answer}, soft)
     yield together
-    bare = probe(KINDS, "loaded", forces=())
+    bare = probe(KINDS, "loaded", forces=())  # without any force; only needed to find the effect of a single force
     unloaded = Answer() if together.passed else ask(subject, subject.usual, bare)
     if together.passed or unloaded.refused:
         return
@@ -236,7 +243,7 @@ def forces(subject: Subject) -> Iterator[Check]:
 
 
 def effect(measured: Array, true: Array) -> str:
-    """Name the fault of a force, given its measured and its true effect (n,) on the accelerations."""
+    """Say what is wrong with a force, given its measured and its true effect on the accelerations (n,)."""
     factor = float(measured @ true / (true @ true))  # of least squares: measured = factor * true
     if np.abs(measured).max() <= 1e-6 * np.abs(true).max():
         return "it has no effect"
@@ -252,7 +259,7 @@ def reactions(subject: Subject) -> Iterator[Check]:
         yield Check(title, None, "declared soft: its joints exert other forces")
         return
     agreed = ""  # the digits on the last linkage on which the engine reports joint forces
-    for linkage, scenario in (subject.moving[0], *PLAIN):
+    for linkage, scenario in (subject.accepted[0], *PLAIN):
         at = probe(linkage, scenario)
         question = ForceQuestion(at.mechanism, Trajectory(at.t, at.q, at.v, at.a, None))
         run = subject.perform(at.mechanism, subject.usual, np.array([0.0, STEP]), question.ask, question.answers)
@@ -272,22 +279,23 @@ def motions(subject: Subject) -> Iterator[Check]:
     """Check that runs with each integrator, settings label, stabilisation and variant follow the equations of motion."""
     usual, offer = subject.usual, subject.offer
     for choice in subject.choices():
-        yield _follow(subject, choice, *subject.moving[0])
+        yield _follow(subject, choice, *subject.accepted[0])
     for linkage, scenario in ((PROBE, "driven"), ("parallelogram", "torque")):
         yield _follow(subject, usual, linkage, scenario)
     for name in (x for x in offer.stabilizations if x != usual.stabilization):
         for integrator in offer.integrators:  # the first one that can be combined with the stabilisation
-            check = _follow(subject, replace(usual, stabilization=name, integrator=integrator), *subject.moving[0])
+            check = _follow(subject, replace(usual, stabilization=name, integrator=integrator), *subject.accepted[0])
             if check.passed is not None:
                 break
         yield check
 
 
 def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Check:
-    """Compare a run under one choice, and its repetitions with shorter steps, with the motion that it should follow.
+    """Compare a run with one choice, and its repetitions with shorter steps, with the motion that it should follow.
 
-    Under a soft setting, that motion is integrated from the engine's own accelerations. The springs that close its loops may
-    vibrate so fast that the integration needs short steps: if the comparison fails, it is repeated with STIFF steps a sample.
+    If the setting is declared soft, the expected motion is integrated from the engine's own accelerations. The springs that close
+    the loops of the engine's model may vibrate so fast that this integration needs short steps. Therefore, if the run differs from
+    the expected motion, the motion is integrated again with STIFF steps per sample, and compared again.
     """
     check = _follow_motion(subject, choice, linkage, scenario, SUBSTEPS)
     if check.passed is False and choice.settings in subject.offer.soft:
@@ -298,8 +306,9 @@ def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Ch
 def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str, finer: int) -> Check:
     """Compare a run and its repetitions with the motion that they should follow, and return the check.
 
-    This is the suite's own motion. Under a soft setting, it is the motion that is integrated from the engine's own accelerations,
-    with `finer` steps between two samples.
+    The expected motion is the suite's own. If the setting is declared soft, it is a motion that is integrated from the engine's own
+    accelerations, with `finer` steps between two samples. The check has not been made (None) if the failure `is_excusable`, if a
+    soft setting has a stabilisation, or if a faulty variant is declared unfinished.
     """
     subject.tell(f"A run under {name_choice(choice)}.")
     mechanism = probe(linkage, scenario).mechanism
@@ -307,7 +316,7 @@ def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str
     unfinished = choice.settings in subject.offer.unfinished
     soft = choice.settings in subject.offer.soft and not unfinished
     motion = partial(follow_accelerations, dop853_tableau(), TIMES, mechanism.q0, mechanism.v0, finer=finer)
-    count = len(LEVELS) * len(TIMES) * mechanism.n  # numbers of such a motion
+    count = len(LEVELS) * len(TIMES) * mechanism.n  # how many numbers such a motion has
     runs, samples = [], []  # `samples` has of each run its positions, velocities and accelerations (3, k, n)
     for tried in _from_coarse_to_fine(choice, choice.integrator in subject.offer.adaptive):
         run = subject.perform(mechanism, tried, TIMES, motion if soft else nothing, count, again=True)
@@ -321,11 +330,11 @@ def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str
         return Check(title, None, "it runs; declared soft, it has no motion that its stabilisation should lead to")
     distance = ""
     for run, given in zip(runs[:-1], samples[:-1], strict=True):
-        true = np.asarray(run.answer, dtype=float) if soft else _true_motion(linkage, scenario)
-        if true.shape != given.shape:
+        expected = np.asarray(run.answer, dtype=float) if soft else _true_motion(linkage, scenario)
+        if expected.shape != given.shape:
             return Check(title, False, "its accelerations cannot be integrated")
         # accelerations of a soft loop are its gap times a stiffness, and are not compared
-        distance, fault = _compare(true, given, samples[-1], LEVELS[: 2 if soft else 3])
+        distance, fault = _compare(expected, given, samples[-1], LEVELS[: 2 if soft else 3])
         if fault:
             return Check(title, None, f"{fault}, declared unfinished") if unfinished else Check(title, False, fault)
     return Check(title, True, distance)
@@ -334,35 +343,35 @@ def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str
 def find_loose(mechanism: Mechanism, x: Trajectory | None) -> str:
     """Return a sentence if the loops of a run open so far that nothing can hold them, else an empty text.
 
-    The limit is LOOSE times the linkage's size. The loops of a soft closure open by less.
+    The limit for the gaps of the loops is LOOSE times the linkage's size. Loops that springs close have smaller gaps.
     """
     opened = 0.0 if x is None else float(drift(Evaluator(mechanism), x).position.max())
     return f"the loops open by {opened:.2g} (m, rad): nothing holds them" if opened > LOOSE * mechanism.size else ""
 
 
 def _from_coarse_to_fine(choice: Choice, adaptive: bool) -> list[Choice]:
-    """Return the choices under which a run is made and repeated; the last has the shortest step or the tightest tolerance."""
+    """Return the choices with which a run is made and repeated; the last has the shortest step or the tightest tolerance."""
     if adaptive:
         return [replace(choice, tolerance=COARSE), choice, replace(choice, tolerance=TIGHT)]
     return [choice, replace(choice, step=choice.step / 2)]
 
 
-def _compare(true: Array, given: Array, fine: Array, words: tuple[str, ...]) -> tuple[str, str]:
-    """Compare the samples of a run with the motion that it should follow; return a sentence on their distance, and on a fault.
+def _compare(expected: Array, given: Array, finest: Array, names: tuple[str, ...]) -> tuple[str, str]:
+    """Compare a run with the expected motion; return (sentence on the agreement, "") or ("", sentence on the fault).
 
-    One of both sentences is empty. A fault is an error that exceeds RATIO times the change that the finest repetition makes.
+    An error is a fault if it exceeds RATIO times the change of the result between this run and its finest repetition.
 
     Args:
-        true: positions, velocities and accelerations (3, k, n) of that motion.
-        given, fine: those of the run and of its finest repetition.
-        words: names of the levels that are compared, which are the first of the three.
+        expected: positions, velocities and accelerations (3, k, n) of the expected motion.
+        given, finest: positions, velocities and accelerations (3, k, n) of the run and of its finest repetition.
+        names: names of the quantities that are compared: the first two or all three of LEVELS.
     """
-    travel = np.array([true[0] - true[0, 0], true[1], true[2]])
+    travel = np.array([expected[0] - expected[0, 0], expected[1], expected[2]])  # displacements from the start instead of positions
     scale = np.abs(travel).max(axis=(1, 2))
-    off, changed = (np.abs(given - x).max(axis=(1, 2)) / scale for x in (true, fine))  # (3,)
-    for word, error, change in zip(words, off, changed, strict=False):  # `words` may be shorter
+    off, changed = (np.abs(given - x).max(axis=(1, 2)) / scale for x in (expected, finest))  # (3,)
+    for name, error, change in zip(names, off, changed, strict=False):  # `names` may have two entries only
         if not error <= RATIO * change + ROUNDING:
-            return "", f"{word} are off by {error:.1e} of the largest; a finer run changes them by {change:.1e}"
+            return "", f"{name} are off by {error:.1e} of the largest; a finer run changes them by {change:.1e}"
     return f"within {off[0]:.1e} of the way that it goes; a finer run changes it by {changed[0]:.1e}", ""
 
 

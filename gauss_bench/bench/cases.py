@@ -47,16 +47,17 @@ class Case:
 
     @property
     def choice(self) -> Choice:
-        """The setting of the run, as engines take it."""
+        """The setting of the run, as the object that engines accept."""
         return Choice(self.settings, self.integrator, self.stabilization, self.step)
 
 
 def combinations(
     engine: Offer, integrators: int | Sequence[str] | None = None, plain: bool = False, asked: str | None = None
 ) -> list[Combination]:
-    """Return the combinations under which an engine is run; the first one has the engine's defaults.
+    """Return the combinations of setting, integrator and stabilisation with which an engine is run; the first is its default.
 
-    These are every setting with every integrator, without stabilisation, and every stabilisation with the defaults.
+    There is every setting with every integrator without stabilisation, and every stabilisation with the default setting and
+    integrator.
 
     Args:
         integrators: a number n for the first n integrators, or the names of integrators; None for all.
@@ -91,7 +92,7 @@ def cross(
     plain: Sequence[str] = PLAIN,
     asked: str | None = None,
 ) -> Iterator[Case]:
-    """Yield the cases of all linkages with all engines and their combinations, at every step.
+    """Yield the cases: every linkage with every engine, every combination of its options, and every step size.
 
     Args:
         linkages: name or path -> scenario.
@@ -138,7 +139,7 @@ def cases(suite: Suite) -> list[Case]:
 
 
 def is_left_out(case: Case, rule: LeftOut) -> bool:
-    """Tell whether a rule leaves a case out: each field of the rule is empty or names the case's value."""
+    """Tell whether a rule excludes a case: each field of the rule is empty, or lists the value that the case has there."""
     pairs = (
         (rule.linkages, case.linkage),
         (rule.engines, case.engine),

@@ -1,18 +1,25 @@
-"""Measure times in races: blocks of work run interleaved in one process, in a new random order every round.
+"""Measure times in races: blocks of work are timed in turn in one process, in a new random order in every round.
+
+A block is the piece of work that is timed at once, such as a number of steps of one engine. An entry of a race is a timed quantity,
+such as the step of an engine with a setting; it has a key and one block.
 
 The speed of a machine varies with time, but blocks that run one after the other are affected alike. The ratio of the lower
 quartiles of interleaved blocks varies by a few per cent, while single timings vary by half. Times are processor times, because
-waits for a shared processor would affect long blocks more often than short ones. A block lasts at least two milliseconds. Shorter
-work is repeated within the block, because the first repetition is slow: the processor's caches hold the code of other blocks. The
-garbage collector is off during a race. No block is discarded.
+waits for a shared processor would affect long blocks more often than short ones. A block lasts at least two milliseconds. Work that
+takes less time is repeated within its block, because the first repetition is slow, while the processor's caches still hold the code
+of other blocks. The garbage collector is off during a race. No block is discarded.
 
-A race is repeated in several processes. The memory addresses of code and data change a time by some per cent, and they are fixed
-within a process. Therefore the rounds of one process scatter less than the times of two processes differ. A time is the median over
-the processes of the lower quartiles of their rounds. A ratio is the ratio of two times, over the processes that ran both. The
-spread of a time or ratio is an interval. It covers the value of each process and, with a probability of 99 %, the result of a
-repeated race of as many processes (`foreseen`). If there is only one process, the spread says nothing about a repeated race: the
-spread of a time is then the range from the 5 % to the 95 % quantile of its rounds, and the spread of a ratio is the same range over
-resampled rounds. An entry that cannot be built or run has a reason instead of times.
+A race is repeated in several processes. The memory addresses of code and data change a measured time by some per cent, and are
+fixed during a process. Therefore the scatter of times within one process is smaller than the difference between the times of two
+processes. The time of an entry is found in two steps: the lower quartile of the times of all rounds, for each process, and then the
+median over the processes. The ratio of two entries is the quotient of two such times, over those rounds and processes in which both
+were timed.
+
+The spread of a time or ratio is an interval. It contains the value of each process and, with a probability of 99 %, the result of a
+repeated race with as many processes (see `foreseen`). If there is only one process, nothing can be said about a repeated race. The
+spread of a time is then the range from the 5 % to the 95 % quantile of the times of its rounds. The spread of a ratio is the same
+range over bootstrap samples of the rounds. If the block of an entry cannot be built or run, the entry has a reason instead of
+times.
 
 Source: T. Kalibera and R. Jones, Rigorous benchmarking in reasonable time, 2013 (paired benchmarks).
 """
@@ -45,11 +52,11 @@ Watch = Callable[[Hashable], object]  # called with the key of an entry before t
 
 
 def watch_nothing(entry: Hashable) -> None:
-    """Do nothing with the key of an entry that is about to run."""
+    """Ignore the key of the entry whose block is about to run: the default of a race's argument `watch`."""
 
 
 class Key(NamedTuple):
-    """The key of an entry: the name of the timed quantity, the engine and its setting."""
+    """The key of an entry of a race: the name of the timed quantity, the engine and its setting."""
 
     quantity: str
     engine: str
@@ -59,7 +66,7 @@ class Key(NamedTuple):
 
 
 def interleave(blocks: list[Block], rounds: int, seed: int = 1, watch: Watch = watch_nothing) -> Iterator[tuple[Block, int, float]]:
-    """Time each block once a round, in a new random order every round; yield block, round and seconds per repetition.
+    """Time each block once in every round, in a new random order; yield block, number of the round and seconds per repetition.
 
     A block that takes longer than SLOW, such as the generation of code, is left out after SLOW_ROUNDS rounds.
     """
@@ -89,9 +96,9 @@ class Measured:
     """The result of a race.
 
     Attributes:
-        samples: key of an entry -> seconds per repetition (processes, rounds); NaN in rounds that the entry skipped, and in all
-            rounds of a process in which it did not run.
-        failed: key of an entry -> why it has no times.
+        samples: key of an entry -> seconds per repetition of its work, as an array (processes, rounds); NaN in rounds that the
+            entry skipped, and in all rounds of a process in which the entry did not run.
+        failed: key of an entry -> the reason why the entry has no times.
         facts: key of an entry -> further columns of its row.
     """
 
@@ -100,7 +107,7 @@ class Measured:
     facts: Mapping[Hashable, Row] = field(default_factory=dict)
 
     def of(self, key: Hashable) -> Array:
-        """Return the samples (processes, rounds) of an entry.
+        """Return the measured times [s] of an entry of the race, (processes, rounds).
 
         Raises:
             Failure: the entry was not measured.
@@ -111,7 +118,7 @@ class Measured:
         raise self.failed.get(key) or Missing(Status.SKIP, f"{' '.join(map(str, words))} was not measured")
 
     def time(self, key: Hashable) -> float:
-        """Return the time [s] of an entry.
+        """Return the time [s] of an entry of the race: one number, by `time_of`.
 
         Raises:
             Failure: the entry was not measured.
@@ -119,10 +126,10 @@ class Measured:
         return time_of(self.of(key))
 
     def compare(self, own: Hashable, rival: Hashable) -> Row:
-        """Return the columns of `compare` for the samples of two entries.
+        """Return the columns that `compare` computes from the samples of two entries of the race.
 
         Raises:
-            Failure: one of the entries was not measured.
+            Failure: at least one of the two entries was not measured.
         """
         return compare(self.of(own), self.of(rival))
 
@@ -131,9 +138,9 @@ class Race:
     """Entries that are timed against each other; an entry that cannot be built is left out, and its reason is kept.
 
     Attributes:
-        watch: called with the key of an entry before its code runs, so that a crash can be attributed to it.
-        blocks: the blocks to be timed.
-        failed: key of an entry -> why it has no block, or no times.
+        watch: called with the key of an entry before code of this entry runs, so that a crash can be attributed to the entry.
+        blocks: the blocks to be timed, one for each entry that could be built.
+        failed: key of an entry -> the reason why the entry has no block or no times.
     """
 
     def __init__(self, watch: Watch = watch_nothing) -> None:
@@ -143,7 +150,7 @@ class Race:
         self.failed: dict[Hashable, Failure] = {}
 
     def add(self, key: Hashable, make: Callable[..., Block], *arguments: Any) -> None:
-        """Enter the block that make(*arguments) returns under a key, or keep the reason why there is no block."""
+        """Add an entry with a key and the block that make(*arguments) returns; if it fails, keep the reason in `failed`."""
         self.watch(key)
         try:
             block = make(*arguments)
@@ -168,17 +175,17 @@ class Race:
 
 
 def key_of(row: Row) -> Key:
-    """Return the key of the entry that a row belongs to."""
+    """Return the key of the entry of a race to which a row of a result table belongs."""
     return Key(*(row[x] for x in Key._fields))
 
 
 def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, strict: bool = False) -> Measured:
-    """Collect the rows of races by entry.
+    """Group the result rows of several processes of a race by entry.
 
     Args:
-        rows: each has the seconds of one round in one process, the facts (further columns) of an entry, or a status with its
-            reason.
-        key: returns the key of the entry that a row belongs to.
+        rows: each row has the seconds of one entry in one round of one process, the facts (further columns) of an entry, or the
+            status of an entry that failed, with the reason.
+        key: returns the key of the entry to which a row belongs.
         strict: whether an entry that failed in one process counts as failed even if it has times in other processes.
     """
     samples: dict[Hashable, dict[int, list[float]]] = {}
@@ -196,7 +203,7 @@ def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, 
 
 
 def pad(processes: Sequence[Array]) -> Array:
-    """Return the rounds of several processes, (rounds,) each, as one array (processes, rounds); short rows end with NaN."""
+    """Return the times of the rounds of several processes, (rounds,) each, as one array (processes, rounds), filled up with NaN."""
     table = np.full((len(processes), max(map(len, processes), default=0)), np.nan)
     for line, rounds in zip(table, processes, strict=True):
         line[: len(rounds)] = rounds
@@ -204,13 +211,16 @@ def pad(processes: Sequence[Array]) -> Array:
 
 
 def over_processes(samples: Mapping[K, Mapping[int, Sequence[float]]]) -> dict[Hashable, Array]:
-    """Return key -> samples (processes, rounds) of all entries, given key -> number of a process -> seconds of its rounds."""
+    """Return, for each entry's key, its times [s] as an array (processes, rounds).
+
+    `samples` has, for each key and each number of a process in which the entry ran, the times [s] of the rounds.
+    """
     numbers = sorted({number for x in samples.values() for number in x})
     return {key: pad([np.array(x.get(number, ())) for number in numbers]) for key, x in samples.items()}
 
 
 def quartiles(samples: Array) -> Array:
-    """Return the lower quartile (processes,) of the rounds of each process; NaN for a process without rounds.
+    """Return, for each process, the lower quartile (processes,) of the times of its rounds; NaN for a process without times.
 
     Here and below, `samples` and other times are (processes, rounds) in seconds, or (rounds,) of a single process.
     """
@@ -219,20 +229,21 @@ def quartiles(samples: Array) -> Array:
 
 
 def time_of(samples: Array) -> float:
-    """Return the time [s] of an entry: the median over the processes of the lower quartiles of their rounds."""
+    """Return the time [s] of an entry: the lower quartile of the rounds in each process, then the median over the processes."""
     return float(np.nanmedian(quartiles(samples)))
 
 
 def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
-    """Return several values of the ratio samples / baseline, whose scatter is that of the ratio.
+    """Return several values of the ratio samples / baseline, whose scatter shows how uncertain the ratio is.
 
-    They are one value (processes,) for each process that ran both, or RESAMPLES values from resampled rounds if only one did.
+    The result has one value (processes,) for each process that timed both entries. If only one process timed both, the result has
+    RESAMPLES values, from bootstrap samples of the rounds.
     """
-    one, other = common(samples, baseline)
-    if len(one) != 1:
-        return quartiles(one) / quartiles(other)
-    rounds = np.isfinite(one[0])
-    pair = one[0][rounds], other[0][rounds]
+    numerators, denominators = common(samples, baseline)
+    if len(numerators) != 1:
+        return quartiles(numerators) / quartiles(denominators)
+    rounds = np.isfinite(numerators[0])
+    pair = numerators[0][rounds], denominators[0][rounds]
     # the same rounds are drawn of both: a disturbance of one round affects both alike and cancels
     picks = np.random.default_rng(seed).integers(0, rounds.sum(), (RESAMPLES, rounds.sum()))
     longer, shorter = (np.quantile(x[picks], 0.25, axis=1) for x in pair)
@@ -240,15 +251,15 @@ def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
 
 
 def ratio(samples: Array, baseline: Array) -> tuple[float, float, float]:
-    """Return the ratio samples / baseline, over the rounds that both have, and the lower and upper end of its spread.
+    """Return the ratio samples / baseline over the rounds in which both were timed, and the lower and upper end of its spread.
 
-    All three are NaN if no process ran both.
+    The ratio and both ends are NaN if no process timed both entries.
     """
-    one, other = common(samples, baseline)
-    if not len(one):
+    numerators, denominators = common(samples, baseline)
+    if not len(numerators):
         return math.nan, math.nan, math.nan
-    low, high = ends(quotients(samples, baseline), several=len(one) > 1)
-    return time_of(one) / time_of(other), low, high
+    low, high = ends(quotients(samples, baseline), several=len(numerators) > 1)
+    return time_of(numerators) / time_of(denominators), low, high
 
 
 def ratio_columns(samples: Array, baseline: Array, name: str = "ratio") -> Row:
@@ -260,9 +271,9 @@ def ends(values: Array, several: bool) -> tuple[float, float]:
     """Return the lower and upper end of a spread.
 
     Args:
-        values: times or ratios: one for each process if `several`, else one for each round of a single process.
-        several: whether several processes ran: the spread is then an interval that predicts a repeated race (`foreseen`); else it
-            is the middle 90 % of the values.
+        values: times or ratios: one value for each process if `several`, else one value for each round of a single process.
+        several: whether several processes ran. If so, the spread is the interval in which the result of a repeated race is expected
+            (`foreseen`), else the middle 90 % of the values.
     """
     if several:
         return foreseen(values)
@@ -271,10 +282,12 @@ def ends(values: Array, several: bool) -> tuple[float, float]:
 
 
 def foreseen(values: Array) -> tuple[float, float]:
-    """Return the ends of an interval that covers all `values` (processes,) and, with probability CERTAIN, a repeated race's median.
+    """Return the ends of an interval that contains all `values` and, with probability CERTAIN, the median of a repeated race.
 
-    With a standard deviation s of the logarithms, two medians of n values each differ with a standard deviation of s (pi /
-    n)^(1/2). Because s is estimated from n values, n >= 2, the quantile is that of Student's t with n - 1 degrees of freedom.
+    `values` (processes,) has one time or ratio for each of n processes, n >= 2. The logarithms of the values are taken as normally
+    distributed with the standard deviation s. The median of n of them has the variance pi s^2 / (2 n), so that the difference
+    between the medians of this race and of a repeated one has the standard deviation s (pi / n)^(1/2). Because s is estimated from
+    n values, the quantile is that of Student's t with n - 1 degrees of freedom.
     """
     logarithms = np.log(values)
     scatter = logarithms.std(ddof=1) * math.sqrt(math.pi / len(values))
@@ -284,7 +297,10 @@ def foreseen(values: Array) -> tuple[float, float]:
 
 
 def common(one: Array, other: Array) -> tuple[Array, Array]:
-    """Return both samples (processes, rounds), restricted to processes that ran both; NaN in rounds that only one of them has."""
+    """Return the times (processes, rounds) of two entries, restricted to those processes that timed both.
+
+    The times of both entries are NaN in rounds in which only one of them was timed.
+    """
     pair = [np.atleast_2d(x) for x in (one, other)]
     rounds = min(x.shape[1] for x in pair)
     first, second = (x[:, :rounds] for x in pair)
@@ -294,10 +310,10 @@ def common(one: Array, other: Array) -> tuple[Array, Array]:
 
 
 def spread(name: str, samples: Array) -> dict[str, float]:
-    """Return the columns of a time and its spread; their names begin with `name`.
+    """Return the table columns of the time of an entry and of the two ends of its spread; their names begin with `name`.
 
-    The time is the median over the processes of their lower quartiles. The spread is `ends` of these quartiles or, if only one
-    process ran, of the times of its rounds.
+    The time is found from the lower quartile of the rounds in each process: it is the median of these quartiles. The spread is
+    computed by `ends` from these quartiles or, if only one process ran, from the times of its rounds.
     """
     times = quartiles(samples)  # [s] one for each process
     times = times[np.isfinite(times)]
@@ -307,19 +323,23 @@ def spread(name: str, samples: Array) -> dict[str, float]:
 
 
 def compare(own: Array, rival: Array) -> Row:
-    """Return columns: both times, each over all its rounds, and the ratio rival / own over the rounds that both have.
+    """Return the table columns that compare two entries of a race: `own` and `rival`.
 
-    The time of an entry does not depend on what it is compared with. If one entry has fewer rounds, the ratio is therefore not the
-    quotient of both times.
+    These are the times of both entries, each over all rounds of the entry, and the ratio rival / own over the rounds in which both
+    were timed. The time of an entry thus does not depend on the other entry. If one entry has fewer rounds than the other, the
+    ratio is not the quotient of the two times.
 
     Args:
-        own, rival: samples of both entries [s], (processes, rounds) each.
+        own, rival: measured times [s] of both entries, (processes, rounds) each.
     """
     return spread("seconds", own) | {"rival_seconds": time_of(rival)} | ratio_columns(rival, own)
 
 
 def row(start: Row, make: Callable[..., Row], *arguments: Any) -> Row:
-    """Return `start`, status OK and the columns that make(*arguments) returns; if it fails, `start`, the status and the reason."""
+    """Return a table row: the columns `start`, the status OK, and the columns that make(*arguments) returns.
+
+    If the call raises a Failure, the row has the columns `start`, the status of the failure and its reason.
+    """
     try:
         return start | {"status": str(Status.OK), "message": ""} | make(*arguments)
     except Failure as failure:
@@ -327,9 +347,9 @@ def row(start: Row, make: Callable[..., Row], *arguments: Any) -> Row:
 
 
 def at_least(columns: Row, column: str, target: float | None) -> Row:
-    """Return the row with a target, and with whether the value of a column is at least the target.
+    """Return a table row with two more columns: `target`, and `met`, whether the value of a column is at least the target.
 
-    A missing value does not meet the target. Without a target, the row is returned as it is.
+    A missing value does not meet the target. If `target` is None, the row is returned unchanged.
 
     Args:
         columns: the row: name of a column -> value.
@@ -341,8 +361,8 @@ def at_least(columns: Row, column: str, target: float | None) -> Row:
 
 
 def at_most(columns: Row, column: str, target: float) -> Row:
-    """Return the row with a target, and with whether the value of a column is at most the target; a missing value is not.
+    """Return a table row with two more columns: `target`, and `met`, whether the value of a column is at most the target.
 
-    `columns` is the row: name of a column -> value.
+    A missing value does not meet the target. `columns` is the row: name of a column -> value.
     """
     return columns | {"target": target, "met": columns.get(column) is not None and bool(columns[column] <= target)}

@@ -59,11 +59,11 @@ def conformance(name: str, told: Callable[[str], None] = lambda sentence: None) 
 def _check_runs(
     subject: Subject, name: str, find_fault: Callable[[Mechanism, Trajectory], str], times: Array | None = None
 ) -> Iterator[Check]:
-    """Yield one check for each linkage of PLAIN.
+    """Yield one check for each linkage and scenario in PLAIN, the list of simple linkages that nearly all engines can run.
 
     Args:
-        find_fault: returns the fault of a trajectory in a sentence, or an empty text.
-        times: sample times [s] of the run; every step if not given.
+        find_fault: function that returns the fault of a trajectory in a sentence, or an empty text.
+        times: sample times [s] of the run; if not given, there is a sample at every step.
     """
     for linkage, scenario in PLAIN:
         run = subject.whole[linkage] if times is None else subject.run(linkage, scenario, times)
@@ -83,18 +83,21 @@ def _times(subject: Subject) -> Iterator[Check]:
 def _start(subject: Subject) -> Iterator[Check]:
     """Check that the first sample is the start of the scenario."""
 
-    def find_fault(m: Mechanism, x: Trajectory) -> str:
-        """Return how far the first sample is from the start, if it is too far."""
+    def find_wrong_start(m: Mechanism, x: Trajectory) -> str:
+        """Return a sentence if the first sample is farther than START from the scenario's start, else an empty text.
+
+        Errors of speeds are divided by the largest speed at the start, or by 1 if this speed is smaller.
+        """
         gap = max(np.abs(x.q[0] - m.q0).max(), np.abs(x.v[0] - m.v0).max() / max(1.0, np.abs(m.v0).max()))
         if gap <= START:
             return ""
         return f"it is {gap:.1e} (m, rad, or of the largest speed) away: units, order of links, or a step too many"
 
-    yield from _check_runs(subject, "the first sample is the start", find_fault)
+    yield from _check_runs(subject, "the first sample is the start", find_wrong_start)
 
 
 def _derivatives(subject: Subject) -> Iterator[Check]:
-    """Check that velocities are the rates of positions, and accelerations those of velocities."""
+    """Check that velocities are the time derivatives of positions, and accelerations those of velocities."""
     for linkage, scenario in PLAIN:
         run = subject.whole[linkage]
         title = f"velocities and accelerations are derivatives ({linkage})"
@@ -114,8 +117,9 @@ def _derivatives(subject: Subject) -> Iterator[Check]:
 def rates_fault(x: Trajectory) -> tuple[str, bool]:
     """Return the fault of a trajectory's velocities or accelerations, or an empty text, and whether the fault is a shift in time.
 
-    The rates are compared with central differences of the positions, and of the velocities. They are shifted if they belong to a
-    slightly later or earlier time than their sample.
+    The velocities are compared with central differences of the positions, and the accelerations with central differences of the
+    velocities. Velocities or accelerations ("rates") are called shifted if they belong to a slightly later or earlier time than the
+    time of their sample.
     """
     for low, high, words in ((x.q, x.v, "velocities"), (x.v, x.a, "accelerations")):
         slope, reported = (low[2:] - low[:-2]) / (x.t[2:] - x.t[:-2])[:, None], high[1:-1]  # central differences (k - 2, n)
@@ -129,18 +133,20 @@ def rates_fault(x: Trajectory) -> tuple[str, bool]:
 
 
 def explains_lateness(x: Trajectory, half: Trajectory | None, quarter: Trajectory | None) -> bool:
-    """Tell whether a method of first order explains why the rates belong to a slightly later or earlier time than their sample.
+    """Tell whether an integration method of first order explains that velocities or accelerations belong to another time.
 
-    If so, each halving of the step changes the velocities half as much as the halving before (the ratio lies within FIRST_ORDER),
-    and the rates of the finest run are right at the samples. Samples that are shifted by whole steps stay shifted, and the changes
-    of a method of higher order fall faster.
+    `rates_fault` has found that the rates (velocities or accelerations) of a run belong to a slightly later or earlier time than
+    their samples. If the method is of first order, two things follow. Halving the step changes the velocities, and halving it again
+    changes them half as much; the ratio of the two changes must lie within FIRST_ORDER. And the run with the shortest step has no
+    fault any more. Another cause would show: an engine that shifts its samples by whole steps shifts them at every step, and with a
+    method of higher order the second change is less than half the first.
 
     Args:
         x, half, quarter: the run, and its repetitions with the step divided by PARTS; None if a repetition failed.
     """
     if half is None or quarter is None or rates_fault(quarter)[0]:
         return False
-    change, next_change = (float(np.abs(one.v - other.v).max()) for one, other in ((x, half), (half, quarter)))
+    change, next_change = (float(np.abs(longer.v - shorter.v).max()) for longer, shorter in ((x, half), (half, quarter)))
     least, most = FIRST_ORDER
     return least * next_change < change < most * next_change
 
@@ -157,7 +163,7 @@ def lateness(slope: Array, reported: Array) -> float:
 
 
 def _same_again(subject: Subject) -> Iterator[Check]:
-    """Check that a repeated run returns the same bits."""
+    """Check that a repeated run returns the same numbers, bit for bit."""
     (linkage, scenario), title = PLAIN[0], "a run repeats bit by bit"
     runs = [
         subject.whole[linkage],
@@ -196,15 +202,15 @@ def _steps(subject: Subject) -> Iterator[Check]:
         yield Check(title, None, "it does not count its steps")
     else:
 
-        def find_fault(m: Mechanism, x: Trajectory) -> str:
-            """Return a sentence if the counted steps are not those that were asked for."""
+        def find_wrong_count(m: Mechanism, x: Trajectory) -> str:
+            """Return a sentence if the number of counted steps is not the number that was asked for, else an empty text."""
             return "" if x.steps == wanted else f"{x.steps} steps are counted, {wanted} of {STEP:g} s were asked for"
 
-        yield from _check_runs(subject, title, find_fault)
+        yield from _check_runs(subject, title, find_wrong_count)
 
 
 def _equal(one: Trajectory, other: Trajectory) -> bool:
-    """Tell whether two trajectories have the same samples, bit by bit."""
+    """Tell whether the samples of two trajectories are identical, bit for bit."""
     return all(np.array_equal(getattr(one, x), getattr(other, x)) for x in ("t", "q", "v", "a"))
 
 

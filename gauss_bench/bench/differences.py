@@ -1,4 +1,4 @@
-"""Compare two runs: accuracy by the limits of the gate, ratios of times by their spreads."""
+"""Compare two runs of a suite: accuracies by the limits of the accuracy gate (`gate.py`), ratios of times by their spreads."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -17,8 +17,8 @@ class Differences:
     """The differences of accuracy between two runs.
 
     Attributes:
-        compared: number of figures that both runs have.
-        beyond: figures that differ by more than the gate allows, and cases with different statuses.
+        compared: number of figures (measured numbers, and statuses of cases) that both runs have.
+        beyond: figures that differ by more than the accuracy gate allows, and cases with different statuses.
         only_here, only_there: number of cases that only the one or only the other run has.
     """
 
@@ -29,39 +29,41 @@ class Differences:
 
 
 def differences(here: Path, there: Path) -> Differences:
-    """Compare the figures in the folder `here` with those in the folder `there`.
+    """Compare the numbers and statuses of the accuracy cases stored in the folder `here` with those in the folder `there`.
 
-    A figure that is better by more than the factor of its rule (`gate.RULES`) counts as a difference too, because neither run is a
-    baseline.
+    Each number has a rule (`gate.RULES`) with the factor by which it may become worse. Here a number that is better by more than
+    this factor counts as a difference too, because neither run is a baseline.
 
     Raises:
-        TableError: a folder holds no accuracy run, a table is damaged, or its format is later than the known ones.
+        TableError: a folder holds no accuracy run, a table is damaged, or a table has a newer format than this version can read.
     """
     cases, references, figures = [], [], []
     for folder in (here, there):
         rows = accuracy_rows(folder)
-        long = figures_of(frame("results", rows), frame("references", read_table("references", folder)))
+        found = figures_of(frame("results", rows), frame("references", read_table("references", folder)))
         cases.append({_key(row) for row in rows})
-        references.append({_key(row) for row in long[long["engine"] == "reference"].to_dict("records")})
-        figures.append(long)
+        references.append({_key(row) for row in found[found["engine"] == "reference"].to_dict("records")})
+        figures.append(found)
     shared = cases[0] & cases[1]
     keys = shared | (references[0] & references[1])
     metrics = set(figures[0]["metric"]) & set(figures[1]["metric"])  # a table of an earlier format may lack a metric
     own, other = (x[[_key(row) in keys and row["metric"] in metrics for row in x.to_dict("records")]] for x in figures)
     verdicts = compare(own, other)
+    # observed orders of convergence are left out: they follow from the errors, which are compared
     beyond = tuple(v for v in verdicts if v.outcome != "ok" and v.metric != "observed_order")
-    return Differences(len(verdicts), beyond, len(cases[0] - shared), len(cases[1] - shared))
+    return Differences(len(verdicts), beyond, only_here=len(cases[0] - shared), only_there=len(cases[1] - shared))
 
 
 @dataclass(frozen=True)
 class Clocked:
-    """A timed figure or conclusion that differs between two runs.
+    """A ratio of times, or a conclusion from times (target met, claim true), that differs between two runs.
 
     Attributes:
-        what: table, row and column.
-        here, there: the values as words, a ratio with its spread.
-        matters: whether a reader's conclusion changes, because a target or a claim changed sides or a ratio crossed 1.
-        factor: the ratio `here` divided by the ratio `there`; 1 for targets and claims.
+        what: names of the table, the row and the column.
+        here, there: the values of both runs as texts; a ratio is followed by its spread.
+        matters: whether a reader's conclusion changes: a target is met in one run only, a claim has another verdict, or a ratio is
+            above 1 in one run only.
+        factor: the ratio of the run `here` divided by the ratio of the run `there`; 1 for targets and claims.
     """
 
     what: str
@@ -72,20 +74,21 @@ class Clocked:
 
     @property
     def row(self) -> tuple[str, str, str]:
-        """The cells of its row in a table."""
+        """The cells of the row that this difference gets in a table of differences."""
         return self.what, self.here, self.there
 
 
 def compare_times(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
-    """Return the number of ratios, targets and claims that both runs have, and those that differ.
+    """Return the number of ratios, targets and claims that both runs have, and a list of those that differ.
 
-    Ratios differ if their spreads do not overlap.
+    Two ratios count as different if their spreads do not overlap. Differences that matter come first, the largest factor first.
 
     Raises:
-        TableError: a table is damaged, or its format is later than the known ones.
+        TableError: a table is damaged, or has a newer format than this version can read.
     """
     found: list[Clocked | None] = []  # None for each that agrees
     for name, table in TABLES.items():
+        # "met": whether a target is met; "verdict": of a claim; "ratio": of two times
         columns = [c.name for c in table.columns if c.timed and c.name.endswith(("met", "verdict", "ratio"))]
         if not table.keys or not columns:
             continue
@@ -100,12 +103,12 @@ def compare_times(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
 
 
 def _apart(what: str, column: str, row: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[Clocked | None]:
-    """Yield the difference of a column between two rows, or None if they agree; yield nothing if a row lacks the value.
+    """Compare a column of two rows: yield the difference, or None if the values agree; yield nothing if a row lacks the value.
 
-    Ratios agree if their spreads overlap; targets and verdicts agree if they are equal.
+    Two ratios agree if their spreads overlap. Two targets, or two verdicts on a claim, agree if they are equal.
 
     Args:
-        what: names the table and the row.
+        what: text that names the table and the row.
     """
     what = f"{what}: {column}"
     if not column.endswith("ratio"):
@@ -134,7 +137,7 @@ def _range(x: float, low: float, high: float) -> str:
 
 
 def _key(row: Mapping[Any, Any]) -> tuple[object, ...]:
-    """Return the values of the columns that identify a case."""
+    """Return the values of those columns of a row that identify its case."""
     return tuple(row[k] for k in KEY)
 
 
@@ -142,7 +145,7 @@ def accuracy_rows(folder: Path) -> tuple[dict[str, Any], ...]:
     """Return the rows of the accuracy cases of a run.
 
     Raises:
-        TableError: there are no such rows, or they cannot be read.
+        TableError: the folder has no rows of accuracy cases, or they cannot be read.
         ChangedRows: a table of the run has changed since the run.
     """
     rows = read_table("results", folder)

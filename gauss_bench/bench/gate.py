@@ -1,8 +1,9 @@
-"""The accuracy gate: compare the figures (numbers and statuses) of the gate suite with a committed baseline, but no times.
+"""The accuracy gate: compare the figures (measured numbers and statuses) of the gate suite with a committed baseline.
 
-A figure fails if it is worse than its limit, and is reported as better if it improved by the same factor. A much better figure
-fails too, because a faulty metric may be the cause; a real improvement is accepted like any other change. Limits follow from the
-baseline by the rules below. A new baseline is accepted only with a reason, which is stored with the date.
+Times are not compared. The limit of a figure follows from its value in the baseline by the rules below (RULES and other constants).
+A figure fails if it is worse than its limit, which is the baseline times a factor. It is reported as better if it is better than
+the baseline by this factor. A figure that is much better fails too, because a faulty metric may be the cause; a real improvement is
+accepted like any other change. A new baseline is accepted only with a reason, which is stored with the date.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,9 +29,10 @@ Key = tuple[Any, ...]  # values of the columns FIGURE
 
 @dataclass(frozen=True)
 class Rule:
-    """Limits of a metric.
+    """The limits of a metric, an error in the rows of results.
 
-    A figure fails if it is worse than `factor` times the baseline and above `floor`, and is reported if it is better by `factor`.
+    A figure fails if it is larger than `factor` times its value in the baseline and larger than `floor`. It is reported as better
+    if it is smaller than the value in the baseline divided by `factor`.
     """
 
     factor: float
@@ -68,8 +70,8 @@ class Verdict:
         outcome: "fail", "better" or "ok".
         case: linkage, scenario, engine and setting.
         metric: column of the results, or of the references.
-        value, limit, baseline: in words, in the metric's unit.
-        cause: the engine's message.
+        value, limit, baseline: the figure, its limit and its value in the baseline, as texts in the metric's unit.
+        cause: the message of the engine's run, which may tell why a figure failed.
     """
 
     outcome: str
@@ -87,10 +89,10 @@ class Verdict:
 
 
 def figures_of(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
-    """Return the figures that the gate judges, of accuracy rows and references: one row for each case and metric.
+    """Return the figures that the gate compares with the baseline: one row for each case and metric.
 
-    A run with large errors has only its status, its validity and its acceleration error, because its other figures differ between
-    machines.
+    The figures are taken from the rows of the accuracy cases and of the references. If a run has large errors, only its status, its
+    validity and its acceleration error are taken, because its other figures differ between machines.
     """
     figures: list[dict[str, Any]] = []
     for row in rows.to_dict("records"):
@@ -108,26 +110,27 @@ def figures_of(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
 
 
 def in_order(figures: list[dict[Any, Any]], columns: list[str]) -> pd.DataFrame:
-    """Return figures as a data frame, sorted by the columns FIGURE."""
+    """Return figures as a data frame, sorted by the columns that FIGURE lists: those of the case, and the metric."""
     frame = pd.DataFrame(figures, columns=columns).astype({"step": float, "t_end": float})
     return frame.sort_values(FIGURE, kind="stable", ignore_index=True)
 
 
 def by_key(figures: pd.DataFrame) -> dict[Key, dict[Any, Any]]:
-    """Return key -> row of figures; a key has the values of the columns FIGURE."""
+    """Return key -> row, for a table of figures; a key has the values of the columns that FIGURE lists (case and metric)."""
     return {tuple(r[k] for k in FIGURE): r for r in figures.to_dict("records")}
 
 
 def _repeatable(row: Mapping[Any, Any]) -> bool:
-    """Tell whether the errors of a run are so small that its figures are the same on every machine."""
+    """Tell whether the errors of a run are so small that its figures are nearly the same on every machine."""
     limits = {"acceleration_error_median": OFF_ACCELERATION, "position_drift": OFF_DRIFT, "position_error": LOST}
     return row["status"] in ENDED and all(row[metric] <= limit for metric, limit in limits.items())
 
 
 def compare(figures: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
-    """Return a verdict for every figure of a run and of the baseline; a figure that one of them lacks fails.
+    """Return a verdict for every figure of a run and of the baseline; a figure that is missing in one of the two fails.
 
-    If the statuses of a case differ, figures that only one of them has get no verdict: the verdict on the status tells why.
+    If a case has another status in the run than in the baseline, those figures of the case that are missing in one of the two get
+    no verdict; the verdict on the status tells why they are missing.
     """
     here, there = by_key(figures), by_key(baseline)
     verdicts = []
@@ -147,19 +150,19 @@ def compare(figures: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
 def judge_figure(key: Key, value: str | None, base: str | None) -> Verdict:
     """Return the verdict on a figure: "fail", "better" or "ok".
 
-    A figure fails if it is worse than its limit, or so much better that a faulty metric may be the cause. Such a figure must be
-    accepted with a reason. Four kinds of figures have limits of their own: statuses, which must be equal; observed orders; values
-    of references; and errors, by RULES.
+    A figure fails if it is worse than its limit, or so much better that a faulty metric may be the cause. If the change is
+    intended, the new figure must be accepted explicitly, with a reason. There are four kinds of figures, each with its own limits:
+    statuses, which must be equal; observed orders of convergence; values of references; and errors, with a limit by RULES.
 
     Args:
-        key: values of the columns FIGURE.
-        value, base: the figure and that of the baseline as texts; None if it is missing.
+        key: the values of the columns that FIGURE lists: those of the case, and the metric.
+        value, base: the figure of the run and the figure of the baseline, as texts; None if it is missing.
     """
     metric, missing = str(key[-1]), "none"
     case = " ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in key[:-1] if x != "")
 
     def verdict(outcome: str, value: str, limit: str, baseline: str) -> Verdict:
-        """Return the verdict on this figure."""
+        """Return the verdict with this outcome on the figure that is judged."""
         return Verdict(outcome, case, metric, value, limit, baseline)
 
     if base is None or value is None:
@@ -178,12 +181,12 @@ def judge_figure(key: Key, value: str | None, base: str | None) -> Verdict:
     if metric in TRUTHS:
         margin = TRUTH_MARGIN * (1 + abs(b))
         return verdict("fail" if abs(x - b) > margin else "ok", value, f"{b:.12g} +- {margin:.1g}", base)
-    # an error; `scatter` widens the limits for integrators whose figures vary more
+    # the figure is an error: smaller is better. `scatter` widens the limits for integrators whose figures vary more
     rule, scatter = RULES[metric], SCATTERING.get(str(key[KEY.index("integrator")]), 1.0)
     factor, flattering = max(rule.factor, scatter), FLATTERING * scatter
     if x < b / flattering and b > flattering * rule.floor:  # a faulty metric may be the cause
         return verdict("fail", f"{x:.3g}", f"at least {b / flattering:.3g} without a reason", f"{b:.3g}")
-    limit = max(factor * b, rule.floor)
+    limit = max(factor * b, rule.floor)  # below the floor, figures differ between machines
     outcome = "fail" if not x <= limit else "better" if x < b / factor and b > rule.floor else "ok"
     return verdict(outcome, f"{x:.3g}", f"{limit:.3g}", f"{b:.3g}")
 
@@ -192,7 +195,7 @@ def read_baseline(path: Path) -> pd.DataFrame:
     """Return the figures of a baseline, as `accept` wrote them: one row for each case and metric.
 
     Raises:
-        TableError: the file is damaged, or its format is later than the known ones.
+        TableError: the file is damaged, or has a newer format than this version can read.
     """
     return pd.DataFrame(read_file("baseline", path), columns=[*FIGURE, "value", "accepted"]).astype({"step": float, "t_end": float})
 
@@ -200,27 +203,28 @@ def read_baseline(path: Path) -> pd.DataFrame:
 def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[str]]:
     """Write a new baseline, in which every figure that changed beyond its limits has today's date and the reason.
 
-    A failed case is accepted only if the old baseline has the same failure, or if there is no old baseline; else it keeps its old
-    figures. A case whose process failed is never accepted. Mechanisms and engines that were not measured keep their figures too.
+    A case whose run failed is accepted only if the old baseline has the same failure, or if there is no old baseline; else the new
+    baseline keeps the old figures of the case. If the process of a case crashed, was stopped or did not end its run, the case is
+    never accepted. The new baseline also keeps the old figures of mechanisms and engines that were not measured.
 
     Returns:
-        The number of figures that changed, and a sentence for every case that was not accepted.
+        The number of figures that changed, and a sentence for every case whose new figures were not accepted.
     """
     stamp = f"{datetime.now(UTC):%Y-%m-%d} {reason}"
-    before, found = by_key(read_baseline(path)) if path.exists() else {}, by_key(figures)
+    old_rows, rows_by_key = by_key(read_baseline(path)) if path.exists() else {}, by_key(figures)
     refused: dict[Key, str] = {}  # key of a case -> sentence
-    for key, row in found.items():
-        known = [*ENDED, "skip", before[key]["value"] if key in before else ""]
-        if key[-1] == "status" and (row["value"] in BROKEN or (before and row["value"] not in known)):
+    for key, row in rows_by_key.items():
+        known = [*ENDED, "skip", old_rows[key]["value"] if key in old_rows else ""]
+        if key[-1] == "status" and (row["value"] in BROKEN or (old_rows and row["value"] not in known)):
             refused[key[:-1]] = f"{' '.join(map(str, key[:-1]))}: {row['value']}: {row.get('message', '')}"
-    measured = {(key[0], key[2]) for key in found}
-    rows = [row for key, row in before.items() if key[:-1] in refused or (key[0], key[2]) not in measured]
+    measured = {(key[0], key[2]) for key in rows_by_key}
+    rows = [row for key, row in old_rows.items() if key[:-1] in refused or (key[0], key[2]) not in measured]
     changed = 0
-    for key, row in found.items():
+    for key, row in rows_by_key.items():
         if key[:-1] in refused:
             continue
-        same = key in before and judge_figure(key, str(row["value"]), str(before[key]["value"])).outcome == "ok"
-        rows.append(before[key] if same else row | {"accepted": stamp})
+        same = key in old_rows and judge_figure(key, str(row["value"]), str(old_rows[key]["value"])).outcome == "ok"
+        rows.append(old_rows[key] if same else row | {"accepted": stamp})
         changed += not same
     ordered = in_order(rows, [*FIGURE, "value", "accepted"]).to_dict("records")
     table = TABLES["baseline"]
@@ -230,7 +234,7 @@ def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[st
 
 
 def known_cases(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
-    """Return the cases whose figures a baseline has, and the cases of its engines that cannot be used on this machine.
+    """Return those cases whose figures a baseline has, and one case for each of its engines that cannot be used here.
 
     An engine that cannot be used has one case without integrator, which is not in the baseline. This case is kept if the baseline
     has another case of the same linkage and engine: the check must then fail, because figures of the baseline are missing.
@@ -239,7 +243,7 @@ def known_cases(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
     pairs = {(row[0], row[2]) for row in known}  # linkage and engine
 
     def is_kept(case: Case) -> bool:
-        """Tell whether the baseline has the case, or the case's linkage and engine while the engine cannot be used here."""
+        """Tell whether the baseline has this case or, if the engine cannot be used here, any case of this linkage and engine."""
         mechanism = load(case.linkage, case.scenario or None)
         key = (mechanism.name, mechanism.scenario, *astuple(case)[2:])  # in the order of the columns KEY
         return key in known or ((mechanism.name, case.engine) in pairs and not offer(case.engine).usable)
@@ -248,7 +252,7 @@ def known_cases(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
 
 
 def restrict(baseline: pd.DataFrame, mechanisms: set[str], engines: set[str]) -> pd.DataFrame:
-    """Return the figures of a baseline that belong to these mechanisms and engines, or to the references of the mechanisms."""
+    """Return those figures of a baseline that belong to the given mechanisms and engines, or to references of these mechanisms."""
     inside = baseline["mechanism"].isin(list(mechanisms)) & baseline["engine"].isin([*engines, "reference"])
     return baseline[inside].reset_index(drop=True)
 

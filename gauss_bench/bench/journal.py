@@ -1,8 +1,9 @@
-"""The journal of finished tasks, by which a killed run is resumed.
+"""The journal: a file of the finished tasks of a run, by which a killed run is resumed.
 
-Each finished task is one line of a file, appended and synced to disk. A line ends with the checksum of its content. It is used only
-if the checksum agrees and the code, the linkage and the libraries are still the same. An incomplete last line is cut off before the
-next line is written. A damaged line stays in the file: a warning on stderr reports it, and its task is run again.
+Each finished task is one line of the file, appended and synced to disk. A line ends with the checksum of its content. A line is
+used only if its checksum agrees, and if the code, the linkage and the libraries are still those with which the task was run. An
+incomplete last line is cut off before the next line is written. A damaged line stays in the file: a warning on stderr reports it,
+and its task is run again.
 """
 
 import fcntl
@@ -35,13 +36,13 @@ SUM, DIGITS = b', "sum": "', 16  # text before the checksum of a line, and digit
 
 
 def line_of(entry: dict[str, Any]) -> bytes:
-    """Return an entry as a line of the journal: JSON whose last key is the checksum of the other keys."""
+    """Return an entry (the data of one task) as a line of the journal: JSON whose last key is the checksum of the other keys."""
     return _add_checksum(json.dumps(entry).encode())
 
 
 def entry_of(line: bytes) -> dict[str, Any] | None:
-    """Return the entry of a line, or None if the checksum does not agree."""
-    content = line.rpartition(SUM)[0] + b"}"
+    """Return the entry (the data of one task) that a line of the journal holds, or None if the checksum does not agree."""
+    content = line.rpartition(SUM)[0] + b"}"  # the JSON text without its last key, the checksum
     if line != _add_checksum(content):
         return None
     entry: dict[str, Any] = json.loads(content)
@@ -54,15 +55,15 @@ def _add_checksum(content: bytes) -> bytes:
 
 
 class Journal:
-    """The finished tasks in one file, which is locked while the journal is open.
+    """The journal of finished tasks: a file, which is locked while the journal is open.
 
     Raises:
-        Busy: another run writes to it.
-        OSError: the folder cannot be written, or the disk is full; earlier lines stay.
+        Busy: another run writes to the file.
+        OSError: the folder cannot be written, or the disk is full; the lines that the file has already stay.
     """
 
     def __init__(self, path: Path):
-        """Set the file of the journal, which is not opened yet."""
+        """Set the path of the journal's file; the file is not opened yet."""
         self.path = path
         self.entries: dict[str, dict[str, Any]] = {}
 
@@ -97,7 +98,10 @@ class Journal:
             print(harmless(warning), file=sys.stderr)
 
     def find(self, key: str, *stamps: str) -> dict[str, Any] | None:
-        """Return table -> rows of a task if the journal holds them under one of the stamps, else None."""
+        """Return the rows of a task (table -> rows) if the journal has the task with one of the given stamps, else None.
+
+        A stamp is a digest of the code and data on which the rows depend; `key` identifies the task.
+        """
         entry = self.entries.get(key)
         return entry["tables"] if entry and entry["stamp"] in stamps else None
 

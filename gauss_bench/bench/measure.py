@@ -61,7 +61,7 @@ def reference_of(linkage: str, scenario: str, t_end: float, store: str) -> Refer
 def truth_of(linkage: str, scenario: str, t_end: float, store: str) -> Reference | str:
     """Return the reference as `reference_of` does, or the reason why there is none.
 
-    The reason is cached like a reference, because it takes long to find out that there is none.
+    If no reference can be computed, the reason is cached too, because it takes long to find this out.
     """
     try:
         return reference_of(linkage, scenario, t_end, store)
@@ -70,11 +70,11 @@ def truth_of(linkage: str, scenario: str, t_end: float, store: str) -> Reference
 
 
 class Measurement(NamedTuple):
-    """The measurement of a case.
+    """What was measured in a case: a linkage with a scenario, an engine, a setting and a step.
 
     Attributes:
-        row: its row in the table of results, without the columns of its key.
-        series, poses: curves and poses for the report, one row for each time.
+        row: the case's row in the table of results, without the columns that identify the case.
+        series, poses: rows of the report's curves and of the poses that the report plays, one row for each time.
     """
 
     row: dict[str, Any]
@@ -85,19 +85,23 @@ class Measurement(NamedTuple):
 def measure(
     case: Case, store: str, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT, posed: bool = False
 ) -> Measurement:
-    """Run a case and judge the run.
+    """Run a case, judge the run, and return the case's row of results, its curves and its poses.
+
+    To estimate its errors, the run is repeated at half the step, or with a tighter tolerance. It is not repeated if an accurate
+    reference decides and if its velocities and accelerations are derivatives of its positions.
 
     Args:
-        store: the folder of the references.
-        alter: plants a fault in the mechanism that the engine is given; the run is judged by the unaltered mechanism.
-        limit: [s] after which an engine in a process of its own is stopped.
-        posed: whether poses are computed; they need a reference and a run that ended.
+        store: the folder where references are stored.
+        alter: function that plants a fault in the mechanism that the engine is given, for tests of the judgement; the run is judged
+            by the unaltered mechanism.
+        limit: [s] after which an engine that runs in a process of its own is stopped.
+        posed: whether poses are computed; they need a reference and a run that reached its end.
     """
     mechanism, offered = mechanism_of(case.linkage, case.scenario), offer(case.engine)
     row: dict[str, Any] = {"control": case.engine in CONTROLS, "in_python": in_python(case.engine, mechanism, case.choice)}
 
     def fail(status: Status, message: str) -> Measurement:
-        """Return the measurement of a case that has no figures."""
+        """Return the result of a case for which no numbers could be measured."""
         return Measurement(row | {"status": str(status), "message": message}, [], [])
 
     if not offered.usable:
@@ -113,19 +117,21 @@ def measure(
     if run.trajectory is None:
         return fail(run.status, run.message)
     truth = truth_of(case.linkage, case.scenario, case.t_end, store)
-    reference, unknown = (None, f"no truth to compare with: {truth}") if isinstance(truth, str) else (truth, "")
+    reference, why_no_reference = (None, f"no truth to compare with: {truth}") if isinstance(truth, str) else (truth, "")
     try:
-        finer, untried = None, ""
+        finer_run, why_no_repetition = None, ""
         if not (reference and decides(reference, mechanism) and has_sound_rates(mechanism, run.trajectory)):
-            finer, untried = repeat_run(request, offered, run, mechanism, limit)
-        known, adaptive = row.get("acceleration_error_median"), case.integrator in offered.adaptive
-        evidence, undecided = evidence_of(mechanism, case.choice, run.trajectory, reference, finer, known, adaptive, untried)
+            finer_run, why_no_repetition = repeat_run(request, offered, run, mechanism, limit)
+        acceleration_error, adaptive = row.get("acceleration_error_median"), case.integrator in offered.adaptive
+        evidence, undecided = evidence_of(
+            mechanism, case.choice, run.trajectory, reference, finer_run, acceleration_error, adaptive, why_no_repetition
+        )
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         return fail(Status.ERROR, f"the run cannot be judged: {error}")
     verdict = judge(evidence)
     status = Status.OK if verdict.valid else Status.INVALID
     row |= {"status": str(status), "message": verdict.sentence, "valid": verdict.valid, "flag": verdict.sentence}
-    row["note"] = "; ".join(filter(None, (run.message, unknown, untried, undecided, remark(evidence))))
+    row["note"] = "; ".join(filter(None, (run.message, why_no_reference, why_no_repetition, undecided, remark(evidence))))
     row |= {"steps": run.trajectory.steps, "evaluations": run.trajectory.evaluations}
     row |= figures(mechanism, run.trajectory, evidence)
     shown = poses(mechanism, run.trajectory, reference) if posed and reference is not None else []
@@ -135,7 +141,8 @@ def measure(
 def repeat_run(request: Request, offered: Offer, run: Run, mechanism: Mechanism, limit: float) -> tuple[Run | None, str]:
     """Return a finer repetition of a run and an empty text, or None and the reason why there is no repetition.
 
-    The run and its repetition may take `limit` [s] together; the repetition may take half of the rest.
+    The run and its repetition together may take `limit` [s]. The repetition may take half of the time that the run has left of this
+    limit.
     """
     assert run.trajectory is not None
     times, spent = run.trajectory.t, run.seconds + run.build_time
@@ -149,7 +156,7 @@ def repeat_run(request: Request, offered: Offer, run: Run, mechanism: Mechanism,
 def acceleration_errors(given: object, states: TrueStates) -> dict[str, float]:
     """Return the columns of median and largest relative error of an engine's accelerations at states with known accelerations.
 
-    They are NaN if `given` is not an array of their shape.
+    Both errors are NaN if `given` is not an array of accelerations of the expected shape.
     """
     error = np.full(1, np.nan)
     with suppress(TypeError, ValueError):  # an engine may return anything
@@ -160,7 +167,7 @@ def acceleration_errors(given: object, states: TrueStates) -> dict[str, float]:
 
 
 def figures(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) -> dict[str, Any]:
-    """Return the columns of drift, energy and errors, which are maxima over the trajectory."""
+    """Return the columns of drift, energy and errors of a case's row; each value is the largest over the trajectory."""
     drift, errors = evidence.drift, evidence.errors
     row: dict[str, Any] = {
         "position_drift": float(drift.position.max()),
@@ -184,7 +191,7 @@ def figures(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) ->
 
 
 def at_checkpoints(name: str, t: Array, values: Array) -> dict[str, float]:
-    """Return the columns of a quantity at the checkpoints, the times [s] for which tables have a column: NAME_t05 for 0.5 s.
+    """Return the columns of a quantity at the checkpoints, the times [s] at which tables quote it: column NAME_t05 for 0.5 s.
 
     Args:
         name: of the quantity.
@@ -199,7 +206,7 @@ def at_checkpoints(name: str, t: Array, values: Array) -> dict[str, float]:
 
 
 def curves(trajectory: Trajectory, evidence: Evidence) -> list[dict[str, float]]:
-    """Return rows of error, drift and energy over time; none without a reference."""
+    """Return table rows of error, drift and energy error as functions of time, or no rows if there is no reference."""
     drift, errors = evidence.drift, evidence.errors
     if errors is None:
         return []

@@ -4,8 +4,9 @@ A run's pose at a time is the sum
 
     q = reference + ahead + gap,    reference + ahead: the pose nearest to q whose loops are closed
 
-Here `ahead` is a motion of the linkage, and `gap` the distance of links from their places in closed loops. A player that magnifies
-the deviation moves the linkage by `ahead` and separates links by `gap`. If it magnified the sum, a run that is only late would be
+Here `ahead` is a motion of the linkage with closed loops, and `gap` is the distance of the links from their places in closed loops.
+The report's player draws a magnified deviation of a run from the reference. It multiplies the two parts separately: it moves the
+linkage along its motion for `ahead`, and shifts single links by `gap`. If it magnified the sum, a run that is only late would be
 drawn with open loops, because links move along arcs.
 
 `ahead` and `gap` are stored separately, so that a gap of 1e-12 m is not lost beside a delay of a centimetre.
@@ -37,7 +38,7 @@ AXES = ("x", "y", "angle")
 def choose_played(cases: Sequence[Case]) -> frozenset[Case]:
     """Return the cases whose motion the report's player shows.
 
-    This is, for each linkage, engine and setting, the case with the step nearest to STEP. Engines with a planted fault (CONTROLS)
+    For each linkage, engine and setting, the case whose step is nearest to STEP is shown. Engines with a planted fault (CONTROLS)
     are left out.
     """
     nearest: dict[Case, Case] = {}  # the case with STEP in place of its own step -> the case that is played
@@ -48,7 +49,7 @@ def choose_played(cases: Sequence[Case]) -> frozenset[Case]:
 
 
 def frames(truth: Reference) -> Array:
-    """Return the times (k,) [s] at which poses are kept."""
+    """Return the times (k,) [s] of the frames, at which poses of a run are kept."""
     return truth.t[:: max(1, len(truth.t) // FRAMES)]
 
 
@@ -60,7 +61,10 @@ def wrap(q: Array) -> Array:
 
 
 def true_poses(mechanism: Mechanism, truth: Reference) -> Rows:
-    """Return one row for the reference pose of each link at each frame."""
+    """Return one row (link, time, pose) for each link at each frame (time of the animation), from the reference motion.
+
+    Angles are wrapped to [-pi, pi). The key "" of the poses stands for columns without a suffix.
+    """
     times = frames(truth)
     at = common_times(truth.t, times)[0]
     return [row for t, q in zip(times, truth.q[at], strict=True) for row in _rows(mechanism, float(t), {"": wrap(q)})]
@@ -98,8 +102,8 @@ def keep(results: Rows, poses: Rows) -> Rows:
     """Return, for each linkage and engine, the poses of its default case and of its most accurate valid case.
 
     Args:
-        results: rows of the cases.
-        poses: rows of their poses.
+        results: table rows with the results of the cases.
+        poses: table rows with the poses of the links in these cases.
     """
     posed = {_key(row) for row in poses}
     shown: set[tuple[Any, ...]] = set()

@@ -1,11 +1,11 @@
 """Linkages on which an engine's accelerations are compared with the suite's own: unchanged, and with changed numbers.
 
-Every number of `suites/linkages/probe.toml` affects the accelerations. Therefore an engine that leaves out, scales or hard-codes
-one of them has wrong accelerations on a linkage in which this number is changed. The engine and the suite's own terms are given the
-same changed linkage.
+A probe is such a linkage at some states of motion. Every number of the linkage file `suites/linkages/probe.toml` affects the
+accelerations. Therefore an engine that leaves out, scales or hard-codes one of these numbers has wrong accelerations on a linkage
+in which that number is changed. The engine and the suite's own equations are given the same changed linkage.
 
-Let the columns of N (n, dof) be a basis of the velocities that the constraints allow: J N = 0. Constraint forces do no work along
-N. Therefore the accelerations a obey, whatever the constraint forces are,
+Let the columns of N (n, dof) be a basis of the velocities that the constraints allow: J N = 0. Constraint forces do no work in
+these motions. Therefore the accelerations a obey, whatever the constraint forces are,
 
     N^T (M a - Q) = 0
 
@@ -67,9 +67,10 @@ class Probe:
         return _share(np.abs(a - self.a).max(axis=1), np.abs(self.a).max(axis=1))
 
     def residual_along_free(self, a: Array) -> float:
-        """Return the largest residual N^T (M a - Q) of the equations of motion, relative to N^T Q.
+        """Return the largest component of N^T (M a - Q), the error of the equations of motion, relative to that of N^T Q.
 
-        N is a basis of the free directions, J N = 0. The result is 0 without degrees of freedom.
+        The columns of N are a basis of the velocities that the constraints allow, J N = 0. The result is 0 if the linkage has no
+        degrees of freedom.
 
         Args:
             a: accelerations (k, n).
@@ -84,21 +85,24 @@ class Probe:
         return _share(np.array(left), np.array(loads))
 
     def share_of_gamma(self, a: Array) -> float:
-        """Estimate which share of the velocity term each row of J a contains; return the smallest of all rows.
+        """Estimate, for each row of J a, which share of the velocity term -dJ/dt v the engine used; return the smallest share.
 
         Exact accelerations obey J a = gamma, where gamma = -dJ/dt v (plus drivers' terms) depends on velocities. An engine may
-        leave its velocity term out, in whole or in part. Each row of J is fitted, over all k states, by
+        leave its velocity term out, in whole or in part: the share is 1 for all of it, and 0 for none. The share is found by a fit.
+        Each row of J a, as a function of the k states, is fitted by the sum
 
             J a = gamma + (c - 1) g + r f
 
-        Here c is the share, g the velocity term, f the constraint force that the accelerations need, and r a compliance. c and r
-        follow by least squares. A row that gives way in proportion to its force has c = 1; a row without its velocity term has
-        c = 0. g depends on the coordinates of an engine: it is gamma in absolute coordinates, and gamma - J a0 in coordinates of
-        a joint tree, where a0 are the accelerations of the links while the joints of the tree keep their rates. The g that explains
-        the row best is taken.
+        Here c is the share, g is the engine's velocity term, f is the constraint force that the accelerations need, and r is a
+        compliance. The numbers c and r of a row follow by least squares. If the constraint of the row is a spring, J a differs from
+        gamma in proportion to the force, and c is 1. If the engine leaves the velocity term of the row out, c is 0.
 
-        The result is 1 if no row can be judged: rows without velocity terms and rows without forces (springs may close a loop) are
-        left out, and the forces of redundant rows are not determined.
+        The velocity term g depends on the coordinates of an engine. It is gamma in absolute coordinates. It is gamma - J a0 in the
+        joint coordinates of a spanning tree, where a0 are the accelerations of the links while all joint rates of the tree are
+        constant. For each row, that candidate of g is used with which the fit has the smallest residual.
+
+        Rows without a velocity term and rows without a force (springs may close a loop) are left out. The result is 1 if no row is
+        left, or if the linkage has redundant rows, whose forces are not determined.
 
         Args:
             a: accelerations (k, n).
@@ -120,15 +124,18 @@ class Probe:
 
 
 def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
-    """Return the least share c of the velocity term in the rows of J a; 1 if no row can be judged.
+    """Return the smallest share c of the velocity term in a row of J a (1: all of it, 0: none); 1 if no row can be judged.
 
-    Each row is fitted by J a - gamma = (c - 1) g + r f, for each candidate of g; the c of the candidate with the best fit counts.
+    For each candidate of the velocity term g, each row is fitted by J a - gamma = (c - 1) g + r f, with the constraint force f and
+    a compliance r. Of each row, the c of the candidate with the smallest residual is used.
 
     Args:
-        extra, forces: J a - gamma and the constraint forces f, (k, m) each: of each row at each state.
-        velocities: candidates of the velocity term g (k, 3, m); the first is gamma.
+        extra, forces: J a - gamma and the constraint forces f, (k, m) each: a number for each of m constraint rows at each of k
+            states.
+        velocities: three candidates of the velocity term g, (k, 3, m); the first is gamma.
     """
     largest = np.abs(velocities[:, 0]).max(initial=0.0)
+    # rows with a force: where the force is rounding, nothing holds the row
     held = np.abs(forces).max(axis=0) > RESTING * np.abs(forces).max(initial=0.0)  # (m,)
     shares = []
     for row in np.flatnonzero(held):
@@ -136,26 +143,29 @@ def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
         for g in velocities[:, :, row].T:
             if np.abs(g).max() > FLOOR * largest:
                 columns = np.column_stack([g, forces[:, row]])
-                factors = np.linalg.lstsq(columns, extra[:, row], rcond=None)[0]
-                fits.append((round(float(np.abs(extra[:, row] - columns @ factors).max()), 12), float(factors[0])))
+                c_minus_1_and_r = np.linalg.lstsq(columns, extra[:, row], rcond=None)[0]
+                fits.append((round(float(np.abs(extra[:, row] - columns @ c_minus_1_and_r).max()), 12), float(c_minus_1_and_r[0])))
         if fits:
             shares.append(1.0 + min(fits)[1])
     return float(min(shares, default=1.0))
 
 
 def _share(errors: Array, sizes: Array) -> float:
-    """Return the largest error (k,) relative to its size (k,) or to FLOOR times the largest size; infinite if an error is NaN."""
-    floored = np.maximum(sizes, FLOOR * sizes.max(initial=0.0))
-    share = np.divide(errors, floored, out=np.zeros_like(errors), where=floored > 0)
-    return float(share.max(initial=0.0)) if np.isfinite(errors).all() else float("inf")
+    """Return the largest relative error: max(errors / sizes), where sizes below FLOOR times the largest size are raised to it.
+
+    `errors` and `sizes` (k,) belong to k states. The result is infinite if an error is NaN. If all sizes are 0, it is the
+    largest error itself, so that rounding passes and a wrong term does not.
+    """
+    floored = np.maximum(sizes, FLOOR * sizes.max(initial=0.0)) if sizes.any() else np.ones_like(sizes)
+    return float((errors / floored).max(initial=0.0)) if np.isfinite(errors).all() else float("inf")
 
 
 @lru_cache(maxsize=256)
 def probe(linkage: str, scenario: str, change: str = AS_IT_IS, forces: tuple[str, ...] | None = None) -> Probe:
-    """Return a linkage with one of its `changes`, at states of its motion.
+    """Return a linkage with one of the modifications that `changes` lists, at random states, with the exact accelerations there.
 
     Args:
-        forces: names of the only forces that act; those of the scenario if not given.
+        forces: names of the only forces that act; if not given, all forces of the scenario act.
     """
     document, digest, path = document_of(linkage)
     changed = scale(document, changes(linkage, scenario)[change])
@@ -189,7 +199,8 @@ def moving_states(mechanism: Mechanism, motion: AbsoluteCoordinates) -> tuple[Ar
 def changes(linkage: str, scenario: str) -> Mapping[str, Mapping[Path, float]]:
     """Return the changes of a linkage by name, each as a map: path of a number -> factor by which it is multiplied.
 
-    There is one without a change, one of all numbers, one of all numbers of each kind, and one of each number alone.
+    The first change is none. The second one changes all numbers. Then one change for each kind changes all numbers of this kind
+    (all masses), and one change for each number changes it alone.
     """
     document, _, _ = document_of(linkage)
     every = [(path, *FACTORS[_kind(path)]) for path in numbers(document, scenario)]
@@ -203,7 +214,10 @@ def changes(linkage: str, scenario: str) -> Mapping[str, Mapping[Path, float]]:
 
 
 def numbers(document: dict[str, Any], scenario: str) -> Iterator[Path]:
-    """Yield the paths of all numbers except 0 that a scenario's motion depends on, without those of its start and its laws."""
+    """Yield the paths of all numbers other than 0 in a linkage file on which the motion of a scenario depends.
+
+    The numbers of the scenario's start and of its motion laws are left out.
+    """
     for key in ("gravity", "ground", "links", "joints"):
         yield from _numbers(document.get(key), (key,))
     for name in document["scenarios"][scenario].get("forces", ()):
@@ -211,7 +225,7 @@ def numbers(document: dict[str, Any], scenario: str) -> Iterator[Path]:
 
 
 def _numbers(item: Any, path: Path) -> Iterator[Path]:
-    """Yield the paths of all numbers except 0 in a part of a document; `path` is that of the part."""
+    """Yield the paths of all numbers other than 0 in a part of a document; `path` is the path of this part."""
     if isinstance(item, (dict, list)):
         for key, value in item.items() if isinstance(item, dict) else enumerate(item):
             yield from _numbers(value, (*path, key))
@@ -230,7 +244,7 @@ def _kind(path: Path) -> str:
 def scale(item: Any, factors: Mapping[Path, float], path: Path = ()) -> Any:
     """Return a copy of a part of a document in which the numbers at some paths are multiplied by factors.
 
-    `path` is that of the part, and `factors` maps the path of a number to its factor.
+    `path` is the path of this part in the document, and `factors` maps the path of a number to its factor.
     """
     if isinstance(item, dict):
         return {key: scale(x, factors, (*path, key)) for key, x in item.items()}

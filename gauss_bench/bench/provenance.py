@@ -33,7 +33,10 @@ def package_versions() -> dict[str, str]:
 
 
 def check_publishable(folder: Path) -> None:
-    """Check that the run in a folder can be traced: its commit is known, its code unchanged, and the processor of its times named.
+    """Check that the origin of the run in a folder is known, so that the run may be published.
+
+    The commit must be known, the code must have had no uncommitted changes, and the processor on which the times were measured must
+    be recorded.
 
     Raises:
         TableError: the run may not be published.

@@ -1,4 +1,6 @@
-"""Run a suite: tasks without times in parallel, then timing tasks one by one, then the tables. A killed run can be resumed.
+"""Run a suite: tasks that measure no times in parallel, then timing tasks one by one, then write the tables.
+
+A killed run can be resumed.
 
 A measurement is a file in `measurements`. It may have these functions:
 
@@ -48,14 +50,14 @@ def modules() -> list[ModuleType]:
     return [import_module(f"{measurements.__name__}.{name}") for name in names]
 
 
-def list_tasks(stage: str, *arguments: Any) -> list[Task]:
-    """Call the function `stage` of every measurement that has this function, and return the tasks of all.
+def list_tasks(function_name: str, *arguments: Any) -> list[Task]:
+    """Call a function of every measurement module that defines it, and return all tasks together.
 
     Args:
-        stage: "exact_tasks", "timing_tasks" or "second_timing_tasks".
-        arguments: those of the function.
+        function_name: "exact_tasks", "timing_tasks" or "second_timing_tasks".
+        arguments: passed on to that function.
     """
-    return [task for module in modules() if hasattr(module, stage) for task in getattr(module, stage)(*arguments)]
+    return [task for module in modules() if hasattr(module, function_name) for task in getattr(module, function_name)(*arguments)]
 
 
 def run(
@@ -107,12 +109,14 @@ def complete_rows(suite: Suite, tables: Tables) -> None:
 def measure_all(
     cases: Sequence[Case], folder: Path, jobs: int = 2, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the rows of accuracy cases and of their references, without costs and without a journal.
+    """Run accuracy cases and return two tables: the result rows of the cases, and the rows of the references used.
+
+    No times are measured, and no journal of finished tasks is kept.
 
     Args:
         folder: where the references are kept; nothing else is written.
         jobs: number of cases that run side by side.
-        alter: plants a fault in the mechanism that engines are given.
+        alter: function that plants a fault in the mechanism that engines are given; the default changes nothing.
         limit: the longest time [s] of one case.
     """
     context = Context(str(folder / ".run" / "references"), "", alter, limit=limit)
@@ -142,10 +146,10 @@ def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:
 
 
 def _describe_engine(offer: Offer) -> dict[str, Any]:
-    """Return version and settings of an engine and, if it has them, two more keys.
+    """Return version and settings of an engine and, if they apply to it, the two keys "soft" and "environment".
 
-    "soft" holds the causes why settings close loops only approximately; "environment" is the Python of the engine's own
-    environment.
+    "soft" maps a setting that closes loops only approximately to the cause. "environment" is the version of Python in the engine's
+    own environment.
     """
     soft = {label: cause for label, cause in offer.soft.items() if label in offer.settings}
     described: dict[str, Any] = {"version": offer.version, "settings": offer.settings}

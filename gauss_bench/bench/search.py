@@ -1,17 +1,21 @@
 """Find the cheapest of an engine's variants that meets a requirement, by fixed rules.
 
-First, each variant is evaluated at sizes from coarse to fine. A size is a step, or a tolerance if the integrator chooses its own
-steps. An evaluation is a whole run and its largest errors. Errors do not depend on measured times: in every search the same sizes
-meet a requirement. The search tries a coarse selection of the sizes, the rungs of a ladder, until each requirement is met or cannot
-be met. Then it halves the gap between the coarsest size that meets a requirement and the next coarser one, until no size is left
-between them. `budget` limits the evaluations of one variant.
+A variant is an engine with options, an integrator and a stabilisation. A size is a step, or a tolerance if the integrator chooses
+its own steps. A setting is a variant with a size.
 
-Second, the variants that meet the requirement are timed in a race. A setting is left out if its estimated cost, the time of a step
-times the number of steps, is more than NEAR times the least. All other settings run in the first process of the race. Those whose
-time in it is at most CLOSE times the least run in further processes too. A setting ties with the fastest if it takes no longer in
-at least a quarter of the processes: then the lower quartile of the ratios of their times is 1 or less. If the whole range of ratios
-counted, a setting that takes a tenth longer would tie too. The winner is, of those that tie, the first in the engine's file. A
-repeated search therefore names the same winner or another one that tied.
+In the first phase, each variant is evaluated at sizes from coarse to fine. An evaluation is a whole run and its largest errors.
+These errors do not depend on measured times, so that a repeated search finds the same sizes that meet a requirement. The search
+first tries a coarse sequence of sizes, called the ladder (each size of it is a rung), until each requirement is met or it is clear
+that it cannot be met. Then the search halves the interval between the coarsest size that meets a requirement and the next coarser
+size tried, until no size is left between the two. `budget` limits the number of evaluations of one variant.
+
+In the second phase, the settings that meet the requirement are timed against each other in a race. A setting is left out if its
+estimated cost, the time of a step times the number of steps, is more than NEAR times the least. All other settings are timed in the
+first process of the race. Settings whose time in that process is at most CLOSE times the least are timed in further processes too.
+A setting ties with the fastest one if, in at least a quarter of the processes, its time is not longer than that of the fastest:
+then the lower quartile of the ratios of their times is 1 or less. If the whole range of these ratios were used instead of the
+quartile, a setting that takes a tenth more time would also tie. If several settings tie, the winner is the one that comes first in
+the engine's file. A repeated search therefore names the same winner or another setting that tied.
 """
 
 import math
@@ -46,7 +50,7 @@ K = TypeVar("K", bound=Hashable)
 
 @dataclass(frozen=True)
 class Scale:
-    """The sizes that may be tried, from coarse to fine, and the indices `rungs` of the sizes that the ladder tries."""
+    """The sizes (steps or tolerances) that may be tried, from coarse to fine, and the indices `rungs` of those tried first."""
 
     sizes: tuple[float, ...]
     rungs: tuple[int, ...]
@@ -55,14 +59,15 @@ class Scale:
 def equal_steps(until: float, beats: int, most: int) -> Scale:
     """Return steps [s] that divide a run into COARSEST to `most` equal parts, PER_OCTAVE sizes for each factor of two.
 
-    The errors of a run are taken at sample times, which must be ends of steps. There are `beats` of them at equal distances. If the
-    steps had to end at all of them, there would be no coarse steps. The number of steps is therefore rounded to a multiple of
+    The errors of a run are taken at sample times, which must be ends of steps. There are `beats` sample times at equal distances.
+    If a step had to end at every sample time, there would be no coarse steps. A run with few steps is therefore compared at fewer
+    sample times: its number of steps is rounded to a multiple of
 
-        5        below FIFTHS steps: the errors are taken at five times
-        10       below 5 `beats` steps: at ten times
-        `beats`  with more steps: at all times
+        5:        for fewer than FIFTHS steps; errors are taken at five sample times
+        10:       for fewer than 5 `beats` steps; errors are taken at ten sample times
+        `beats`:  for more steps; errors are taken at all sample times
 
-    The rungs are one size for each factor of two, and the finest.
+    The sizes to be tried first (`rungs`) are one for each factor of two, and the finest.
 
     Args:
         until: end of the run [s].
@@ -91,7 +96,7 @@ def no_coarser(scale: Scale, size: float) -> Scale:
 def tolerances(largest: int = 2, smallest: int = 13) -> Scale:
     """Return tolerances from 10^-`largest` to 10^-`smallest`, with factors of 10^(1/2) between them.
 
-    The rungs, which a search tries first, are the whole powers of ten.
+    The field `rungs` of the result has the indices of the whole powers of ten, which a search tries first.
     """
     exponents = range(2 * largest, 2 * smallest + 1)
     return Scale(tuple(10.0 ** (-k / 2) for k in exponents), tuple(range(0, len(exponents), 2)))
@@ -100,12 +105,13 @@ def tolerances(largest: int = 2, smallest: int = 13) -> Scale:
 def explore(
     evaluate: Callable[[float], Trial], scale: Scale, wanted: Sequence[Requirement], budget: int, most: int = 0
 ) -> tuple[list[Trial], str]:
-    """Return the trials of one variant, from coarse to fine, and the reason why the ladder ended.
+    """Return the trials (runs and their errors) of one variant, from coarse to fine, and the reason why no finer one was tried.
 
     Args:
-        evaluate: returns the trial at a size.
+        evaluate: function that returns the trial at a given size (step or tolerance).
+        scale: the sizes, and those to be tried first.
         wanted: the requirements.
-        budget: most trials.
+        budget: largest number of trials.
         most: largest number of steps of a run; 0 if the integrator chooses its steps.
     """
     tried: dict[int, Trial] = {}  # index of a size -> its trial
@@ -118,18 +124,19 @@ def explore(
         if reason := why_ended([tried[x] for x in sorted(tried)], wanted, most):
             ended = reason
             break
+    # the budget that is left is used to find the coarsest size that meets each requirement
     while len(tried) < budget and (gaps := _halve_gaps(tried, wanted)):
         tried[gaps[0]] = evaluate(scale.sizes[gaps[0]])
     return [tried[k] for k in sorted(tried)], ended
 
 
 def _halve_gaps(tried: Mapping[int, Trial], wanted: Sequence[Requirement]) -> list[int]:
-    """Return, for each requirement, the index halfway between the coarsest size that meets it and the next coarser one tried.
+    """Return, for each requirement, the index halfway between the coarsest size that meets it and the next coarser size tried.
 
-    There is no index for a requirement that no size meets, nor for one with no untried size between those two.
+    There is no index for a requirement that no size meets, nor for one with no untried size between those two sizes.
 
     Args:
-        tried: index of a size -> its trial.
+        tried: index of a size -> the trial at this size.
         wanted: the requirements.
     """
     halves = []
@@ -142,19 +149,20 @@ def _halve_gaps(tried: Mapping[int, Trial], wanted: Sequence[Requirement]) -> li
 
 
 def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int = 0) -> str:
-    """Return why a ladder (trials at ever finer sizes) ends with its last trial, or an empty text if it goes on.
+    """Return why a search stops trying finer steps or tolerances after its last trial, or an empty text if it goes on.
 
     Args:
         trials: from coarse to fine.
         wanted: the requirements.
         most: largest number of steps; 0 if the integrator chooses its steps.
     """
-    last = trials[-1]
+    last = trials[-1]  # finer steps cannot help if its status is neither OK nor one of MENDABLE
     if last.status is not Status.OK and last.status not in MENDABLE:
         return last.message
     unmet = [w for w in wanted if not any(t.meets(w) for t in trials) and not _is_undetermined(trials, w)]
     if not unmet:
         return "every requirement is met"
+    # convergence can be judged only from several runs with equal steps that are not too few
     if not most or len(trials) <= STALLED or (trials[-STALLED].steps or 0) < SETTLED:
         return ""
     if all(_has_stalled([t.errors.get(kind, math.inf) for t in trials]) for kind in {w.kind for w in unmet}):
@@ -165,36 +173,39 @@ def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int 
 
 
 def _is_undetermined(trials: Sequence[Trial], wanted: Requirement) -> bool:
-    """Tell whether the required error is NaN in a trial, such as joint forces of redundant rows."""
+    """Tell whether the required kind of error is NaN in a trial, such as the error of joint forces of redundant rows."""
     return any(math.isnan(t.errors.get(wanted.kind, 0.0)) for t in trials)
 
 
 def _has_stalled(errors: Sequence[float]) -> bool:
-    """Tell whether the last STALLED errors are all larger than FALLS times the least one before."""
+    """Tell whether each of the last STALLED errors is larger than FALLS times the smallest error before them."""
     before, after = min(errors[:-STALLED], default=math.inf), min(errors[-STALLED:])
     return after > FALLS * before or (math.isinf(before) and math.isinf(after))
 
 
 def coarsest(trials: Sequence[Trial], wanted: Requirement) -> Trial | None:
-    """Return the trial of the largest size that meets a requirement, or None."""
+    """Return the trial with the largest step or tolerance that meets a requirement, or None if no trial meets the requirement."""
     return max((t for t in trials if t.meets(wanted)), key=lambda t: t.size, default=None)
 
 
 def nearest(trials: Sequence[Trial], kind: str) -> Trial | None:
-    """Return the trial with the least error of a kind, or None where no trial has that error."""
+    """Return the trial with the smallest error of a given kind, such as "position"; None if no trial has an error of this kind."""
     known = [t for t in trials if t.status is Status.OK and math.isfinite(t.errors.get(kind, math.nan))]
     return min(known, key=lambda t: t.errors[kind], default=None)
 
 
 def finalists(costs: Mapping[K, float]) -> list[K]:
-    """Return the settings that race, in the order given: at most FINALISTS, at estimated costs [s] within NEAR times the least."""
+    """Return the settings that are to be timed, in the order given: at most FINALISTS, and only those of low estimated cost.
+
+    `costs` maps a setting to its estimated cost [s], which may be at most NEAR times the least.
+    """
     chosen = sorted(costs, key=lambda k: costs[k])[:FINALISTS]
     least = min(costs.values(), default=math.inf)
     return [k for k in costs if k in chosen and costs[k] <= NEAR * least]
 
 
 def close(times: Mapping[K, float]) -> list[K]:
-    """Return the settings, in the order given, whose time [s] in the first process is within CLOSE times the least."""
+    """Return the settings, in the order given, whose time [s] in the first process is at most CLOSE times the least."""
     least = min(times.values(), default=math.inf)
     return [k for k, x in times.items() if x <= CLOSE * least]
 
@@ -212,12 +223,13 @@ def pick_winner(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
 
 
 def ties_with(samples: Array, fastest: Array) -> bool:
-    """Tell whether a setting ties with the fastest: it takes no longer in at least a quarter of the processes.
+    """Tell whether a setting ties with the fastest: in at least a quarter of the processes it takes no longer than the fastest.
 
-    If only one process ran both settings, it must take no longer in at least a share LUCK of the resamplings of the rounds.
+    If only one process timed both settings, bootstrap samples of its rounds are used instead of processes: the setting ties if it
+    takes no longer than the fastest in at least a share LUCK of them.
 
     Args:
-        samples, fastest: seconds of both, (processes, rounds) each.
+        samples, fastest: measured times [s] of the setting and of the fastest setting, (processes, rounds) each.
     """
     several = len(common(samples, fastest)[0]) > 1
     return bool(np.quantile(quotients(samples, fastest), 0.25 if several else LUCK) <= 1.0)

@@ -23,8 +23,8 @@ class Size:
     """A size on disk.
 
     Attributes:
-        megabytes: NaN if the size is not known.
-        of: what was measured, or why nothing was measured.
+        megabytes: the size on disk; NaN if it is not known.
+        of: a text that says what was measured, or why nothing was measured.
     """
 
     megabytes: float
@@ -49,18 +49,18 @@ def size_of(engine: str) -> Size:
 
 
 def size_of_folder(folder: Path) -> int:
-    """Return the bytes of the files below a folder, without caches of compiled Python; links are not followed."""
+    """Return the total size [bytes] of the files below a folder, without caches of compiled Python; links are not followed."""
     paths = [Path(place, file) for place, _, files in os.walk(folder) for file in files]
     return size_of_files(paths)
 
 
 def size_of_distribution(found: Distribution) -> int:
-    """Return the bytes of the files of an installed package, without caches of compiled Python."""
+    """Return the total size [bytes] of the files of an installed package, without caches of compiled Python."""
     return size_of_files([Path(str(x.locate())) for x in found.files or ()])
 
 
 def size_of_files(paths: Iterable[Path]) -> int:
-    """Return the bytes of files; links and caches of compiled Python do not count."""
+    """Return the total size [bytes] of files; symbolic links and caches of compiled Python are not counted."""
     return sum(path.stat().st_size for path in paths if CACHES not in path.parts and path.is_file() and not path.is_symlink())
 
 
@@ -75,7 +75,10 @@ def direct_requirements(engine: str) -> list[str]:
 
 
 def required_by(names: Iterable[str]) -> Iterator[Distribution]:
-    """Yield the installed packages of these names and all packages that they require, each once; those of extras are left out."""
+    """Yield the installed packages with these names and all packages that they require, each once.
+
+    Packages that only the extras of a package require are left out.
+    """
     waiting, seen = [*names], set()
     while waiting:
         name = waiting.pop()

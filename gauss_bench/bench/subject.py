@@ -34,8 +34,8 @@ class Check:
 
     Attributes:
         name: the rule that is checked.
-        passed: whether the engine keeps the rule; None if the check could not be made.
-        message: the measured value, the fault, or why the check could not be made.
+        passed: whether the engine keeps the rule; None if the rule could not be checked.
+        message: the measured value, the fault that was found, or the reason why the rule could not be checked.
     """
 
     name: str
@@ -44,12 +44,15 @@ class Check:
 
 
 def check_fault(name: str, fault: str) -> Check:
-    """Return a check that is passed if `fault` is an empty text."""
+    """Return a check that is passed if `fault` is an empty text, and otherwise failed with this message."""
     return Check(name, not fault, fault)
 
 
 def check_failed_run(name: str, run: Run) -> Check:
-    """Return a check whose run has no trajectory: failed, or not made if the engine refuses the linkage."""
+    """Return the check for a run that gave no trajectory.
+
+    The check is failed or, if the engine refuses the linkage, not made (`passed` is None).
+    """
     return Check(name, None if run.status is Status.SKIP else False, run.message)
 
 
@@ -72,8 +75,8 @@ class Subject:
     """An engine under test.
 
     Attributes:
-        offer: what the engine offers.
-        worker: the process in which it runs.
+        offer: the description of the engine: its settings, integrators and so on.
+        worker: the process in which the engine runs.
         tell: called with a sentence of progress before each run.
         before: processor time [s] of this process and its ended children before the first check.
     """
@@ -99,11 +102,15 @@ class Subject:
         return {linkage: self.run(linkage, scenario, EVERY_STEP) for linkage, scenario in PLAIN}
 
     @cached_property
-    def moving(self) -> list[tuple[str, str]]:
-        """The linkages and scenarios that the engine takes: the one with every kind of load, else those of PLAIN."""
+    def accepted(self) -> list[tuple[str, str]]:
+        """The linkages and scenarios on which the engine's accelerations and motions are checked.
+
+        This is the linkage with every kind of load, PROBE, if the engine can run it; otherwise those linkages in PLAIN that the
+        engine can run. If there are none, all of PLAIN is returned, so that the checks report the refusals.
+        """
 
         def takes(place: tuple[str, str]) -> bool:
-            """Tell whether the engine takes a linkage and scenario."""
+            """Tell whether the engine can run a linkage and scenario (whether a run of one step is not refused)."""
             return self.run(*place, np.array([0.0, STEP])).status is not Status.SKIP
 
         if takes((PROBE, "loaded")):
@@ -117,12 +124,12 @@ class Subject:
     def perform(
         self, mechanism: Mechanism, choice: Choice, times: Array, ask: Asked = nothing, answers: int = 0, again: bool = False
     ) -> Run:
-        """Run a mechanism; after the time for all checks is used up, return a skipped run instead.
+        """Run a mechanism; once the time allowed for all checks is used up, return a run with the status SKIP instead.
 
         Args:
             times: sample times [s].
-            ask: the question for the model before it runs, whose result has at most `answers` numbers.
-            again: whether the worker may keep the model for a further step or tolerance.
+            ask: function that is called with the model before the run; its result has at most `answers` numbers.
+            again: whether the worker may keep the model, for a further run with another step or tolerance.
         """
         wanted, patience = sampling_at(choice.step, times), PATIENCE if environment_of(self.offer.name) else 1.0
         if self.processor_time >= patience * LONGEST:
@@ -131,7 +138,7 @@ class Subject:
         return run_apart(request, mechanism, patience * LIMIT, self.worker, again=again)
 
     def choices(self) -> Iterator[Choice]:
-        """Yield the defaults, every other setting and integrator, and every variant."""
+        """Yield the engine's default choice, then each other setting, each other integrator, and every variant of the engine."""
         usual, offer = self.usual, self.offer
         yield usual
         yield from (replace(usual, settings=label) for label in offer.settings if label != usual.settings)

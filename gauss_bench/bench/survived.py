@@ -27,11 +27,12 @@ def race_here(
 ) -> Rows:
     """Race entries(*arguments) in this process; return one row for each round of an entry, and one for each entry that failed.
 
-    An entry has one more row if its block has facts: further columns, which it returns after the race.
+    `entries` yields, for each timed quantity, a key and a function that makes its block, the piece of work to be timed. If a block
+    has facts, further columns that it returns after the race, there is one more row with these facts.
 
     Args:
-        engines: the engines that take part; all if not given.
-        path: the file into which the name of the running engine is written; no file if not given.
+        engines: names of the engines that take part; all engines if not given.
+        path: the file into which the name of the running engine is written before its code runs; no file if not given.
     """
     watch = watching(path) if path else watch_nothing
     race = Race(watch)
@@ -54,8 +55,8 @@ def race_here(
 def race_survivors(entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str]) -> Rows:
     """Race entries(*arguments) as `race_here` does, but in a process of its own.
 
-    If an engine crashes the process or hangs, each of its entries gets one row with the reason, and the race is repeated without
-    it.
+    If an engine crashes this process or hangs, each entry of the engine gets one row with the reason, and the race of all other
+    entries is repeated.
     """
     rows, lost = list_survivors(race_here, (entries, arguments, rounds), engines)
     for key, _ in entries(*arguments) if lost else ():
@@ -69,7 +70,8 @@ def race_processes(
 ) -> Measured:
     """Call `race` several times, and collect the times of all entries.
 
-    An engine that crashes or hangs in one of the calls has a reason and no times.
+    If an engine crashes or hangs in one of the calls, the result has the reason of the failure and no times for the entries of this
+    engine.
 
     Args:
         race: `race_survivors`, which starts a new process in each call, or `race_here`, which races in this process.
@@ -89,15 +91,15 @@ def list_survivors(
     limit: float = LIMIT,
     longest: float = math.inf,
 ) -> tuple[Any, dict[str, WorkerFailure]]:
-    """Call race(*arguments, engines, path) in a worker; repeat it without an engine that crashed the worker or hung.
+    """Call race(*arguments, engines, path) in a worker; after a crash or a hang, repeat it without the engine that was running.
 
     Args:
-        race: writes the name of the running engine into the file `path`.
+        race: function that times engines and writes the name of the running one, at most ROOM bytes, into the file `path`.
         engines: names of the engines that take part in the first race.
-        limit, longest: [s] of one race, as `Worker.call` takes them.
+        limit: largest time of one race [s], without waits for a processor; longest: largest elapsed time of one race [s].
 
     Returns:
-        The result of the last race, and for each engine that this race left out its name -> its failure.
+        The result of the last race, and engine -> failure, for each engine that crashed or hung in an earlier one.
 
     Raises:
         WorkerFailure: the race crashed while no engine was running, or raised an error.
@@ -111,17 +113,20 @@ def list_survivors(
                 return worker.call(race, (*arguments, left, file.name), limit, longest=longest), lost
             except WorkerFailure as failure:
                 guilty = at_work(file.name)
-                if failure.status not in LOST or guilty not in left:
+                if failure.status not in LOST or guilty not in left:  # neither a crash nor a hang of an engine
                     raise
                 lost[guilty] = WorkerFailure(failure.status, f"in the race of all engines, while this one was at work: {failure}")
 
 
 def watching(path: str) -> Watch:
-    """Return a function that writes the engine of an entry into the file; a call takes a microsecond."""
+    """Return a function that writes the engine's name in the key of an entry into the file `path`; a call takes a microsecond.
+
+    The function is called before code of this entry runs, so that a crash can be attributed to the engine.
+    """
     file = os.open(path, os.O_WRONLY)
     return lambda entry: os.pwrite(file, str(getattr(entry, "engine", "")).encode()[:ROOM].ljust(ROOM, b"\0"), 0)
 
 
 def at_work(path: str) -> str:
-    """Return the name of the engine that was written into the file last, or an empty text."""
+    """Return the name of the engine that `watching` has last written into the file `path`, or an empty text."""
     return Path(path).read_bytes().rstrip(b"\0").decode()

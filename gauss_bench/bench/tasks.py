@@ -1,7 +1,8 @@
 """Tasks: functions that run in worker processes and return rows of tables.
 
-A resumed run does not repeat a finished task. A task whose worker crashed or was stopped has one row with the reason. All tasks of
-a run share a `Context`: the folder of the references, and a digest of the code and data that the results depend on.
+A resumed run does not repeat a finished task. If the worker of a task crashed or was stopped, a result table gets one row for the
+task, with the reason. All tasks of a run share a `Context`: the folder of the references, and a digest of the code and data that
+the results depend on.
 """
 
 import hashlib
@@ -37,7 +38,7 @@ def place_of(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def group_by(rows: Rows, *columns: str) -> dict[tuple[Any, ...], Rows]:
-    """Return the values of some columns -> the rows that have these values, in their order."""
+    """Group rows by some columns: return the values of these columns -> the rows that have these values, in their order."""
     groups: dict[tuple[Any, ...], Rows] = {}
     for row in rows:
         groups.setdefault(tuple(row[x] for x in columns), []).append(row)
@@ -65,7 +66,7 @@ class Task(NamedTuple):
     limit: float = LIMIT
 
     def rows_of_failure(self, failure: WorkerFailure) -> Tables:
-        """Return the row of a task whose worker crashed, was stopped, or raised."""
+        """Return the row, as table -> rows, of a task whose worker crashed, was stopped, or raised an error."""
         if "status" in TABLES[self.table].names:
             return {self.table: [{**self.start, **failure.columns}]}
         place = {k: x for k, x in self.start.items() if k in ("mechanism", "scenario")}
@@ -73,20 +74,20 @@ class Task(NamedTuple):
 
     @property
     def stamp_if_lost(self) -> str:
-        """The stamp of a task that crashed or was stopped: it includes the limit, because a longer limit may be enough."""
+        """The stamp of a task that crashed or was stopped: it includes the time limit, because a longer limit may be enough."""
         return f"{self.stamp}.{self.limit:g}"
 
     def stamp_of(self, answer: Tables) -> str:
         """Return the stamp with which an answer (table -> rows) is stored in the journal.
 
-        It is `stamp_if_lost` if a row of the answer reports that an engine crashed or was stopped.
+        This is the attribute `stamp_if_lost` if a row of the answer reports that an engine crashed or was stopped, else `stamp`.
         """
         lost = any(row.get("status") in LOST for rows in answer.values() for row in rows)
         return self.stamp_if_lost if lost else self.stamp
 
 
 def with_race_limit(task: Task, processes: int = 1) -> Task:
-    """Return the task of a race with a longer limit, which allows RACES attempts in each of `processes` processes."""
+    """Return the task of a race with a time limit that is long enough for RACES attempts in each of `processes` processes."""
     return task._replace(limit=processes * RACES * LIMIT)
 
 
@@ -108,7 +109,7 @@ def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = N
         todo.put(item)
     for _ in range(workers):
         threading.Thread(target=_run_tasks, args=(todo, answers), daemon=True).start()
-    for _ in describe_tasks(len(waiting), label):
+    for _ in count_with_progress(len(waiting), label):
         answer = answers.get()
         if isinstance(answer, BaseException):
             raise answer
@@ -119,7 +120,7 @@ def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = N
     return gather(done[task.key] for task in tasks)
 
 
-def describe_tasks(count: int, label: str) -> Iterator[int]:
+def count_with_progress(count: int, label: str) -> Iterator[int]:
     """Yield 0 to count - 1 and report progress on stderr: by a bar on a terminal, else by a line every PAUSE seconds."""
     if sys.stderr.isatty():
         from tqdm import tqdm  # imported only where a bar is shown
@@ -148,7 +149,7 @@ def gather(answers: Iterable[Tables]) -> Tables:
 def _run_tasks(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[Any]") -> None:
     """Run tasks from `todo` in one worker process until a None is taken, and put key, stamp and rows of each into `answers`.
 
-    An unexpected error is put there too, for `finish` to raise it.
+    An unexpected exception is also put into `answers`, so that `finish` can raise it.
     """
     try:
         with Worker() as worker:
@@ -191,11 +192,11 @@ class Context:
     def each(self, parts: Iterable[OnLinkages], table: str, function: Callable[..., Tables]) -> list[Task]:
         """Return one task, function(linkage, scenario, part), for each linkage of some parts of a suite.
 
-        The task fails with a row of `table`. The `part` that the function is given has no linkages.
+        If the task fails, a row of `table` records the failure. The `part` that is passed to the function has no linkages.
         """
         tasks = []
         for part in parts:
-            asked = part.model_copy(update={"linkages": {}})  # so that the key does not depend on the other linkages
+            asked = part.model_copy(update={"linkages": {}})  # so that the task's key does not depend on the other linkages
             for place in part.linkages.items():
                 task = self.task(table, function, (*place, asked), *place)
                 processes = getattr(part, "processes", 0)  # a race repeats itself in so many processes, one after the other
@@ -212,7 +213,7 @@ class Context:
         seen: str = "",
         **names: Any,
     ) -> Task:
-        """Return a task that fills a table.
+        """Return a task whose rows are added to a table.
 
         Args:
             function, arguments: function(*arguments) returns table -> rows.

@@ -1,6 +1,7 @@
 """Run, judge and time settings of engines, for the searches in `measurements/search.py` and `../advice`.
 
-Such a setting is a `Way`: an engine, one of its variants (options, integrator, stabilisation), and a step or tolerance.
+A setting of this kind is called a way (class `Way`): an engine, one of its variants (options, integrator, stabilisation), and a
+size, that is, a step or a tolerance.
 """
 
 import math
@@ -33,7 +34,11 @@ ROUGH_ROUNDS = 8  # rounds of the estimate of a step's time, whose error must be
 
 
 class Way(NamedTuple):
-    """A variant of an engine at a size: a step [s], or a tolerance if the integrator chooses its steps."""
+    """A setting of an engine: the names of engine, settings, integrator and stabilisation, and a size.
+
+    The size is a step [s], or a tolerance if the integrator chooses its steps. `settings` is the name of a variant, the label of
+    settings, or a list of assignments "key=value".
+    """
 
     engine: str
     settings: str
@@ -63,48 +68,49 @@ def space(engine: Offer) -> list[Variant]:
 
 
 def options_of(way: Way) -> Mapping[str, Any]:
-    """Return option -> value of a way's settings.
+    """Return option -> value, for the settings of a way; empty if the engine does not know the settings.
 
-    They are given as the name of a variant, as the label of one of the engine's settings, or as a list of assignments.
+    `way.settings` is a list of assignments "key=value", the name of a variant, or the label of one of the engine's settings.
     """
-    offered = offer(way.engine)
+    engine = offer(way.engine)
     if is_assignment(way.settings):
-        return offered.resolve_settings(way.settings)
-    variant = offered.variants.get(way.settings)
-    return variant.options if variant else offered.settings.get(way.settings, {})
+        return engine.resolve_settings(way.settings)
+    variant = engine.variants.get(way.settings)
+    return variant.options if variant else engine.settings.get(way.settings, {})
 
 
 def loop_of(way: Way) -> str:
-    """Return the option `loop` of a way: the name of the loop that takes its time steps; empty if there is no such option."""
+    """Return the option `loop` of a way: the name of the loop over the time steps; an empty text if there is no such option."""
     return str(options_of(way).get("loop", ""))
 
 
 def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
-    """Return a way as the `Choice` of a run until a time [s], which an engine takes.
+    """Return a way as a `Choice`, the object by which an engine is given its setting, for a run until a time [s].
 
     Args:
-        adaptive: whether the integrator chooses its steps: the way's size is then a tolerance, else a step.
+        adaptive: whether the integrator chooses its steps. If so, the way's size becomes the tolerance of the choice, whose step is
+            set to the whole run and thus limits nothing. Otherwise the size becomes the step.
     """
-    names = way[1:4]
+    names = way[1:4]  # settings, integrator, stabilisation
     return Choice(*names, step=until, tolerance=way.size) if adaptive else Choice(*names, step=way.size)
 
 
 def has_samples(truth: Reference, until: float, beats: int) -> bool:
-    """Tell whether the reference has samples at the ends of all `beats` equal parts of a run."""
+    """Tell whether the reference motion has samples at the ends of all parts of a run that is divided into `beats` equal parts."""
     times = until / beats * np.arange(beats + 1)
     near = np.minimum(np.searchsorted(truth.t, times - 1e-9), len(truth.t) - 1)
     return bool((np.abs(truth.t[near] - times) < 1e-9).all())
 
 
 def evaluate_run(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptive: bool, beats: int) -> Trial:
-    """Run a way, and return its largest errors at as many of the `beats` sample times as are ends of steps.
+    """Run one setting of an engine, and return its largest errors at those sample times that are ends of steps.
 
     Args:
-        run: the motion.
-        judge, truth: evaluator of its mechanism, and its reference.
+        run: the motion to be computed.
+        judge, truth: evaluator of the run's mechanism, and the reference motion.
         way: the engine and its setting.
-        adaptive: whether the integrator chooses its steps; the run then has samples at all of the times.
-        beats: number of sample times, at equal distances.
+        adaptive: whether the integrator chooses its steps; the run then has samples at all sample times.
+        beats: number of sample times, at equal distances, at which errors are taken.
     """
     steps = beats if adaptive else round(run.until / way.size)
     # k equal parts end at ends of steps and at sample times if k divides both numbers
@@ -114,17 +120,20 @@ def evaluate_run(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptiv
 
 
 def sample(run: Run, steps: int, samples: int) -> Sampling:
-    """Return the sampling of a run of equal steps: the start, and `samples` further samples at equal distances."""
+    """Return the sample times of a run of `steps` equal steps: the start, and `samples` further times at equal distances."""
     return Sampling(run.until / samples * np.arange(samples + 1), run.until / steps, steps, 0)
 
 
 def request_of(run: Run, way: Way, adaptive: bool, wanted: Sampling) -> Request:
-    """Return the request for a run of one engine with one setting, its step or its tolerance."""
+    """Return the request for a run of one engine with one setting, including its step or tolerance."""
     return Request(run.linkage, run.mechanism.scenario, way.engine, choice_of(way, adaptive, run.until), wanted)
 
 
 def judge_trial(run: Run, judge: Evaluator, truth: Reference, way: Way, ran: Ended) -> Trial:
-    """Return the trial of a run (`ran`): its failure, or its largest errors at the times that it shares with the reference."""
+    """Return the trial of an ended run (`ran`): the reason of its failure, or its largest errors.
+
+    Errors are taken at the sample times that the run and the reference have in common.
+    """
     if ran.trajectory is None:
         return Trial(way.size, {}, ran.sampling.count, ran.status, ran.message)
     errors = state_errors(run.mechanism, ran.trajectory, truth)
@@ -143,13 +152,13 @@ def is_adaptive(way: Way) -> bool:
 
 
 def block_of(run: Run, way: Way, models: Models, work: Work) -> Block:
-    """Build the model of a way, or take one that was built before, and return the timing block that `work` makes of it.
+    """Build the model of an engine for a way, or reuse one built before, and return the timing block that `work` makes from it.
 
-    This happens in this process or, if the engine has an environment of its own, in a process of that environment.
+    The engine runs in this process or, if it has an environment of its own, in a process of that environment.
 
     Args:
-        models: models of this process that were built before; a new one is added.
-        work: returns the block, given the model.
+        models: cache of the models that were built in this process; a new model is added.
+        work: function that returns the timing block (the piece of work to be timed), given the model.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
@@ -161,7 +170,7 @@ def block_of(run: Run, way: Way, models: Models, work: Work) -> Block:
 
 
 def one_step(run: Run, way: Way, steps: int | None, models: Models) -> Block:
-    """Return a timing block for one step of a way: its time is that of one step.
+    """Return a timing block for one step of an engine with one setting; the block's time is the time of one step.
 
     If the integrator chooses its steps, the block is a whole run, which counts as `steps` repetitions, or as one if the engine does
     not count its steps (None).
@@ -174,7 +183,7 @@ def one_step(run: Run, way: Way, steps: int | None, models: Models) -> Block:
 
 
 def whole_run(run: Run, way: Way, steps: int | None, seconds: float, lead: float, models: Models) -> Block:
-    """Return a timing block for a whole run of a way: its time is that of the run.
+    """Return a timing block for a whole run of an engine with one setting; the block's time is the time of the whole run.
 
     If the run has equal steps and would take longer than `lead`, only its first part is run, and its time is extrapolated.
 
@@ -193,22 +202,23 @@ def whole_run(run: Run, way: Way, steps: int | None, seconds: float, lead: float
 
 
 def pace_run(run: Run, way: Way, steps: int | None, lead: float, samples: int, models: Models) -> Block:
-    """Return a timing block for a whole run of a way whose time is not known yet: its time is that of the run.
+    """Return a timing block for a whole run of an engine with one setting, if it is not known how long the run takes.
 
-    If the run has equal steps, its first steps are timed at once. If this shows that the run would take longer than `lead`, only
-    its first part is run, and its time is extrapolated.
+    The block's time is the time of the whole run. If the run has equal steps, its first steps are timed now, together, to estimate
+    this time. If the run would take longer than `lead`, only its first part is run in a race, and the time is extrapolated.
 
     Args:
         steps: number of steps of the run; None if the integrator chooses its steps and the engine does not count them.
         lead: time [s] that the first part of a longer run takes.
-        samples: number of sample times of a run whose integrator chooses its steps: as many as when its errors were taken.
+        samples: number of sample times of a run whose integrator chooses its steps: the same number as in the run in which its
+            errors were measured.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
     """
     choice = choice_of(way, is_adaptive(way), run.until)
     if is_adaptive(way) or steps is None:
-        whole = 1.0  # the share of the run that is timed
+        whole = 1.0  # share of the run that is timed: the time is not extrapolated
         work = partial(running, NO_KEY, choice, np.linspace(0.0, run.until, samples + 1), whole)
     else:
         work = partial(leading, NO_KEY, choice, run.until, steps, lead)

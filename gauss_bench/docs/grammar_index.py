@@ -22,9 +22,9 @@ class Entry:
     """A table of the grammar.
 
     Attributes:
-        table: the class that checks it.
-        places: its places in a file, such as `links.*`; * is any name, [*] any entry of a list.
-        edition: the first edition of the grammar that has it.
+        table: the class that checks the table.
+        places: the paths at which the table may stand in a file, such as `links.*`; * is any name, [*] any entry of a list.
+        edition: the first edition of the grammar that has the table.
     """
 
     table: type[schema.Table]
@@ -43,19 +43,19 @@ class Entry:
 
     @property
     def address(self) -> str:
-        """The table's anchor on the page, such as `forces.torque`: its first place without `.*` and `[*]`, and its first kind."""
+        """The table's anchor on the page, such as `forces.torque`: its first path without `.*` and `[*]`, and its first kind."""
         return ".".join(filter(None, (re.sub(r"\.\*|\[\*\]", "", self.places[0]), *self.kinds[:1])))
 
 
 def list_entries() -> list[Entry]:
-    """Return the tables of a linkage file from the outside inwards; a table that may be in several places comes once."""
+    """Return the tables of a linkage file, each before the tables inside it; one that may stand at several paths comes once."""
     entries: dict[type[schema.Table], Entry] = {}
     add_entry(entries, schema.LinkageTable, "", edition=1)
     return list(entries.values())
 
 
 def add_entry(entries: dict[type[schema.Table], Entry], table: type[schema.Table], place: str, edition: int) -> None:
-    """Add a table at a place, and the tables inside it, to `entries`."""
+    """Add a table at the path `place`, and the tables inside it, to `entries`; edition: the first grammar with it."""
     entry = entries.setdefault(table, Entry(table, [], edition))
     if place in entry.places:
         return
@@ -67,7 +67,7 @@ def add_entry(entries: dict[type[schema.Table], Entry], table: type[schema.Table
 
 
 def join(place: str, key: str) -> str:
-    """Return the place of a key in the table at `place`, which is empty for the file itself."""
+    """Return the path of a key in the table at the path `place`; `place` is empty for the top level of the file."""
     return f"{place}.{key}".removeprefix(".")
 
 
@@ -77,7 +77,7 @@ def edition_of(entry: Entry, key: str) -> int:
 
 
 def inner_tables(annotation: Any, place: str) -> Iterator[tuple[str, type[schema.Table]]]:
-    """Yield (place, table) for all tables in the type of a value, which is at `place`."""
+    """Yield (path, class of the table) for every table in the type annotation of a value that stands at the path `place`."""
     origin, of = get_origin(annotation), get_args(annotation)
     if isinstance(annotation, type) and issubclass(annotation, schema.Table):
         yield place, annotation
@@ -93,11 +93,12 @@ def inner_tables(annotation: Any, place: str) -> Iterator[tuple[str, type[schema
 def print_type(value: dict[str, Any], place: str) -> str:
     """Return a type of JSON Schema in words, such as "[number, number]".
 
-    The type of a name is the kind of thing that it names, such as "link"; the table `named` in `grammar.toml` has it by place.
+    A text that names a part of the linkage is printed as the kind of this part, such as "link"; the table `named` in `grammar.toml`
+    gives the kind for each path.
 
     Args:
-        value: a schema.
-        place: place of the value in a file, such as `links.*`. There `.*` is the value of any key of a table, `.~` the key itself,
+        value: a JSON Schema.
+        place: path of the value in a file, such as `links.*`. There `.*` is the value of any key of a table, `.~` the key itself,
             and `[*]` any entry of a list.
     """
     named = schema.GRAMMAR["named"]
@@ -141,9 +142,10 @@ def explaining_headings() -> dict[str, str]:
 
 
 def heading_of(place: str) -> str:
-    """Return the heading of the guide that explains the table at a place: its own, or that of the nearest table around it."""
+    """Return the heading of the guide that explains the table at the path `place`, or else the innermost table around it."""
     headings = explaining_headings()
-    enclosing = [outer for outer in headings if not outer or f"{place}.".startswith(f"{outer}.")]  # the place itself, too
+    # the key "" stands for the whole file; the dots prevent that `links` encloses `links_other`
+    enclosing = [outer for outer in headings if not outer or f"{place}.".startswith(f"{outer}.")]
     return headings[max(enclosing, key=len)]
 
 
@@ -153,18 +155,18 @@ def heading_anchor(heading: str) -> str:
 
 
 def print_place(place: str) -> str:
-    """Return a place as it is printed: NAME instead of * for any name, and [] instead of [*] for any entry of a list."""
+    """Return a path as it is printed: with NAME in place of *, which is any name, and [] in place of [*], any entry of a list."""
     return place.replace("[*]", "[]").replace("*", "NAME")
 
 
 def describe_place(entry: Entry) -> str:
-    """Return a heading for a table: all places where it may stand, and the values of `type` or `law` if these distinguish it."""
+    """Return the heading of a table of the grammar: all its paths, and the values of its key `type` or `law` if it has this key."""
     words = " and ".join(f"`{print_place(x)}`" for x in entry.places if x) or "The file"
     return f"{words}, {entry.decides} {', '.join(f'`{x}`' for x in entry.kinds)}" if entry.decides else words
 
 
 def describe_key(entry: Entry, key: str) -> str:
-    """Return a key with its place, such as "links.NAME.mass", and with the `type` or `law` of its table."""
+    """Return a key with its path, such as "links.NAME.mass", and with the `type` or `law` of its table."""
     kinds = f" ({entry.decides} {', '.join(entry.kinds)})" if entry.decides else ""
     return join(print_place(entry.places[0]), key) + kinds
 

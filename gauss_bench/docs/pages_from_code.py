@@ -85,7 +85,7 @@ def on_post_build(config: Any, **_: Any) -> None:
 
 
 def write_grammar() -> str:
-    """Return the guide to linkage files from its complete example to its end."""
+    """Return the part of the guide to linkage files that begins with the complete example."""
     text = GUIDE.read_text(encoding="utf-8")
     return text[text.index(BEGINS) :]
 

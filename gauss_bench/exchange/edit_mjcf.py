@@ -30,13 +30,14 @@ def list_tags(content: bytes, file: str) -> list[Tag]:
     """Return the start tags of a document in the order of the file.
 
     Raises:
-        ExchangeError: the document is not written in UTF-8, or is no XML.
+        ExchangeError: the document is not encoded in UTF-8, or is not XML.
     """
     tags: list[Tag] = []
     open_elements: list[str] = []
     parser = expat.ParserCreate("UTF-8")
 
     def begin(name: str, _: dict[str, str]) -> None:
+        """Record the start tag of an element called `name`: its path and its place in `content` (expat calls this for each tag)."""
         open_elements.append(name)
         tag = TAG.match(content, parser.CurrentByteIndex)
         assert tag is not None  # the parser stands at the beginning of a start tag
@@ -68,16 +69,16 @@ def set_attributes(content: bytes, tag: Tag, values: Mapping[str, str]) -> bytes
 def write_settings(
     content: bytes, file: str, option: Mapping[str, str], closures: Mapping[str, str], by_default: bool = False
 ) -> bytes:
-    """Return a document in which <option> and every <connect> and <weld> have some attributes set.
+    """Return an MJCF document in which some attributes of <option> and of every <connect> and <weld> are set.
 
     Args:
         file: path of the document, for messages.
-        option: name -> value of attributes of <option>, which is inserted after the root's start tag if it is missing.
-        closures: name -> value of attributes of <connect> and <weld>.
-        by_default: whether a default sets `closures` too, for closures that stand in included files.
+        option: name -> value of the attributes to set in <option>; a missing <option> is inserted after the root's start tag.
+        closures: name -> value of the attributes to set in every <connect> and <weld>.
+        by_default: whether `closures` are also set in <default><equality>, so that they apply to the closures of included files.
 
     Raises:
-        ExchangeError: the document is not written in UTF-8, or is no XML.
+        ExchangeError: the document is not encoded in UTF-8, or is not XML.
     """
     tags = list_tags(content, file)
     root = tags[0]
@@ -94,6 +95,7 @@ def write_settings(
     if closures and by_default:
         default = b"<equality" + attributes(closures) + b"/>"
         own = next((tag for tag in tags if tag.path == f"{root.path}/default/equality"), None)
+        # a <default/> without content cannot hold another element, so it is passed over; a document may have several <default>
         defaults = [x for x in tags if x.path == f"{root.path}/default" and not content[x.begin : x.end].endswith(b"/>")]
         if own:
             texts[own] = set_attributes(content, own, closures)

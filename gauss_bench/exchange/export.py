@@ -36,12 +36,12 @@ class Kind:
     tolerance: float | None = None
 
     def choose(self, step: float) -> Choice:
-        """Return the choice of engine setting that a file with this step size [s] contains."""
+        """Return the engine settings that an exported file contains if it is written for this step size [s]."""
         return Choice(self.settings, self.integrator, self.stabilization, step, self.tolerance)
 
     @property
     def is_program(self) -> bool:
-        """Whether the file steps the linkage itself; MJCF is a model, which MuJoCo steps."""
+        """Whether the file is a program that integrates the motion; an MJCF file is only a model, which MuJoCo integrates."""
         return self.writer != "to_mjcf"
 
 
@@ -57,7 +57,7 @@ OWNED = "This file is yours: whoever exported it owns it and may use, change and
 
 @dataclass(frozen=True)
 class Exported:
-    """The text of a file that is not written yet, and a sentence for each part of the linkage that the text leaves out."""
+    """The text of a file that is not written yet, and a phrase for each part of the linkage that the text leaves out."""
 
     text: str
     left_out: tuple[str, ...]
@@ -87,12 +87,16 @@ def export_linkage(
 
 
 def describe_refusal(mechanism: Mechanism, kind: Kind) -> str:
-    """Return the beginning of a sentence that says why a linkage cannot become a file of a kind."""
+    """Return the beginning of a message that says why a linkage cannot be exported as this kind of file."""
     return f"{mechanism.source}: {mechanism.name}, scenario {mechanism.scenario}: cannot become {kind.what}"
 
 
 def list_left_out(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return a sentence for each part of the linkage file that no exported file holds."""
+    """Return a phrase for each part of the linkage file that the exported file leaves out.
+
+    These are the other scenarios, and each dry friction with coefficient 0: it has no effect. A linkage with a
+    larger coefficient is refused.
+    """
     others = [x for x in mechanism.scenarios if x != mechanism.scenario]
     left_out = [f"{'scenarios' if len(others) > 1 else 'scenario'} {', '.join(others)}"] if others else []
     left_out += [f"force {f.name}, dry friction without a coefficient" for f in mechanism.frictions if f.mu == 0]
@@ -122,12 +126,12 @@ def write_model(writer: str, mechanism: Mechanism, choice: Choice, head: list[st
     """Return the text that the module `writer` of this folder writes.
 
     Args:
-        head: sentences for the head of the file.
-        refusal: beginning of the message if the linkage is refused.
-        reason: why the linkage is refused before the module is asked; None if it is not.
+        head: sentences for the comment at the head of the file.
+        refusal: beginning of the error message if the linkage cannot be exported.
+        reason: a reason, known beforehand, why the linkage cannot be exported; None if there is none, and then `writer` is called.
 
     Raises:
-        ExchangeError: there is a `reason`, or the adapter refuses the model.
+        ExchangeError: `reason` is given, or the engine's adapter cannot model the linkage.
         ImportError: the library that builds the model is not installed.
     """
     if reason:

@@ -41,40 +41,40 @@ def from_mjcf(root: Element, path: Path) -> Spatial:
 
 
 class Reader:
-    """A reader of a compiled document.
+    """A reader of an MJCF document that MuJoCo has compiled.
 
     Attributes:
         file: path of the file, for messages.
-        model: MuJoCo's model of the document, with MuJoCo's names of the fields.
-        data: the poses of all parts when the joints are at their references.
-        names: MuJoCo's name of a kind of part -> names of all its parts, "" for a part without a name.
-        disabled: flags that are off.
-        dropped: sentences on elements that are left out.
-        key: number of the keyframe at which the linkage starts.
+        model: MuJoCo's compiled model of the document; its fields have MuJoCo's names.
+        data: MuJoCo's data, with the poses of all bodies and sites when every joint coordinate is at its reference.
+        names: kind of element in MuJoCo's terms, such as "jnt" -> names of all elements of the kind, "" for one without a name.
+        disabled: names of MuJoCo's flags that are switched off.
+        dropped: phrases that name the elements which the import leaves out.
+        key: index of the keyframe from which the linkage starts.
     """
 
     def __init__(self, compiled: Compiled, file: str):
-        """Read the names of all parts, and find the keyframe of the start."""
+        """Read the names of all elements; find the keyframe called START, or take the first one if none has that name."""
         self.compiled, self.model, self.data, self.file = compiled, compiled.model, compiled.data, file
         self.names, self.disabled = {kind: compiled.names(kind) for kind in PARTS}, compiled.disabled()
         self.dropped: list[str] = []
         self.key = self.names["key"].index(START) if START in self.names["key"] else 0
 
     def refuse(self, element: str, reason: str) -> ExchangeError:
-        """Return the error that refuses an element."""
+        """Return the exception that reports why an element of the file is not supported."""
         return ExchangeError(f"{self.file}: {element}: {reason}")
 
     def describe(self, kind: str, k: int, tag: str) -> str:
-        """Return the tag of part number k of a kind with its name, or with its number if it has no name, for messages."""
+        """Return, for messages, the XML tag `tag` of element k of a kind with the element's name, or with k + 1 if it has none."""
         name = self.names[kind][k]
         return f'<{tag} name="{name}">' if name else f"<{tag}> number {k + 1}"
 
     def name(self, kind: str, k: int) -> str:
-        """Return the name of part number k of a kind, or a name made of the number if it has none."""
+        """Return the name of element k of a kind, or a name made of the kind and k if it has none."""
         return self.names[kind][k] or f"{kind}{k}"
 
     def spatial(self) -> Spatial:
-        """Return the mechanism of the whole document.
+        """Return the mechanism that the complete document describes.
 
         Raises:
             ExchangeError: the document holds an element that a linkage cannot have.
@@ -83,7 +83,7 @@ class Reader:
         self._check_document()
         joints = tuple(self._joint(k) for k in range(m.njnt))
         for known in FIELDS["refused"]:
-            for field in known["fields"]:  # (parts,) or (parts, numbers of each)
+            for field in known["fields"]:  # one number, or one row of numbers, for each element of the kind
                 for k, numbers in enumerate(getattr(m, field)[: len(self.names[known["kind"]])]):
                     if np.any(numbers):
                         tag = "joint" if known["kind"] == "jnt" else known["kind"]
@@ -129,7 +129,7 @@ class Reader:
             self.dropped.append(f"{m.nsensor} sensors: {names}")
 
     def _joint(self, k: int) -> Joint:
-        """Return joint number k, which starts as the keyframe says, or at its reference if there is no keyframe.
+        """Return joint k of MuJoCo's model; it starts as the keyframe says, or at its reference if there is no keyframe.
 
         Raises:
             ExchangeError: the joint is neither a hinge nor a slide.
@@ -151,24 +151,24 @@ class Reader:
         )
 
     def _body(self, k: int) -> Body:
-        """Return body number k."""
+        """Return body k of MuJoCo's model, with its pose, mass and inertia in world axes."""
         mass, com, inertia = float(self.model.body_mass[k]), self.data.xipos[k], self.compiled.inertia[k]
         parent = int(self.model.body_parentid[k])
         return Body(self.name("body", k), parent, self.data.xpos[k], self._turn(k), mass, com, inertia)
 
     def _turn(self, k: int) -> Array:
-        """Return the rotation (3, 3) of body number k."""
+        """Return the rotation (3, 3) of the frame of body k."""
         return np.asarray(self.data.xmat[k].reshape(3, 3))
 
     def _site(self, k: int) -> Spot:
-        """Return site number k."""
+        """Return site k of MuJoCo's model as a point of its body."""
         return Spot(self.name("site", k), int(self.model.site_bodyid[k]), self.data.site_xpos[k])
 
     def _equalities(self) -> tuple[list[tuple[str, Spot, Spot]], list[tuple[int, int]]]:
-        """Return the closures, each as its name and two points, and the welds, each as the indices of two bodies.
+        """Return the connect constraints, each as its name and two points, and the welds, each as the indices of two bodies.
 
         Raises:
-            ExchangeError: an equality does not close a linkage.
+            ExchangeError: an equality constraint of the model is neither a connect nor a weld, or its bodies are not in its pose.
         """
         m, closures, welds = self.model, list[tuple[str, Spot, Spot]](), list[tuple[int, int]]()
         for k in range(m.neq):
@@ -189,7 +189,7 @@ class Reader:
         return closures, welds
 
     def _ends(self, k: int, kind: str, name: str) -> list[tuple[Spot, Array]]:
-        """Return the two points that equality number k joins, each with axes (3, 3) that a weld makes parallel."""
+        """Return the two points that equality constraint k joins, each with the axes (3, 3) that a weld keeps parallel."""
         m = self.model
         a, b = int(m.eq_obj1id[k]), int(m.eq_obj2id[k])
         if self.compiled.word("mjtObj", m.eq_objtype[k]) == "site":
@@ -205,7 +205,7 @@ class Reader:
         return [(spot_a, self._turn(a) @ turn), (spot_b, self._turn(b))]
 
     def _springs(self) -> list[Acting]:
-        """Return the springs and dampers of joints."""
+        """Return the springs and dampers in joints, as force laws on joint coordinates."""
         m, springs = self.model, list[Acting]()
         for k in range(m.njnt):
             law = Straight(k=float(m.jnt_stiffness[k]), c=float(m.dof_damping[k]), rest=float(m.qpos_spring[k]))
@@ -266,11 +266,12 @@ class Reader:
         return enabled
 
     def _actuator(self, k: int) -> Acting:
-        """Return actuator number k as a force.
+        """Return actuator k of the model as a force on joints, between two sites or at a site.
 
         MuJoCo's force is F = gain u + b0 + b1 L + b2 dL/dt along the length L = g x of the transmission, where g is the gear and x
-        the coordinate of a joint, tendon or site. So the force along x is g F. The control u is that of the keyframe, or 0 without
-        a keyframe. MuJoCo limits u to a range. MuJoCo limits F too; a linkage can express a limited F only if F is constant.
+        the coordinate of a joint, tendon or site. The power F dL/dt is g F dx/dt, so the generalised force that acts on x is g F.
+        The control u is that of the keyframe, or 0 without a keyframe. MuJoCo limits u to a range. MuJoCo limits F too; a linkage
+        can express a limited F only if F is constant.
 
         Raises:
             ExchangeError: the force is not linear, or acts on something other than a joint, a tendon or a point.
@@ -289,6 +290,7 @@ class Reader:
         constant = float(m.actuator_gainprm[k][0]) * u + b0
         if m.actuator_forcelimited[k] and not (b1 or b2):
             constant = float(np.clip(constant, *m.actuator_forcerange[k]))
+        # at a site, gear[:3] is a vector: its length is the gear, and `_push` uses its direction
         gear, (first, second) = m.actuator_gear[k], map(int, m.actuator_trnid[k])
         g = float(np.linalg.norm(gear[:3])) if transmission == "site" else float(gear[0])
         if b1:  # a servo is a spring whose rest makes the force along x zero: constant + b1 g x = 0
@@ -298,7 +300,9 @@ class Reader:
         match transmission:
             case "joint" | "jointinparent":
                 is_hinge = self.compiled.word("mjtJoint", m.jnt_type[first]) == "hinge"
-                if g < 0 and not b1 and is_hinge:  # reverse the coordinate, so that the torque has the sign of the control
+                if g < 0 and not b1 and is_hinge:
+                    # reverse the coordinate, so that the torque in the linkage file has the sign of the control; the force of a
+                    # slide is written as a vector, and a servo (b1) as a spring, whose sign does not depend on the sign of g
                     return OnJoints(name, {first: -1.0}, replace(law, bias=-law.bias))
                 return OnJoints(name, {first: 1.0}, law)
             case "tendon":
@@ -308,10 +312,11 @@ class Reader:
         raise self.refuse(element, f"a {transmission} transmission")
 
     def _push(self, element: str, name: str, site: int, frame: int, gear: Array, law: Straight) -> Push:
-        """Return a force at a site.
+        """Return the force of an actuator that acts at a site.
 
         Args:
-            element: the actuator, for messages.
+            element: tag and name of the actuator, for messages.
+            site: number of the site at which the force acts.
             frame: number of the reference site; -1 if there is none, which makes the site itself the reference.
             gear: (6,) the direction in axes of the reference site, and the torque, which must be zero.
 

@@ -74,7 +74,7 @@ class Robot:
         self.index = {name: k for k, name in enumerate(order)}
 
     def refuse(self, element: str, reason: str) -> ExchangeError:
-        """Return the error that refuses an element."""
+        """Return the exception that reports why an element of the file is not supported."""
         return ExchangeError(f"{self.file}: {element}: {reason}")
 
     def _table(self, tag: str) -> dict[str, Element]:
@@ -138,7 +138,7 @@ class Robot:
         return self.numbers(origin, "xyz", (0, 0, 0)), turn
 
     def spatial(self, close: Sequence[str]) -> Spatial:
-        """Return the mechanism of the whole document.
+        """Return the mechanism that the complete document describes.
 
         Args:
             close: closures of its loops, each LINK.FRAME=LINK.FRAME.
@@ -169,7 +169,7 @@ class Robot:
             spots=tuple(Spot(name, k, bodies[k].origin) for name, k in self.index.items() if not bodies[k].mass and k != WORLD),
             acting=tuple(acting),
             dropped=tuple(dropped),
-            closable="" if close else self._describe_closing(bodies),
+            how_to_close="" if close else self._describe_closing(bodies),
         )
 
     def _list_ignored(self) -> list[str]:
@@ -183,7 +183,10 @@ class Robot:
         return [*list_ignored(self.root, READ), *limits]
 
     def _describe_closing(self, bodies: Sequence[Body]) -> str:
-        """Return the part of a sentence that explains --close, with the two nearest ends of this tree as an example if it can."""
+        """Return the part of a message that explains how --close closes a loop.
+
+        If the tree has ends on two different links, the message has an example that joins two such ends.
+        """
         parents = {parent for parent, _ in self.ends.values()}
         # the ends of the tree, each as (moving link, frame): the frame is fixed to the link, or is the link itself
         tips = [(self._chain(name)[-1], name) for name in self.index if name not in parents and name in self.joint_to]
@@ -191,8 +194,9 @@ class Robot:
         if not pairs:
             return "--close LINK.FRAME=LINK.FRAME closes a loop, where FRAME is a link fixed to LINK, a joint at it, or LINK itself"
 
+        # authors add frames where links are joined, so pairs of frames are preferred, and among them the nearest pair
         def rank(pair: tuple[tuple[str, str], tuple[str, str]]) -> tuple[int, float]:
-            """Return the number of ends that are no frames, then the distance [m]: authors add frames where links are joined."""
+            """Return, for a pair of ends, how many of them are moving links and not frames fixed to one, and their distance [m]."""
             a, b = (bodies[self.index[frame]].origin for _, frame in pair)
             return sum(link == frame for link, frame in pair), float(np.linalg.norm(a - b))
 
@@ -200,7 +204,7 @@ class Robot:
         return f"--close LINK.FRAME=LINK.FRAME closes a loop, for example --close {a}={b}"
 
     def _chain(self, frame: str) -> list[str]:
-        """Return a link, the link to which it is fixed, and so on up to a link that moves or is the root."""
+        """Return the link `frame`, the link to which it is fixed, and so on up to a link that moves or is the root."""
         chain, joint = [frame], self.joint_to.get(frame)
         while joint is not None and self.joints[joint].get("type") == "fixed":
             chain.append(self.ends[joint][0])
@@ -208,7 +212,7 @@ class Robot:
         return chain
 
     def _body(self, name: str, parent: int, place: Array, turn: Array) -> Body:
-        """Return the body of a link; `place` (3,) [m] and `turn` (3, 3) are those of the link's frame.
+        """Return the body of a link; `place` (3,) [m] and `turn` (3, 3) are position and rotation of the link's frame.
 
         Raises:
             ExchangeError: the mass is negative.
@@ -225,7 +229,7 @@ class Robot:
         return Body(name, parent, place, turn, mass, place + turn @ shift, axes @ inertia @ axes.T)
 
     def _joint(self, node: Element, k: int, place: Array, turn: Array) -> Joint | None:
-        """Return the joint that an element describes, or None if it is fixed.
+        """Return the joint that a <joint> element describes, or None if it is a fixed joint.
 
         Args:
             k: index of the body that the joint moves.
@@ -252,7 +256,7 @@ class Robot:
         """Return the name and the two points of a closure that a user gives as LINK.FRAME=LINK.FRAME.
 
         Raises:
-            ExchangeError: the text does not have this form, or names no link or frame.
+            ExchangeError: the text does not have the form LINK.FRAME=LINK.FRAME, or the file has no such link or frame.
         """
         ends = text.split("=")
         if len(ends) != 2:

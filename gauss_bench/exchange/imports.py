@@ -77,9 +77,9 @@ def import_file(path: Path, name: str, close: Sequence[str] = ()) -> Imported:
 
 
 def describe_open_tree(spatial: Spatial, dof: int) -> str:
-    """Return the sentence on a model that closes no loop; empty if it closes one."""
+    """Return a sentence that says that the model has no closed loop, or an empty text if it has one."""
     if spatial.closures or spatial.welds:
         return ""
     freedoms = f"{dof} degree of freedom" if dof == 1 else f"{dof} degrees of freedom"
-    way = spatial.closable or "<connect> in <equality> closes a loop"
-    return f"Nothing is closed: the linkage is an open tree with {freedoms}. {way}."
+    how_to_close = spatial.how_to_close or "<connect> in <equality> closes a loop"
+    return f"Nothing is closed: the linkage is an open tree with {freedoms}. {how_to_close}."

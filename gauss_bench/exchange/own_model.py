@@ -64,7 +64,13 @@ def splice_includes(root: Element, path: Path, folder: Path, seen: set[Path]) ->
 
 
 def locate_links(flattened: Flattened, mechanism: Mechanism) -> Seen:
-    """Return the places of a linkage's links in MuJoCo's model, from which `flattened` and the linkage `mechanism` were made."""
+    """Return how the pose of each link follows from the state of MuJoCo's model: link -> body, centre of mass and angle.
+
+    Args:
+        flattened: MuJoCo's model in its plane; `frames[link]` is the origin and the angle of a link's frame at the joints'
+            references.
+        mechanism: the linkage that was made from `flattened`, with the links in the same order.
+    """
     spatial, plane = flattened.spatial, flattened.plane
     # angles of the links = angles when all joint coordinates are zero + turns @ joint coordinates; a slide has a column of zeros
     turns = np.zeros((len(flattened.links), len(spatial.joints)))
@@ -78,7 +84,7 @@ def locate_links(flattened: Flattened, mechanism: Mechanism) -> Seen:
     refs = np.array([joint.ref for joint in spatial.joints])  # joint coordinates in the configuration of the file
     at_refs = np.array([flattened.frames[link][1] for link in flattened.links])
     axes = np.array([plane.x, plane.y, plane.normal])
-    return Seen(tuple(flattened.links), np.array(places), axes, at_refs - turns @ refs, turns)
+    return Seen(tuple(flattened.links), locals=np.array(places), plane=axes, angles=at_refs - turns @ refs, turns=turns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +122,7 @@ def setting_text(path: Path, changes: Mapping[str, Any]) -> str:
 
 
 class OwnModel:
-    """The engine that steps the model of a user's file; `setting_text` writes the name of the file into a choice."""
+    """The engine that simulates a user's own MJCF file; `setting_text` puts the file's name into `Choice.settings`."""
 
     name = "mujoco"
     integrators = ("", *INTEGRATORS)  # empty: the file's own
@@ -130,11 +136,11 @@ class OwnModel:
         return Mujoco().version()
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return None: no linkage is refused, because the file itself is stepped."""
+        """Return None: every linkage is accepted, because MuJoCo simulates the file itself, not a model of the linkage."""
         return None
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
-        """Return an empty text: a timed run executes no Python code besides the library."""
+        """Return an empty text, which stands for "no Python code": a timed run executes only code of the library."""
         return ""
 
     def build(self, mechanism: Mechanism, choice: Choice) -> OwnModelRun:

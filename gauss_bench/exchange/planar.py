@@ -2,8 +2,8 @@
 
 The axes of all hinges are normal to the plane. The plane's own axes are as near as possible to axes of the world: a mechanism in
 the x-z plane of the world gets x and z as axes, so that it stays upright. Bodies that are welded to each other are one link, and
-bodies that are welded to the world are ground. The frame of a link is that of its first body. Points and vectors in the plane are
-complex numbers x + i y.
+bodies that are welded to the world are ground. The frame of a link is the frame of the first of its bodies. Points and vectors in
+the plane are complex numbers x + i y.
 """
 
 import re
@@ -73,6 +73,9 @@ class Move:
     def follow(self, joint: Joint, axis: complex, anchor: complex, sign: float) -> "Move":
         """Return the displacement of the child body of a joint; `self` is the displacement of the parent body.
 
+        A child on a slide is shifted along the axis. A child on a hinge is turned about the pivot, which is the same place, with
+        the same velocity, on both bodies: this gives the child's shift and speed.
+
         Args:
             axis, anchor: direction of a slide and pivot of a hinge in the plane, before the displacement.
             sign: 1 if a hinge turns about the plane's normal, -1 if it turns against it.
@@ -82,7 +85,8 @@ class Move:
             along = rect(1.0, self.angle) * axis
             return Move(self.angle, self.shift + change * along, self.omega, self.speed + joint.speed * along)
         angle, rate = self.angle + sign * change, sign * joint.speed
-        pivot = self.place(anchor)  # both bodies have the same place and velocity here, which gives shift and speed
+        pivot = self.place(anchor)
+        # the child's displacement also brings `anchor` to `pivot`, and speed + i omega pivot is the same for both bodies
         return Move(angle, pivot - rect(1.0, angle) * anchor, self.omega + rate, self.speed - 1j * rate * pivot)
 
 
@@ -94,13 +98,14 @@ def pair(x: complex) -> list[float]:
 class Flattened:
     """A mechanism in space, projected into its plane.
 
-    Bodies and joints are given by their indices in the mechanism. A link is given by the index of its first body.
+    Bodies and joints are given by their indices in the mechanism. A link is given by the index of its first body, the first
+    one that belongs to it.
 
     Attributes:
         extent: size of the mechanism: the largest distance of a joint from the centre of mass of its body [m], or 1 if that is 0.
         joints_of: body -> joints that move it relative to its parent, in order.
-        link_of: body -> its link, given by the first of the bodies that are fixed or welded to each other.
-        moves: body -> its displacement from the configuration of the file to the start.
+        link_of: body -> its link, given by the first of the bodies that are fixed or welded to each other and make up the link.
+        moves: body -> its displacement from the file's configuration (every joint coordinate at its `ref`) to the start.
         members: link -> its bodies.
         links: the links except the ground, in the order of their first bodies.
         names: link -> its name in the linkage file.
@@ -108,7 +113,7 @@ class Flattened:
         points: link -> name of a point -> place in the link's frame [m].
         joint_names: joint -> its name in the linkage file.
         locked: joints that a weld keeps from moving, because it makes their two bodies one link.
-        remarks: sentences on parts that are left out or changed.
+        remarks: phrases on parts of the file that the linkage leaves out or changes.
     """
 
     def __init__(self, spatial: Spatial):
@@ -147,10 +152,12 @@ class Flattened:
         return link_of
 
     def _move_bodies(self) -> list[Move]:
-        """Return the displacement of every body, computed along the tree of joints.
+        """Return the planar displacement of every body from the file's configuration to the start.
+
+        The displacements of the joints are composed along the tree, from the world outwards.
 
         Raises:
-            ExchangeError: the two bodies of a weld are displaced in different ways.
+            ExchangeError: the two bodies that a weld joins have different displacements, so that the weld is broken at the start.
         """
         moves, bodies = [Move()], self.spatial.bodies
         for k, body in enumerate(bodies[1:], 1):
@@ -169,7 +176,7 @@ class Flattened:
         return [self.spatial.joints[k] for k in self.joints_of.get(body, [])]
 
     def sign(self, joint: Joint) -> float:
-        """Return 1 if a hinge's axis points along the plane's normal, -1 if it points the other way."""
+        """Return 1 if a hinge's axis has the direction of the plane's normal, -1 if it has the opposite direction."""
         return float(np.sign(joint.axis @ self.plane.normal))
 
     # links
@@ -210,7 +217,10 @@ class Flattened:
         return f"{owner}.{key}"
 
     def _link(self, link: int) -> Table:
-        """Return the table of a link: its points, and the mass, centre of mass and inertia of all its bodies together.
+        """Return the table of a link in the linkage file: points, bars, and mass, centre of mass and inertia of all its bodies.
+
+        The inertia contains the armature, the inertia of a motor's rotor, of the hinges that move the link. Points and centres of
+        mass are complex numbers x + i y in the link's frame.
 
         Raises:
             ExchangeError: the link has no mass or no moment of inertia.
@@ -238,10 +248,11 @@ class Flattened:
         return table | {"mass": mass, "com": pair(com), "inertia": inertia}
 
     def _armature(self, joint: Joint) -> float:
-        """Return a joint's armature [kg m^2], which adds to the inertia of its link.
+        """Return a joint's armature [kg m^2], which is added to the moment of inertia of the link that the joint moves.
 
         Raises:
-            ExchangeError: the joint is no hinge on the ground, so that the armature is not the inertia of one link.
+            ExchangeError: the joint has an armature, and is not a hinge between a link and the ground. The armature then resists a
+                relative motion of two links, and cannot be added to the inertia of one link.
         """
         grounded = self.link_of[self.spatial.bodies[joint.body].parent] == WORLD
         if joint.armature and not (joint.kind == "hinge" and grounded and len(self.joints_of[joint.body]) == 1):
@@ -251,10 +262,10 @@ class Flattened:
     # joints
 
     def _joints(self) -> dict[str, Table]:
-        """Return name -> table of joints and closures, and fill `joint_names` and `locked`."""
+        """Return name -> table in the linkage file of the joints and closures; also fill `joint_names` and `locked`."""
         tables: dict[str, Table] = {}
         for k in range(len(self.spatial.bodies)):
-            self._joint(k, tables)
+            self._add_joint(k, tables)
         for name, a, b in self.spatial.closures:
             if self.link_of[a.body] == self.link_of[b.body]:
                 self.remarks.append(f"closure {name}, whose bodies are one link")
@@ -263,8 +274,10 @@ class Flattened:
             tables[name_part(name, tables)] = {"type": "revolute", "at": [self.point(a), self.point(b)]}
         return tables
 
-    def _joint(self, k: int, tables: dict[str, Table]) -> None:
-        """Add to `tables` the table of the joint between body k and its parent.
+    def _add_joint(self, k: int, tables: dict[str, Table]) -> None:
+        """Add to `tables` the table of the joint between body k and its parent, if one is needed.
+
+        No table is needed if a weld makes both bodies one link (the joints are then `locked`), or if body k is free in the plane.
 
         Raises:
             ExchangeError: there are several joints, and they do not make the body free in the plane.
@@ -283,10 +296,10 @@ class Flattened:
         for joint in joints:
             name = name_part(joint.name, tables)
             self.joint_names[self.joints_of[k][0]] = name
-            ends = [self.point(Spot(name, end, joint.anchor)) for end in (body.parent, k)]
+            ends = [self.point(Spot(name, end, joint.anchor)) for end in (body.parent, k)]  # the joint's point on parent and child
             if joint.kind == "hinge":
                 tables[name] = {"type": "revolute", "at": ends}
-            else:  # the angle of the axis in the frames of guide and block
+            else:  # the parent is the guide, body k the block: the angle of the slide's axis in the frame of each of their links
                 theta = phase(self.plane.flat(joint.axis))
                 guide, block = (theta - self.frames[self.link_of[end]][1] for end in (body.parent, k))
                 tables[name] = {"type": "prismatic", "guide": ends[0], "block": ends[1], "angle": guide, "block_angle": block}
@@ -312,7 +325,7 @@ class Flattened:
     # forces
 
     def _forces(self) -> dict[str, Table]:
-        """Return name -> table of all forces; one force of the file may become several."""
+        """Return name -> table in the linkage file of all forces; one force of the model file may become several tables."""
         tables: dict[str, Table] = {}
         for acting in self.spatial.acting:
             for table in self._force(acting):
@@ -320,7 +333,7 @@ class Flattened:
         return tables
 
     def _force(self, acting: Acting) -> list[Table]:
-        """Return the tables of one force of the file.
+        """Return the tables of the linkage file that describe one force of the model file.
 
         Raises:
             ExchangeError: a linkage has no such force.
@@ -348,7 +361,7 @@ class Flattened:
                 return self._push(acting)
 
     def _on_angle(self, name: str, joints: dict[int, float], law: Straight) -> list[Table]:
-        """Return the tables of a force law on a weighted sum of hinge angles: none if welds lock all the hinges.
+        """Return the tables of the linkage file for a force law on a weighted sum of hinge angles: none if welds lock all hinges.
 
         Raises:
             ExchangeError: the sum is not the angle between two links.
@@ -399,7 +412,7 @@ class Flattened:
     def _turn(self, a: int, b: int) -> dict[int, float]:
         """Return the angle of link b relative to link a as a weighted sum of hinge angles: hinge -> +1 or -1.
 
-        A hinge between the world and both links turns both links, so that its angle cancels.
+        A hinge that lies between the world and a as well as between the world and b turns both links, so its angle cancels.
         """
         weights: dict[int, float] = {}
         for body, sign in ((b, 1.0), (a, -1.0)):
@@ -409,7 +422,10 @@ class Flattened:
         return {k: weight for k, weight in weights.items() if weight}
 
     def hinges_under(self, body: int) -> Iterator[tuple[int, float]]:
-        """Yield the hinges between a body and the world, each with its sign: 1 if it turns the body from x to y of the plane."""
+        """Yield the hinges between a body and the world, each with its sign.
+
+        The sign is 1 if a growing joint coordinate turns the body from the x axis of the plane towards the y axis, else -1.
+        """
         while body != WORLD:
             for k in self.joints_of.get(body, []):
                 if self.spatial.joints[k].kind == "hinge":
@@ -417,9 +433,10 @@ class Flattened:
             body = self.spatial.bodies[body].parent
 
     def _on_slide(self, k: int, law: Straight) -> list[Table]:
-        """Return the tables of a force law along slide k, which acts between the slide's body and that body's parent.
+        """Return the tables of the linkage file for a force law along slide k, between the slide's body and its parent body.
 
-        A body that is free in the plane has two slides and, as its last joint, a hinge; the force then acts at the hinge's pivot.
+        The force acts at the anchor of the body's last joint. For a body that is free in the plane, which has two slides and then a
+        hinge, this is the pivot of the hinge.
 
         Raises:
             ExchangeError: the body has another slide that is not at right angles to this one.
@@ -434,7 +451,7 @@ class Flattened:
         return self._along(point, origin, self.link_of[parent], along, law, law.rest - joint.ref)
 
     def _push(self, acting: Push) -> list[Table]:
-        """Return the tables of a force at a point along a direction.
+        """Return the tables of the linkage file for a force that acts at a point along a direction fixed in a body.
 
         Raises:
             ExchangeError: the force has a component normal to the plane, or a spring or damper acts along an axis that turns with
@@ -444,7 +461,8 @@ class Flattened:
             raise self.refuse(acting.name, "a force out of the plane")
         link, law = self.link_of[acting.frame], acting.law
         point, origin = self.point(acting.point), None if acting.origin is None else self.point(acting.origin)
-        # whether every hinge that turns the axis also turns the body of the point: `_turn` gives hinge -> sign for both
+        # whether every hinge that turns the axis also turns the body of the point: `_turn` gives hinge -> sign for both. Otherwise
+        # the body of the axis needs a torque against the moment of a force that depends on the motion.
         turns_with = self._turn(WORLD, link).items() <= self._turn(WORLD, self.link_of[acting.point.body]).items()
         if (law.k or law.c) and (origin is None or not turns_with):
             reason = "a servo along an axis of a moving body: a linkage has no force with its torque on that body"
@@ -452,16 +470,20 @@ class Flattened:
         return self._along(point, origin, link, self.plane.flat(acting.direction), law, law.rest)
 
     def _along(self, point: str, origin: str | None, link: int, along: complex, law: Straight, rest: float) -> list[Table]:
-        """Return the tables of a force law along an axis: a table of its spring and damper, and a table of its constant force.
+        """Return the tables of the linkage file for a force law along an axis.
+
+        These are one table for the spring and damper, and tables for the constant force and its reaction. The reaction of a
+        constant force on the ground is left out, because it moves nothing. A law whose numbers are all 0 becomes a constant force
+        0, so that the linkage file still has the force by its name.
 
         Args:
             point: LINK.POINT at which the force acts.
-            origin: LINK.POINT at which the opposite force acts; if that is a constant force on the ground, it is left out.
+            origin: LINK.POINT at which the opposite force acts; None for a constant force without reaction.
             link: link in which the axis is fixed.
-            along: direction of the axis in the plane, at the configuration of the file.
+            along: direction of the axis in the plane, in the file's configuration.
             rest: rest length of the spring, measured from `origin` [m].
         """
-        angle, tables = phase(along) - self.frames[link][1], list[Table]()
+        angle, tables = phase(along) - self.frames[link][1], list[Table]()  # angle of the axis in the frame of `link`
         if law.k or law.c:
             spring = {"type": "axis_spring_damper", "point": point, "origin": origin, "angle": angle}
             tables.append(spring | {"k": law.k, "c": law.c, "rest": rest})
@@ -475,7 +497,10 @@ class Flattened:
     # the document
 
     def document(self, name: str, title: str) -> tuple[Table, tuple[str, ...]]:
-        """Return the document of a planar linkage, and sentences on the parts that are left out or changed.
+        """Return the document of a planar linkage (the tables of its file), and phrases on the parts that it leaves out or changes.
+
+        Points and joints are added first, then masses, the configuration at the start, and the start coordinates. Empty tables are
+        left out of the document.
 
         Raises:
             ExchangeError: an element is not planar, or a linkage cannot have it; the message gives the reason.
@@ -520,10 +545,10 @@ class Flattened:
         """Return the table of the start, the name of the crank or None, and the number of degrees of freedom.
 
         The start prescribes as many coordinates as there are degrees of freedom: those that best determine all others. The crank is
-        the first of them that is the angle of a link with a pin on the ground.
+        the first of these coordinates that is the angle of a link with a pin on the ground.
         """
         mechanism = build_mechanism(document, SCENARIO, self.spatial.file, "")
-        rows = Constraints(mechanism)
+        rows = Constraints(mechanism)  # rows(t, q, v).J is the constraint Jacobian
         q = close_joints(mechanism, rows, sketch(mechanism, document))
         free = null_space(rows(0.0, q, np.zeros_like(q)).J, mechanism.n)  # (n, dof): directions in which the joints stay closed
         velocity, start, crank = self._velocities(mechanism), Table(), None
@@ -551,7 +576,7 @@ def plane_of(spatial: Spatial) -> Plane:
     """Return the plane that is normal to the axis of every hinge and parallel to every slide.
 
     Raises:
-        ExchangeError: the joints have no such plane.
+        ExchangeError: there is no plane in which all joints move.
     """
     hinges = [j for j in spatial.joints if j.kind == "hinge"]
     slides = [j for j in spatial.joints if j.kind == "slide"]
@@ -582,7 +607,7 @@ def plane_of(spatial: Spatial) -> Plane:
 
 
 def name_part(wanted: str, taken: Collection[str]) -> str:
-    """Return `wanted` as a name of letters, digits and underscores, with a number at its end if it is taken."""
+    """Return `wanted` as a name of letters, digits and underscores; a number is added if `taken` has this name."""
     return unique(re.sub(r"[^A-Za-z0-9_]+", "_", wanted).strip("_") or "x", taken)
 
 

@@ -90,7 +90,7 @@ def describe(node: Element) -> str:
 
 
 def refuse_files(root: Element, path: Path) -> None:
-    """Check that a model needs no other files and plug-ins.
+    """Check that a model needs no other files or plug-ins.
 
     Raises:
         ExchangeError: an element reads another file or loads a plug-in.
@@ -122,6 +122,7 @@ def refuse_bulk(root: Element, path: Path) -> None:
     for node in root.iter():
         # <size nuser_body="3"> allocates three numbers for every body: the count of all elements bounds the count of bodies
         per_element = [[key] for key in node.attrib if node.tag == "size" and key.startswith(("nuser", "nkey"))]
+        # `keys`: the names of the attributes whose values are multiplied
         for keys in (*map(str.split, COUNTS), *per_element):
             if any(key in node.attrib for key in keys):
                 numbers += prod(_largest(node.get(key, "")) for key in keys) * (elements if keys in per_element else 1.0)
@@ -161,7 +162,7 @@ def _count_arena(key: str, value: str) -> float:
 def _largest(text: str) -> float:
     """Return the largest of the numbers in a text, at least 1.
 
-    The result is 1 for a text that contains anything but numbers; MuJoCo itself refuses such a text later.
+    A text with something other than numbers gives 1; MuJoCo itself refuses such a text later.
     """
     try:
         return max((x for x in map(float, text.split()) if x > 1), default=1.0)

@@ -1,4 +1,4 @@
-"""Programs for users to copy: each runs a linkage in an engine, by the engine's library or by a call of this package."""
+"""Programs for users to copy: each runs a linkage in an engine, by calls of the engine's library or of this package."""
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.shared import unsteady
@@ -23,26 +23,30 @@ def holds(engine: str, integrator: str, stabilization: str, code: str = "") -> b
 def snippet(mechanism: Mechanism, linkage: str, engine: str, choice: Choice, until: float, remarks: tuple[str, ...] = ()) -> str:
     """Return a Python program that runs a linkage in an engine.
 
-    The program uses the engine's library alone if the engine is one of WRITERS. Otherwise it calls this package.
+    If the engine is one of WRITERS, the program needs only the engine's library, and not this package. Otherwise the program calls
+    this package.
 
     Args:
-        linkage: name or file of the linkage, for the call of this package.
-        until: end time of the run in that call [s].
-        remarks: sentences for the head of the program.
+        linkage: name or file of the linkage, for a program that calls this package.
+        choice: the engine's settings that the program uses.
+        until: end time of the run in a program that calls this package [s].
+        remarks: sentences for the comment at the beginning of the program.
 
     Raises:
-        ExchangeError: a program cannot express the linkage with this choice; the message gives the reason.
+        ExchangeError: a program that calls the library cannot express the linkage with these settings; the message gives the
+            reason.
         ImportError: the engine is not installed.
     """
     if engine not in WRITERS:
         variables = {"linkage": linkage, "engine": engine, "until": until}
         return write_program("gauss_bench.py.jinja", mechanism, choice, list(remarks), **variables)
+    # `refusal` begins the error message; `reason` says why the linkage cannot be expressed: forces that vary with time or direction
     refusal, reason = f"{mechanism.source}: no program for {engine}", unsteady(mechanism, "such a program")
     return write_model(f"to_{engine}", mechanism, choice, write_head(mechanism, remarks), refusal, reason)
 
 
 def write_head(mechanism: Mechanism, remarks: tuple[str, ...]) -> list[str]:
-    """Return the sentences for the head of a program that uses an engine's library."""
+    """Return the sentences on the linkage for the comment at the beginning of a program that uses an engine's library."""
     return [f"Linkage {mechanism.name}, scenario {mechanism.scenario}. Units are SI.", *remarks, OWNED]
 
 

@@ -1,7 +1,8 @@
 """A mechanism in space, as a model file describes it: bodies, joints, closures and forces.
 
-All data are in world coordinates, at the configuration in which the coordinate of every joint is its `ref`: MuJoCo's qpos0, or zero
-in a URDF. `from_mjcf.py` and `from_urdf.py` make a `Spatial`, and `planar.py` makes a planar linkage of it.
+All numbers of the mechanism are given in world coordinates, in the configuration in which every joint coordinate equals its `ref`.
+This reference value is MuJoCo's qpos0 in MJCF, and zero in URDF. `from_mjcf.py` and `from_urdf.py` create a `Spatial` from a model
+file, and `planar.py` makes a planar linkage of the `Spatial`.
 """
 
 from dataclasses import dataclass
@@ -40,7 +41,7 @@ class Joint:
     Attributes:
         body: index of the body that the joint moves; several joints of one body act one after the other.
         anchor, axis: (3,) a point on the joint's axis [m], and the axis as a unit vector.
-        ref: coordinate at the configuration in which all data are given.
+        ref: joint coordinate in the configuration in which all numbers of the mechanism are given.
         start, speed: coordinate and rate at the start.
         armature: inertia that the joint adds [kg m^2, or kg for a slide].
     """
@@ -118,17 +119,17 @@ Acting = OnJoints | Between | Push
 
 @dataclass(frozen=True, eq=False)
 class Spatial:
-    """The mechanism of a file.
+    """The mechanism that a model file describes.
 
     Attributes:
         file: path of the file, for messages.
         gravity: (3,) [m/s^2].
-        closures: of each closure the name and the two points that coincide.
+        closures: for each closure its name and the two points that it keeps together.
         welds: pairs of indices of bodies that are rigidly connected.
         spots: named points of bodies.
         acting: forces.
-        dropped: sentences on parts of the file that are left out.
-        closable: part of a sentence that says how a user can close a loop by --close; empty if loops are closed in another way.
+        dropped: phrases that name parts of the file that are left out.
+        how_to_close: part of a message that says how a user can close a loop by --close; empty if loops are closed in another way.
     """
 
     file: str
@@ -140,7 +141,8 @@ class Spatial:
     spots: tuple[Spot, ...] = ()
     acting: tuple[Acting, ...] = ()
     dropped: tuple[str, ...] = ()
-    closable: str = ""
+    how_to_close: str = ""
 
     def refuse(self, element: str, reason: str) -> ExchangeError:
+        """Return the exception that reports why an element of the file cannot be imported."""
         return ExchangeError(f"{self.file}: {element}: {reason}")

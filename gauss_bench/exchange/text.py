@@ -1,6 +1,7 @@
-"""Write text as strings, comments and identifiers of other languages. All text of a user in an exported file is escaped here.
+"""Convert texts to string literals, comments and identifiers of C, Python, TOML and XML.
 
-A text for a comment is first made one printable line, so that it cannot end the comment in any language.
+All text of a user in an exported file is escaped here. A text for a comment is first reduced to a single line of printable
+characters, so that it cannot end the comment in any of these languages.
 """
 
 import re
@@ -41,7 +42,7 @@ def c_string(text: str) -> str:
 
 
 def python_comment(lines: Iterable[str]) -> str:
-    """Return the lines as comments of Python."""
+    """Return the lines as Python comments, each line after a `#`."""
     return "".join(f"# {in_a_sentence(line)}".rstrip() + "\n" for line in lines)
 
 
@@ -52,7 +53,7 @@ def toml_string(text: str) -> str:
 
 
 def unique(base: str, taken: Collection[str]) -> str:
-    """Return `base`, followed by the smallest free number from 2 if it is taken."""
+    """Return `base` or, if `base` is in `taken`, `base` with the smallest number from 2 on that makes it new."""
     name, number = base, 1
     while name in taken:
         number += 1

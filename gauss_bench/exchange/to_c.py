@@ -24,7 +24,7 @@ CLOSING = {
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """Return the source of the program.
+    """Return the source of a C program that simulates the mechanism with the kernel generated for it.
 
     Raises:
         RunFailure: no code can be generated for the linkage, or no choice of independent coordinates is valid for the motion.
@@ -41,6 +41,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         mechanism,
         choice,
         head,
+        # the names of the C enum by which the program addresses the entries of its state y = [q, v]
         places=list(identifiers([*names, *rates(mechanism)], C_WORDS).values()),
         kernel=kernel.c_source(choice.integrator),
         closing=CLOSING[choice.stabilization],
@@ -51,11 +52,12 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
     """Return a kernel whose first choice of independent coordinates is valid for the whole motion.
 
-    The kernel's own first choice is tested first, then all others.
+    An exported program contains one choice only. The first choice of the kernel that is compiled without a given choice is tested
+    first, then each other choice of independent coordinates.
 
     Raises:
         KernelError: no code can be generated for the linkage.
-        RunFailure: no choice is valid for the whole motion.
+        RunFailure: no single choice of independent coordinates is valid for the whole motion.
     """
     from gauss_bench.compiler.elimination.program import partitions
     from gauss_bench.compiler.kernel import KernelError, compile_kernel
@@ -73,18 +75,19 @@ def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
             continue
         if find_end(other, mechanism, choice) is None:
             return other
-    # the time is NaN if no pivot vanished: then the step may be too long
+    # `end` is the time at which a pivot of the first choice vanished; it is NaN if none did, so that the step may be too long
     reason = "a file has one choice of independent coordinates, and this motion needs another on its way"
     at = f", at t = {end:.3g} s for any step" if np.isfinite(end) else ", or a shorter step"
     raise RunFailure(Status.SKIP, f"{reason}{at}")
 
 
 def find_end(kernel: "Kernel", mechanism: Mechanism, choice: Choice) -> float | None:
-    """Return the time [s] at which the first program of a kernel becomes invalid, or None if it is valid as far as it is tested.
+    """Return the time [s] at which the first choice of a kernel becomes invalid, or None if it is valid over the time tested.
 
-    The program is invalid from the time at which one of its pivots changes its sign. With the step size of the file, a run may by
-    chance skip the zero of a pivot, which a run with a user's smaller step would meet; so the test takes small steps. The time is
-    NaN if no pivot changes its sign but the program stops, as with a step that is too long.
+    The first choice of independent coordinates is invalid from the time at which a pivot of its elimination changes its sign. A run
+    with the step size of the file may by chance jump over a state at which a pivot is zero, but a run with a user's smaller step
+    would meet this state. Therefore the test takes small steps. The returned time is NaN if no pivot changes its sign but the run
+    with the file's step stops early, as with a step that is too long.
     """
     tested = min(mechanism.duration, TRIED)  # [s]
     steps = int(np.ceil(tested / choice.step))

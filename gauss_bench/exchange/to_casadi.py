@@ -20,7 +20,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     """Return the script; `head` are the sentences of its first comment.
 
     Raises:
-        RunFailure: the script cannot have this integrator or stabilisation.
+        RunFailure: a script for CasADi cannot be written with this integrator or stabilisation.
         ImportError: CasADi is not installed.
     """
     from gauss_bench.engines.casadi import functions

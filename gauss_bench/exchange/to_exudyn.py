@@ -21,7 +21,9 @@ STATEMENTS = {  # function of Exudyn -> variable of the script for its result (s
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """Return the script; `head` are the sentences of its first comment.
+    """Return a Python script that builds the mechanism in Exudyn and simulates it; `head` are the sentences of its first comment.
+
+    The adapter's code that builds the model is run with recording stand-ins for Exudyn; the recorded calls are lines of the script.
 
     Raises:
         RunFailure: Exudyn rejects the model, or the model differs from the linkage.
@@ -30,23 +32,24 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     from gauss_bench.engines.exudyn.adapter import ExudynModel, simulation_settings
     from gauss_bench.engines.exudyn.items import System, span
 
+    # The methods of the class use `script` and `laws`, which are defined below it, before its object is made.
     class Transcribed(System):
-        """The adapter's system, whose calls of Exudyn are recorded as lines of `script`, with a comment before each part."""
+        """The adapter's system; its calls of Exudyn are recorded as lines of `script`, with comments for links and joints."""
 
         def _add_link(self, i: int) -> None:
-            """Add link i, after a comment with its name."""
+            """Write the lines that add link i to the model, below a comment with the link's name."""
             script.comment(f"link {self.mechanism.links[i].name}")
             super()._add_link(i)
 
         def _add_joint(self, joint: Any) -> None:
-            """Add a joint, after a comment with its name."""
+            """Write the lines that add a joint to the model, below a comment with the joint's name."""
             script.comment(f"joint {joint.name}")
             super()._add_joint(joint)
 
         def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
             """Add a line to the script that defines the constraint equation of a driven slide or length, and its Jacobian.
 
-            Return the stand-ins for both, which the adapter passes to Exudyn.
+            Return two stand-ins, for the functions of the equation and of the Jacobian, which the adapter passes to Exudyn.
             """
             # for both ends [is on the ground, x, y]; `laws` has the script's function of each motion law, by id() of the law
             a, b = ([x.link == GROUND, *map(float, x.local)] for x in span(driver))

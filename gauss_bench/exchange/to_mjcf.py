@@ -1,4 +1,4 @@
-"""Export as MJCF: the model of MuJoCo's adapter as a document, with an explaining comment."""
+"""Export as MJCF: write the model that MuJoCo's adapter builds as a document, with an explanatory comment."""
 
 from collections.abc import Collection
 from xml.etree.ElementTree import Comment, Element, indent, tostring
@@ -9,7 +9,7 @@ from gauss_bench.mechanism.model import Mechanism, PointForce, Torque
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """Return the document; `head` are the sentences of its first comment.
+    """Return the text of the MJCF document; `head` are the sentences of its first comment.
 
     Raises:
         RunFailure: MJCF cannot hold the mechanism.
@@ -40,7 +40,7 @@ def describe_controls(root: Element, mechanism: Mechanism, controlled: Collectio
 
     Args:
         root: root element of the document.
-        controlled: names of the forces that are motors of the document.
+        controlled: names of the forces that the document expresses as motors.
     """
     actuators, key = root.findall("actuator/*"), root.find("keyframe/key")
     controls = [] if key is None else [float(x) for x in key.get("ctrl", "").split()]

@@ -10,7 +10,7 @@ from gauss_bench.mechanism.model import Mechanism
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """Return the script; `head` are the sentences of its first comment.
+    """Return a Python script that simulates the mechanism in MuJoCo; `head` are the sentences of its first comment.
 
     Raises:
         RunFailure: MuJoCo cannot model the mechanism.
@@ -20,6 +20,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     from gauss_bench.engines.mujoco.adapter import VARIANTS, MujocoModel
 
     built = MujocoModel(mechanism, choice)
+    # edited: the script itself adds motion laws and scales MuJoCo's inverse weights, which a document cannot express
     root = write_document(built, edited=True).root
     indent(root)
     options, angles, laws = VARIANTS.options(choice.settings), turning(built.tree), name_laws(mechanism)
@@ -34,6 +35,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         turns=angles.rows[:-1],
         inverse_weights=float(options["body_invweight0_factor"]),
         solref_in_steps=float(options["solref"][0]) if options["solref_unit"] == "step" else 0.0,
+        # drives prescribe a joint coordinate; cylinders prescribe a length through an actuator, `motor`
         drives=[[x.at, x.armature, laws[id(x.law)]] for x in built.drives if x.motor is None],
         cylinders=[[x.at, x.motor, x.armature, laws[id(x.law)]] for x in built.drives if x.motor is not None],
     )

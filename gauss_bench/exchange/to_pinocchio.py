@@ -1,7 +1,8 @@
 """Export for Pinocchio: the calls with which the adapter builds its model, the forces, and an integrator.
 
-Pinocchio has no springs and no integrator for constrained systems. The script has the adapter's matrices for forces that are affine
-in the coordinates of the joints. It has tables for all other forces, which a function of the script evaluates.
+Pinocchio has no springs and no integrator for constrained systems. For forces that are affine functions of the
+joint coordinates, the script contains the stiffness and damping matrices that the adapter computed. For all other forces, the
+script contains tables, which a function in the script evaluates.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -34,10 +35,10 @@ METHODS = {
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """Return the script; `head` are the sentences of its first comment.
+    """Return a Python script that simulates the mechanism with Pinocchio; `head` are the sentences of its first comment.
 
     Raises:
-        RunFailure: Pinocchio rejects the model, the model differs from the linkage, or a length is prescribed.
+        RunFailure: Pinocchio rejects the model, the model differs from the linkage, or a driver prescribes a length.
         ImportError: Pinocchio is not installed.
     """
     from gauss_bench.engines.pinocchio.adapter import PinocchioModel
@@ -50,18 +51,18 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         raise RunFailure(Status.SKIP, reason)
     built = PinocchioModel(mechanism, choice)  # raises if the real model differs from the linkage
     options = built.options
-    method, closed = METHODS[choice.integrator], "without stabilisation"
+    method, stabilization = METHODS[choice.integrator], "without stabilisation"
     gains = (0.0, 0.0)
     if choice.stabilization == "baumgarte":
-        closed = "with Baumgarte's terms"
+        stabilization = "with Baumgarte's terms"
         gains = float(options["baumgarte_Kp_per_s2"]), float(options["baumgarte_Kd_per_s"])
-    others = list(loads(built.forces.others))
+    others = list(loads(built.forces.others))  # forces that are not affine functions of the joint coordinates
     rtol, atol = choice.tolerances(float(options["dop853_rtol"]), float(options["dop853_atol"]))
     return write_program(
         "pinocchio.py.jinja",
         mechanism,
         choice,
-        [*head, f"Settings: {choice.settings}, {method}. Loops are opened at joints and closed by constraints, {closed}."],
+        [*head, f"Settings: {choice.settings}, {method}. Loops are opened at joints and closed by constraints, {stabilization}."],
         model=transcribe(mechanism, built, gains),
         others=tabulate(others) if others else None,
         algorithm=options["algorithm"],
@@ -74,17 +75,20 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 def transcribe(mechanism: Mechanism, built: "PinocchioModel", gains: tuple[float, float]) -> list[str]:
     """Return the lines of a script that build the adapter's model `built` and define the numbers that the template uses.
 
+    The adapter's code builds the model a second time, with a recording stand-in for the library.
+
     Args:
         gains: Baumgarte's gains of position [1/s^2] and velocity [1/s].
     """
     from gauss_bench.engines.pinocchio.tree import Multibody
     from gauss_bench.engines.tree import Branch
 
+    # the method of the class uses `script`, which is defined below it, before its object is made
     class Transcribed(Multibody):
-        """The adapter's model, whose calls of Pinocchio are recorded as lines of `script`, with a comment before each link."""
+        """The model that the adapter builds; its calls of Pinocchio are recorded as lines of `script`, with comments for links."""
 
         def _add_link(self, mechanism: Mechanism, b: Branch) -> None:
-            """Add the link of a branch, after a comment with its name."""
+            """Write the lines that add the link of a branch of the tree to the model, below a comment with the link's name."""
             script.comment(f"link {mechanism.links[b.link].name}")
             super()._add_link(mechanism, b)
 

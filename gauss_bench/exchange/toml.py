@@ -17,6 +17,7 @@ def toml(document: Mapping[str, Any], head: Sequence[str]) -> str:
 
 def _lines(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
     """Return the lines of the table at a path of keys: its heading, its values, then the tables in it that have headings."""
+    # tables of the whole document and of GROUPS get headings; tables deeper in the document, and `expect`, are written on one line
     gives_headings = not path or (len(path) == 1 and path[0] in GROUPS)
     values: list[str] = []
     headed: list[str] = []
@@ -25,7 +26,7 @@ def _lines(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
             headed += _lines(x, (*path, k))
         else:
             values.append(f"{key(k)} = {write_value(x)}")
-    if path and (values or not headed):
+    if path and (values or not headed):  # an empty table still gets its heading, so that it is in the file
         values = ["", f"[{'.'.join(map(key, path))}]", *values]
     return values + headed
 

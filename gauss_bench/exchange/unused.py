@@ -1,4 +1,4 @@
-"""Sentences on the elements of a model file that cannot be written into a linkage file."""
+"""Phrases that name the elements of a model file that cannot be written into a linkage file."""
 
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -11,7 +11,7 @@ FIELDS = tomllib.loads((Path(__file__).parent / "mjcf.toml").read_text(encoding=
 
 
 def list_names(names: Sequence[str]) -> str:
-    """Return names as a list in words; at its end stand the number of names beyond SHOWN and the number of empty names."""
+    """Return names as a list in words, followed by the number of names that are not shown and the number of empty names."""
     named = [name if len(name) <= LONGEST else f"{name[:LONGEST]}..." for name in names if name]
     parts = named[:SHOWN]
     if len(named) > SHOWN:
@@ -44,7 +44,10 @@ def _list_settings(root: Element) -> Iterator[str]:
 
 
 def _list_sections(root: Element) -> Iterator[str]:
-    """Yield a sentence for each unused tag in the sections of the document."""
+    """Yield a phrase for each tag of MJCF without effect on a linkage's motion that occurs in the document.
+
+    mjcf.toml lists these tags: section of MJCF -> tag -> reason why the import leaves elements with this tag out.
+    """
     for section, tags in FIELDS["unused"]["sections"].items():
         for tag, reason in tags.items():
             names = [node.get("name", "") for part in root.findall(section) for node in part.iter(tag)]

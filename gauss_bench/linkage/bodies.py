@@ -4,12 +4,13 @@ A cylinder C between the points P and Q is a link C_barrel pinned at P, a link C
 along the line of both pins. The coordinate of the slide is the length of the cylinder. The x axes of barrel and rod point from P
 to Q.
 
-A body has the frame and the name of one of its links, its root. A point P of another link L becomes the point L.P of the body.
-With mass m_i, centre c_i and inertia I_i of the parts, in the frame of the body,
+A body is made of links that are welded to each other. It has the frame and the name of one of these links, its root. A point P of
+any other link L in the body becomes the point L.P of the body. With mass m_i, centre of mass c_i and inertia I_i of the links, in
+the frame of the body,
 
     m = sum m_i,    m c = sum m_i c_i,    I = sum (I_i + m_i |c_i - c|^2)        (parallel axes)
 
-Point masses are parts without inertia. `motion_of_links` in mechanism/coordinates.py computes the motion of single links
+Point masses count as links without inertia. `motion_of_links` in mechanism/coordinates.py computes the motion of single links
 from that of the bodies, and `weld_forces` in metrics.py the force in a weld from the motion of the links that it carries.
 """
 
@@ -31,7 +32,11 @@ SAME = 1e-6  # relative: largest mismatch of the distances between two pairs of 
 
 
 def write_out(document: dict[str, Any]) -> dict[str, Any]:
-    """Return the document with links and joints in place of cylinders."""
+    """Return the document with links and joints in place of cylinders.
+
+    Each cylinder becomes two links, barrel and rod, each with a revolute joint at its end of the cylinder, and a slide between
+    them.
+    """
     cylinders = document.get("cylinders")
     if not cylinders:
         return document
@@ -45,7 +50,7 @@ def write_out(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _cylinder_part(part: dict[str, Any], sense: int) -> dict[str, Any]:
-    """Return the table of a bar from its pin in the direction `sense` of x: +1 for the barrel, -1 for the rod."""
+    """Return the table of barrel or rod: a bar from its pin at the origin along +x (`sense` 1, barrel) or -x (`sense` -1, rod)."""
     link: dict[str, Any] = {key: part[key] for key in ("mass", "kg_per_m", "inertia") if key in part}
     if "com" in part:
         link["com"] = [sense * part["com"], 0]
@@ -77,9 +82,10 @@ def together(parts: Sequence[Mass]) -> Mass:
 
 
 def poses(links: Mapping[str, Link], welds: Welds, preferred: Sequence[str], number: Number) -> dict[str, Pose]:
-    """Return the pose of every link in its body, by link.
+    """Return link -> pose of the link in the body that it belongs to.
 
-    The root of a body is its first link in `preferred`, else the link that is not welded to another one.
+    The root of a body is the first of its links in `preferred`; if none of them is there, the root is
+    the link of the body that no weld attaches to another link.
 
     Raises:
         BuildError: two pairs of points of a weld have different distances, so that they cannot coincide.
@@ -107,7 +113,11 @@ def poses(links: Mapping[str, Link], welds: Welds, preferred: Sequence[str], num
 
 
 def _pose_on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Number) -> tuple[Array, Any]:
-    """Return origin (2,) [m] and angle [rad] of a link's frame in the frame of the link that it is welded to."""
+    """Return origin (2,) [m] and angle [rad] of the frame of `link` in the frame of `to`, the link that it is welded to.
+
+    Args:
+        key, weld: name and table of the weld.
+    """
     turn = angle_of(weld, "angle", number)
     if "points" not in weld:
         return pair(number, weld["origin"]), turn
@@ -124,7 +134,7 @@ def _pose_on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Nu
 
 
 def bodies(links: Mapping[str, Link], poses: Mapping[str, Pose]) -> tuple[Link, ...]:
-    """Return one link for each body, in the order of the file."""
+    """Return one link for each body, in the order in which the file first names a link of the body."""
     roots = dict.fromkeys(poses[name].root for name in links)
     return tuple(_body(links[root], {name: x for name, x in poses.items() if x.root == root}, links) for root in roots)
 
@@ -146,7 +156,7 @@ def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) ->
 
 
 def parts(links: Mapping[str, Link], poses: Mapping[str, Pose], bodies: Sequence[Link]) -> tuple[Part, ...]:
-    """Return every link of the file as a part of its body."""
+    """Return every link of the file as a `Part`: the index of its body, and the pose of the link in the body."""
     index = {body.name: i for i, body in enumerate(bodies)}
     parts = []
     for name, link in links.items():
@@ -157,17 +167,21 @@ def parts(links: Mapping[str, Link], poses: Mapping[str, Pose], bodies: Sequence
 
 
 def read_welds(links: Mapping[str, Link], welds: Welds) -> tuple[Weld, ...]:
-    """Return the welds of a file, each with the links that it carries and the point about which its moment is reported."""
+    """Return the welds of a file.
+
+    Each has the links that it carries, those that it connects with the root of the body, and the point about which its moment is
+    reported.
+    """
     names = list(links)
     found = []
     for key, weld in welds.items():
-        carried = {weld["link"]}  # grows by the links welded to those in it
+        carried = {weld["link"]}  # grows by the links welded to those in it; as many rounds as there are welds reach all of them
         for _ in welds:
             carried |= {x["link"] for x in welds.values() if x["to"] in carried}
         link = links[weld["link"]]
-        # the first point that the weld names, else the origin of the link's frame
+        # the link's own point in the first pair ["to.P", "link.Q"] of the weld, else the origin of the link's frame
         point = weld["points"][0][1].partition(".")[2] if "points" in weld else ""
-        at = link.points[point] if point else 0 * link.com
+        at = link.points[point] if point else 0 * link.com  # zero in the type of the numbers
         place = Point(names.index(link.name), at - link.com, f"{link.name}.{point}")
         found.append(Weld(key, place, tuple(i for i, name in enumerate(names) if name in carried)))
     return tuple(found)

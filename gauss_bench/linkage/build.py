@@ -1,6 +1,7 @@
 """Build the frozen `Mechanism` of a checked document: resolve points, compute masses, turn names into indices.
 
-All numbers have one type, double by default. Certificates use a longer type, which keeps all decimals of the file.
+All numbers have one type, double by default. Certificates (computations of error bounds) use a type with more digits, which keeps
+all decimals of the file.
 """
 
 from collections.abc import Mapping
@@ -40,11 +41,16 @@ from gauss_bench.terms import Array
 
 
 def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, Array]:
-    """Return the position (2,) [m] of every point in the link's frame, by name; polar and relative points are resolved."""
+    """Return name -> position (2,) [m] of every point in the link's frame; polar and relative points are resolved.
+
+    Args:
+        table: name -> position as the file gives it.
+        number: the function that converts decimal text to the type of the numbers; `exact` and `radians` apply it to a value.
+    """
     positions: dict[str, Array] = {}
 
     def resolve(name: str) -> Array:
-        """Return the position of a point; if it is relative to another point, that point is resolved first."""
+        """Return the position (2,) [m] of a point; if it is relative to another point, that point is resolved first."""
         if name not in positions:
             value = table[name]
             if not isinstance(value, dict):
@@ -62,7 +68,9 @@ def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, A
 
 
 def build_link(name: str, table: dict[str, Any], number: Number = float) -> Link:
-    """Return the link of a table; a missing mass, centre or inertia follows from uniform bars and point masses.
+    """Return the link that a table of the file describes.
+
+    A missing mass, centre of mass or moment of inertia is computed from uniform bars and point masses.
 
     Raises:
         BuildError: a bar has no length, or the link no inertia.
@@ -113,9 +121,9 @@ class Resolver:
 
     Attributes:
         links: rigid bodies: links that are welded to each other are one body.
-        parts: the links of the file as parts of these bodies; empty if nothing is welded.
+        parts: for each link of the file, its body and its pose in this body; empty if nothing is welded.
         index: link of the file, or "ground" -> index of its body.
-        poses: link of the file -> its pose in its body.
+        poses: link of the file -> its frame in the frame of its body.
     """
 
     def __init__(self, document: dict[str, Any], number: Number = float, unwelded: bool = False):
@@ -126,11 +134,12 @@ class Resolver:
             unwelded: ignore the welds, so that each link of the file is a body of its own.
 
         Raises:
-            BuildError: a fault of the resolved numbers, such as a bar without length.
+            BuildError: a fault that shows only when positions are computed from the file's numbers, such as a bar without length.
         """
         self.number_type, self.edition = number, document["format"]
         links = {name: build_link(name, table, number) for name, table in document["links"].items()}
         welds = {} if unwelded else document.get("welds", {})
+        # links that are welded to each other make up one body; each pose is a link's frame in the frame of its body
         self.poses = poses(links, welds, _preferred_roots(document), number)
         self.links = bodies(links, self.poses)
         self.parts = parts(links, self.poses, self.links) if welds else ()
@@ -145,7 +154,7 @@ class Resolver:
         return self.index[name]
 
     def pairs(self, joint: str) -> tuple[Joint, ...]:
-        """Return the pairs of a joint: its slide, or the pins between neighbours in its list of links."""
+        """Return the kinematic pairs of a joint: the slide, or a pin between every two consecutive links in the joint's list."""
         return tuple(pair for pair in self.joints if pair.joint == joint)
 
     def pairs_to_damp(self, joint: str) -> tuple[Joint, ...]:
@@ -153,15 +162,15 @@ class Resolver:
         return pins_of_all_pairs(self.pairs(joint)) if self.edition == SECOND else self.pairs(joint)
 
     def pair(self, values: Any) -> Array:
-        """Return two numbers of a table as an array (2,)."""
+        """Return two numbers of a table of the file as an array (2,), in the type of the numbers."""
         return np.asarray(pair(self.number_type, values))
 
     def number(self, table: Mapping[str, Any], key: str) -> Any:
-        """Return the number `key` of a table; 0 if it is missing."""
+        """Return the number at `key` of a table of the file, in the type of the numbers; 0 if it is missing."""
         return exact(self.number_type, table.get(key, 0))
 
     def angle(self, table: Mapping[str, Any], key: str) -> Any:
-        """Return the angle `key` or `key_deg` of a table [rad]; 0 if both are missing."""
+        """Return the angle [rad] that a table of the file gives as `key` or, in degrees, as `key_deg`; 0 if both are missing."""
         return angle_of(table, key, self.number_type)
 
     @property
@@ -180,28 +189,30 @@ class Resolver:
         return Point(i, body.points[key] - body.com, f"{body.name}.{key}")
 
     def turn(self, name: str) -> Any:
-        """Return the angle [rad] of a link, or of the link of a point, in the frame of its body; 0 for the ground."""
+        """Return the angle [rad] of a link in the frame of its body; 0 for the ground. `name` is LINK or LINK.POINT."""
         owner = name.partition(".")[0]  # the link of a point "link.point"
         return 0 if self.index[owner] == GROUND else self.poses[owner].turn
 
     def build_joint(self, name: str, table: dict[str, Any]) -> list[Joint]:
-        """Return the pairs of one joint; a pin through m links is m - 1 pairs NAME, NAME.001, ... in list order."""
+        """Return the kinematic pairs of one joint; a pin through m links is m - 1 pairs NAME, NAME.001, ... in list order."""
         if table["type"] == "prismatic":
+            # the file gives the angles of the slide's axis in the frames of links; here they are in the frames of the links' bodies
             angle = self.angle(table, "angle") + self.turn(table["guide"])
             block_angle = self.angle(table, "block_angle") + self.turn(table["block"])
             guide, block = self.point(table["guide"]), self.point(table["block"])
+            # the axis has one direction: theta_guide + angle = theta_block + block_angle, which gives theta_block - theta_guide
             return [Prismatic(name, guide, block, angle, angle - block_angle, self.number(table, "offset"))]
         points = [self.point(x) for x in table["at"]]
         names = [name if k == 0 else f"{name}.{k:03d}" for k in range(len(points) - 1)]
         return [Revolute(n, name, a, b) for n, a, b in zip(names, points, points[1:], strict=False)]
 
     def build_force(self, name: str, table: dict[str, Any]) -> Force | CoulombFriction:
-        """Return the force or dry friction of a table."""
+        """Return the force or dry friction that a table of the file describes."""
         force: Force | CoulombFriction = FORCES[table["type"]].read(name, table, self)
         return force
 
     def build_driver(self, table: dict[str, Any]) -> Driver:
-        """Return the driver of a table."""
+        """Return the driver that a table of the file describes."""
         law = build_law(table, self.number_type, self.turn(table["link"]) if "link" in table else 0)
         return self.drive(table, law)
 
@@ -216,7 +227,7 @@ class Resolver:
         return AngleDriver(table["link"], law, self.index[table["link"]])
 
     def measure(self, table: dict[str, Any]) -> Measured:
-        """Return the coordinate that the table `measure` names."""
+        """Return the coordinate that the table `measure` of the file names, which reports show."""
         if "point" in table:
             angle = self.angle(table, "angle")
             degrees = float(np.degrees(float(angle)))
@@ -226,7 +237,7 @@ class Resolver:
         return self.choose_measured((self.drive(table, still),), None)
 
     def choose_measured(self, drivers: tuple[Driver, ...], crank: str | None) -> Measured:
-        """Return the default measured coordinate: that of the first driver, else the crank's angle, else the first link's angle.
+        """Return the coordinate that reports show by default: that of the first driver, or the angle of the crank or first link.
 
         If it is the first link's angle, `assemble` replaces it by the first coordinate that can move.
         """
@@ -271,7 +282,7 @@ def build_law(table: dict[str, Any], number: Number = float, turn: Any = 0) -> M
 
 
 def _preferred_roots(document: dict[str, Any]) -> list[str]:
-    """List the links that become roots of their bodies: the crank, then the driven links."""
+    """List the links whose frames become those of their bodies (groups of welded links): the crank, then the driven links."""
     names = [document.get("crank")]
     for scenario in document["scenarios"].values():
         names += [driver.get("link") for driver in drivers_of(scenario)]
@@ -281,10 +292,10 @@ def _preferred_roots(document: dict[str, Any]) -> list[str]:
 def build_mechanism(
     document: dict[str, Any], scenario: str, source: str, sha256: str, number: Number = float, unwelded: bool = False
 ) -> Mechanism:
-    """Return the mechanism of one scenario in numbers of one type, not yet assembled: q0 and v0 are empty.
+    """Return the mechanism of one scenario, with all numbers in one type; it is not assembled yet: q0 and v0 are empty.
 
-    Links that are welded to each other become one body. Then `Mechanism.apart` is the same mechanism with every link of the file as
-    a body of its own; without welds it is None.
+    Links that are welded to each other become one body. If the file has welds, `Mechanism.apart` is the same mechanism with every
+    link of the file as a body of its own; otherwise `apart` is None.
 
     Args:
         source, sha256: name and checksum of the file.
@@ -292,7 +303,7 @@ def build_mechanism(
         unwelded: ignore the welds, so that each link of the file is a body of its own.
 
     Raises:
-        BuildError: a fault of the resolved numbers, such as a bar without length.
+        BuildError: a fault that shows only when positions are computed from the file's numbers, such as a bar without length.
     """
     expanded = write_out(document)
     names = Resolver(expanded, number, unwelded)

@@ -39,7 +39,7 @@ MOST_STEPS = 720  # of STEP, ten turns: a larger gap is first reduced by whole t
 
 @dataclass(frozen=True)
 class Held:
-    """The k coordinates that a start holds.
+    """The k coordinates whose values and rates the start of a scenario prescribes ("holds").
 
     Attributes:
         target: (k,) values that the coordinates must take [m, rad].
@@ -61,11 +61,12 @@ class Held:
 
 
 def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
-    """Return the mechanism with its start q0, v0 (n,) and the counts dof and redundant filled in.
+    """Return the mechanism with its start q0, v0 (n,), the degrees of freedom `dof` and the number `redundant` of redundant rows.
 
     Raises:
         AssemblyError: the sketch does not place a link, the joints cannot be closed, the start does not determine position or
-            speeds, the counts differ from `expect`, or a spring has no direction.
+            speeds, a number of degrees of freedom, redundant rows or loops differs from the table `expect`, or a spring has no
+            direction.
     """
     joints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
     held = list_held(mechanism, document["scenarios"][mechanism.scenario])
@@ -94,7 +95,7 @@ def close_sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
 
 
 def place_apart(apart: Mechanism, mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism of unwelded links, `apart`, with the start that the welded bodies of `mechanism` have."""
+    """Return `apart`, in which welded links are separate bodies, with the positions and velocities of the bodies of `mechanism`."""
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
     links = motion_of_links(mechanism, start)
     return replace(apart, q0=links.q[0], v0=links.v[0])
@@ -144,10 +145,10 @@ def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
 
 
 def check_springs(mechanism: Mechanism) -> None:
-    """Refuse a spring with a rest length between points that coincide at the start.
+    """Refuse a spring with a rest length, or with a constant force (bias), between points that coincide at the start.
 
     Raises:
-        AssemblyError: the points of such a spring coincide.
+        AssemblyError: the two end points of a spring coincide, so that its force has no direction.
     """
     for name, law, distance in _laws_on_distances(mechanism):
         if (law.rest != 0 or law.bias != 0) and value(distance, mechanism.q0) < CLOSED:
@@ -155,7 +156,10 @@ def check_springs(mechanism: Mechanism) -> None:
 
 
 def warn_of_zero_length(mechanism: Mechanism) -> Iterator[str]:
-    """Yield a warning of each spring with a rest length whose end points the linkage can bring together."""
+    """Yield a warning about each spring whose end points can coincide in some position, where its force is not zero.
+
+    A spring without rest length and bias is not among them: its force is zero there.
+    """
     if mechanism.dof <= len(mechanism.drivers):
         return  # the motion does not follow from forces
     for name, law, distance in _laws_on_distances(mechanism):
@@ -172,7 +176,7 @@ def warn_of_zero_length(mechanism: Mechanism) -> Iterator[str]:
 
 
 def _laws_on_distances(mechanism: Mechanism) -> Iterator[tuple[str, Law, Distance]]:
-    """Yield the name of every force that acts along the distance of two points, with its law and that distance."""
+    """Yield, for every force along the line between two points, its name, its law and the distance of the points."""
     for force in mechanism.forces:
         for load in force.to_loads():
             if isinstance(load, Law) and isinstance(load.coordinate, Distance):
@@ -264,7 +268,7 @@ def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
 
 
 def list_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:
-    """List the angles, slides, points and lengths that the start and the drivers at t = 0 hold, with their values and rates."""
+    """List the angles, slides, points and lengths that start and drivers prescribe at t = 0, with their values and rates."""
     coordinates: list[Coordinate] = []
     targets: list[Any] = []
     rates: list[Any] = []
@@ -313,7 +317,10 @@ def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Numbe
 
 
 def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Array:
-    """Move a closed q (n,) until the held coordinates take their values, in steps small enough to keep the assembly mode.
+    """Move a position q (n,) with closed joints until the held coordinates have their prescribed values; return that position.
+
+    The steps are small enough to keep the assembly mode. There are three attempts: with all intermediate positions closed; the same
+    after whole turns have been added to links; and through intermediate positions in which the joints cannot be closed.
 
     Raises:
         AssemblyError: the held coordinates cannot be reached, or leave the position undetermined.
@@ -322,16 +329,16 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
     evaluations = 0  # of all attempts together
 
     def follow(state: Array, stays_closed: bool) -> tuple[Array, float]:
-        """Return the end of the way from a state to the targets, and its residual.
+        """Move the held coordinates in small steps to their targets (homotopy); return the last state and its residual.
 
-        With `stays_closed`, stop at the first position that cannot be closed.
+        With `stays_closed`, stop at the first intermediate position in which the joints cannot be closed.
         """
         # homotopy: the held coordinates must equal target + part * gap, with part falling from 1 to 0
         gap, error = held.of(state)[0] - held.target, np.inf
         steps = 1 + min(MOST_STEPS, int(held.distance(state) / STEP))
         for part in np.linspace(1.0, 0.0, steps + 1)[1:]:
             if part and error > CLOSED and evaluations > PATIENCE:
-                continue  # lost: try the target itself without further delay
+                continue  # the last intermediate position failed, after many evaluations: try the target itself at once
             goal = held.target + part * gap
 
             def residual(x: Array, goal: Array = goal) -> tuple[Array, Array]:

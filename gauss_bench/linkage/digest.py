@@ -21,7 +21,7 @@ def source_digest(*folders: str, without: Collection[str] = ()) -> str:
 
     Args:
         folders: folders or files of the package; "" is the whole package.
-        without: names of folders and files to leave out.
+        without: names to leave out: of folders directly in the package, and of files in any folder.
 
     Raises:
         FileNotFoundError: a folder has no files.
@@ -41,7 +41,9 @@ def source_digest(*folders: str, without: Collection[str] = ()) -> str:
 
 
 def content_digest(*values: Any) -> str:
-    """Return the SHA-256 of the content of values at every depth; fields of a mechanism that do not affect its motion are left out.
+    """Return the SHA-256 of the content of values, with everything nested in them.
+
+    Fields of a mechanism that do not affect its motion are left out.
 
     Raises:
         TypeError: a value contains an object whose content cannot be read, such as a function.

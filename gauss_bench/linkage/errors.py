@@ -1,4 +1,4 @@
-"""The errors of a linkage file: every fault found, each with file, table and field."""
+"""The exceptions for faulty linkage files; they list every fault that was found, with file, table and field."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ class Fault:
     text: str
 
     def __str__(self) -> str:
-        """Return path and text."""
+        """Return the path of keys and the text of the fault."""
         return f"{self.path}: {self.text}" if self.path else self.text
 
 
@@ -36,7 +36,7 @@ class FaultError(ValueError):
     """A fault that is found only while a linkage is built or assembled."""
 
     def __init__(self, path: str, text: str):
-        """Store the fault at a path of the file."""
+        """Store the fault `text` that was found at the key `path` of the file."""
         self.fault = Fault(path, text)
         super().__init__(str(self.fault))
 
@@ -53,7 +53,7 @@ class NotPlaced(AssemblyError):
     """The sketch does not determine the places of the links named in `links`."""
 
     def __init__(self, links: tuple[str, ...]):
-        """Store the names of the links."""
+        """Store the names of the links that could not be placed."""
         self.links = links
         text = f"not placed: {', '.join(links)}; give two points, or one point and an angle, of each"
         super().__init__("assembly.sketch", text)

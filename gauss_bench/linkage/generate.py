@@ -1,10 +1,12 @@
 """Linkages of any size: the N-four-bar and N pendulums.
 
 n_four_bar_N, from the IFToMM benchmark library (A02), has N + 1 equal verticals on ground pivots (i l, 0) and N horizontals
-between their tops. It stays a row of parallelograms and moves like a pendulum. It is singular if all bars lie on the ground line.
+between their tops. The linkage stays a row of parallelograms and moves like a pendulum. Its position is singular if all bars lie on
+the ground line.
 
-pendulums_N is a chain of N bars with n = 3N coordinates and m = 2N constraint rows. Gauss has n - m = N unknowns with a full
-matrix. Lagrange has n + m = 5N unknowns, each coupled only with its neighbours. The motion has no known closed form.
+pendulums_N is a chain of N bars with n = 3N coordinates and m = 2N constraint rows. Gauss's principle gives equations for
+n - m = N unknowns with a full matrix. Lagrange's equations have n + m = 5N unknowns, each coupled only with those of neighbouring
+bars. The motion has no known closed form.
 """
 
 from typing import Any
@@ -62,5 +64,5 @@ def pendulums(count: int) -> dict[str, Any]:
 
 
 def _bar(a: str, b: str) -> dict[str, Any]:
-    """Return the table of a uniform bar with the end points a and b."""
+    """Return the table, as in a linkage file, of a link that is a uniform bar with end points called a and b."""
     return {"points": {a: [0.0, 0.0], b: [LENGTH, 0.0]}, "bars": [[a, b]], "mass": MASS}

@@ -39,12 +39,14 @@ ANY = Range(1e15, least=1e-30)  # of keys without a range of their own
 
 
 def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
-    """List the values that are too deep, too many, too large, too small or not printable.
+    """List the values that are too large, too small or not printable, and tables or lists that are too long or nested too deeply.
 
-    If a limit on counts or depth is exceeded, the search ends at once, and only that fault is listed.
+    If a limit on counts or depth is exceeded, the search ends at once, and only that fault is listed. Of all other faults at most
+    SHOWN are listed. If there are none, the points are searched for chains of references that are too long.
     """
     faults: list[Fault] = []
     entries = 0
+    # not by recursion, which a deeply nested file could exhaust
     waiting: list[tuple[str, str, Any, int]] = [("", "", document, 0)]  # path, nearest key that has limits, value, depth
     while waiting:
         path, key, item, depth = waiting.pop()
@@ -104,7 +106,10 @@ def _describe(x: Any) -> str:
 
 
 def _chains(document: Mapping[str, Any]) -> Iterator[Fault]:
-    """Yield the fault of points that are given relative to each other in too long a chain; `references.py` finds circular ones."""
+    """Yield a fault for a link, or the ground, with points that are given relative to each other in too long a chain.
+
+    Circular chains are left to `references.py`.
+    """
     links = document.get("links")
     owners = {"ground": document.get("ground")}
     if isinstance(links, dict):
@@ -123,7 +128,8 @@ def _chains(document: Mapping[str, Any]) -> Iterator[Fault]:
 def follow(points: Mapping[str, Any], name: Any) -> tuple[list[str], str | None]:
     """Follow the key `from` from the point `name` to the point to which it is relative, and so on.
 
-    Return the chain of points, which begins with the point itself, and the point at which the chain meets itself, or None.
+    Return the points in this order, beginning with the point itself, and the first point that would occur twice, or None if the
+    chain ends.
 
     Args:
         points: name -> position of each point of a link, as in the file and not yet checked.

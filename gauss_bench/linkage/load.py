@@ -126,8 +126,8 @@ def load_document(
     Args:
         source: name of the file for messages.
         sha256: digest of the file's bytes.
-        stem: name of the file without its suffix, which must be the name of the linkage; None if there is no file.
-        place: function that finds the start of the mechanism.
+        stem: name of the file without its suffix, which must be the name of the linkage. `stem` is None if there is no file.
+        place: function that finds the positions and velocities at the start of the mechanism.
 
     Raises:
         LinkageError: the document has faults, among them numbers that overflow or lead to a singular matrix.
@@ -150,7 +150,7 @@ def choose_scenario(document: dict[str, Any], scenario: str | None, source: str,
     """Check a document and return the name of its scenario: the given one, or the first with a start.
 
     Raises:
-        LinkageError: the document has faults, or no such scenario.
+        LinkageError: the document has faults, or has no scenario of the given name.
     """
     faults = limit_faults(document) or document_faults(document, stem)
     if faults:
@@ -179,7 +179,7 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
     source = str(path)
 
     def refuse(text: str, where: str = "") -> LinkageError:
-        """Return the error with one fault, of the whole file or at a path in it."""
+        """Return the error with a single fault, which concerns the whole file or, if given, the key path `where` in it."""
         return LinkageError(source, [Fault(where, text)])
 
     try:
@@ -260,7 +260,7 @@ def override_faults(document: dict[str, Any], override: dict[str, Any], path: st
 
 
 def merge(document: dict[str, Any], override: dict[str, Any]) -> dict[str, Any]:
-    """Return a copy of the document in which an override's values replace those at the same paths."""
+    """Return a copy of the document in which the values of a scenario's `override` replace the values at the same paths of keys."""
     merged = copy.deepcopy(document)
     for key, value in override.items():
         inner = merged.get(key)

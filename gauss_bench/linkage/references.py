@@ -1,6 +1,6 @@
 """Checks beyond the schema: names must exist, points must be determined, and some keys exclude or need each other.
 
-The schema has put None in place of every value that it rejected. The checks of this module skip None, so that they can report all
+`schema.py` has replaced every value that it rejected by None. The checks of this module skip None, so that they can report all
 other faults of the same file at once. `grammar.toml` lists the places of names, each with the kind of thing that it must name, and
 faulty combinations of keys.
 """
@@ -27,7 +27,7 @@ def table(value: Any, key: str) -> dict[str, Any]:
 
 
 def items(value: Any, key: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield name and table of each table in the table at `key`; entries that are no tables are left out."""
+    """Yield (name, entry) for each entry of the table at `key` that is itself a table."""
     return ((name, entry) for name, entry in table(value, key).items() if isinstance(entry, dict))
 
 
@@ -55,7 +55,12 @@ def places(document: Document, *patterns: str) -> Iterator[Place]:
 
 
 def _step(path: str, x: Any, part: str) -> Iterator[Place]:
-    """Yield path and value of each place directly in x that one part of a pattern matches; `path` is that of x."""
+    """Yield path and value of each place directly in x that one part of a pattern matches.
+
+    Args:
+        path: path of x in the document; empty for the whole document.
+        part: "[*]" for all entries of a list; "*" for all values of a table, "~" for all keys of a table as values, or one key.
+    """
     if part == "[*]":
         for i, entry in enumerate(x if isinstance(x, list) else ()):
             yield f"{path}[{i}]", entry
@@ -83,11 +88,11 @@ class Names:
         self.points["ground"] = set(table(table(document, "ground"), "points"))
 
     def fault(self, path: str, text: str) -> None:
-        """Add a fault at a place of the document."""
+        """Add a fault at the path `path` of keys in the document."""
         self.faults.append(Fault(path, text))
 
     def check(self, path: str, name: str, kind: str) -> None:
-        """Add a fault unless the document defines `name` as an item of a kind; `grammar.toml` lists the kinds."""
+        """Add a fault unless the document defines an item `name` of a kind, such as "link"; `grammar.toml` lists the kinds."""
         if kind in ("point", "own point"):
             self.check_point(path, name, ground=kind == "point")
             return
@@ -125,17 +130,23 @@ class Names:
                 self.fault(path, f"the links {a!r} and {b!r} are welded together")
 
     def check_turns_on_ground(self, path: str, link: str) -> None:
-        """Add a fault unless the link has a revolute joint on the ground; if some joint was refused, check nothing."""
+        """Add a fault if the link has no revolute joint on the ground; do nothing if the schema has rejected a joint.
+
+        A rejected joint, or a rejected point of one, is None in the document.
+        """
         points_of_joints = [joint and joint.get("at", ()) for joint in self.joints.values()]
         if link not in self.links or any(at is None or None in at for at in points_of_joints):
             return
-        owners = [{reference.partition(".")[0] for reference in at} for at in points_of_joints]
-        if not any({"ground", link} <= links for links in owners):
+        links_of_joints = [{reference.partition(".")[0] for reference in at} for at in points_of_joints]
+        if not any({"ground", link} <= links for links in links_of_joints):
             self.fault(path, f"link {link!r} has no revolute joint on the ground")
 
 
 def reference_faults(document: Document, stem: str | None) -> list[Fault]:
-    """Return every fault of names and combinations of keys; `stem` is the file's name without its suffix, None without a file."""
+    """Return all faults in the names and in the combinations of keys of a document.
+
+    `stem` is the name of the document's file without its suffix, or None if there is no file.
+    """
     cylinder_faults = _cylinder_faults(document)  # first, because `write_out` needs faultless cylinders to expand them
     if cylinder_faults:
         return cylinder_faults
@@ -174,7 +185,7 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
 
 
 def _body(document: Document, name: str) -> str:
-    """Return the link at the end of the chain of welds that begins with a link; the link itself if it is not welded."""
+    """Return the link to which the welds lead from the link `name`, one after another; the link itself if it is not welded."""
     welds = {weld.get("link"): weld.get("to") for _, weld in items(document, "welds")}
     chain = [name]
     to = welds.get(name)
@@ -210,7 +221,7 @@ def _check_points(names: Names, path: str, points: dict[str, Any]) -> None:
         base = value.get("from") if isinstance(value, dict) else None
         if base is not None and base not in points:
             names.fault(f"{path}.{key}.from", f"unknown point {base!r}")
-        elif base is not None and follow(points, key)[1] == key:
+        elif base is not None and follow(points, key)[1] == key:  # the chain of points comes back to its first point
             names.fault(f"{path}.{key}.from", "circular: the point refers to itself")
 
 
@@ -255,13 +266,16 @@ def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
 
 
 def _check_joint(names: Names, path: str, joint: dict[str, Any]) -> None:
-    """Check that a slide joins different links."""
+    """Check that guide and block of a slide are different links."""
     if joint.get("type") == "prismatic":
         names.check_different_links(f"{path}.block", [joint.get("guide"), joint.get("block")])
 
 
 def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
-    """Check the names of a force, that it acts between different links, and that dry friction has a radius in pins alone."""
+    """Check the names that a force refers to, and that the force acts between different links.
+
+    Also check that dry friction in a pin has a radius, and dry friction in a slide has none.
+    """
     kind, joint, frame = (force.get(key) for key in ("type", "joint", "frame"))
     if "link" in force:
         ends = [force["link"], force.get("reaction", "ground")]
@@ -284,7 +298,7 @@ def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
 
 
 def _check_times(names: Names, path: str, rows: list[Any]) -> None:
-    """Check that the times of a table increase."""
+    """Check that the times in the rows of a table of values over time increase."""
     times = [row[0] for row in rows if row and row[0] is not None]
     if any(b <= a for a, b in pairwise(times)):
         names.fault(path, "times must increase")
@@ -296,7 +310,7 @@ def _check_sketch(names: Names, path: str, name: str) -> None:
 
 
 def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
-    """Check that a driver gives the travel that its law needs."""
+    """Check that a driver gives the travel if its motion law is a rise by a travel."""
     if driver.get("law") in ("sine", "cosine", "poly345") and not {"travel", "travel_deg"} & driver.keys():
         names.fault(f"{path}.{'travel_deg' if 'link' in driver else 'travel'}", "required")
 

@@ -1,9 +1,9 @@
 """The grammar of linkage files as types: the keys of each table, and the values that they take.
 
-There are two editions of the grammar, planar-linkage/1 and /2. The second adds the keys that a table lists as `second`. A file with
-one of these keys must say format = "planar-linkage/2", so that a reader of the first edition does not misread it. One key has two
-meanings: `c` of `joint_damping`, on a pin through several links, acts between every two of the links in the second edition, and
-between neighbours in the list in the first. `references.py` checks names and combinations of keys, `closure.py` the geometry.
+There are two editions of the grammar, planar-linkage/1 and /2. The second edition adds the keys that a `Table` lists as `second`. A
+file with one of these keys must say format = "planar-linkage/2", so that a reader of the first edition does not misread it. One key
+has two meanings: `c` of `joint_damping`, on a pin through several links, acts between every two of the links in the second edition,
+and between neighbours in the list in the first. `references.py` checks names and combinations of keys, `closure.py` the geometry.
 """
 
 import copy
@@ -62,14 +62,15 @@ class Table(BaseModel):
     units: ClassVar[dict[str, str]] = {}
 
     def __init_subclass__(cls, other: str = "", second: str = "", units: str = "", **more: Any) -> None:
-        """Keep this module's class arguments from pydantic; `__pydantic_init_subclass__` gets them too."""
+        """Do not pass this module's class arguments on to pydantic; `__pydantic_init_subclass__` receives and uses them."""
         super().__init_subclass__(**more)  # the keys of the table are not known yet
 
     @classmethod
     def __pydantic_init_subclass__(cls, other: str = "", second: str = "", units: str = "", **more: Any) -> None:
-        """Add the class arguments to those of the parent class: `other` and `second` are keys with spaces between them.
+        """Add the class arguments to those inherited from the parent class.
 
-        `units` has the form "key: unit; key: unit". A key that ends in `_deg`, and the same key without this ending, need no entry.
+        `other` and `second` are texts of keys with spaces between them. `units` is a text "key: unit; key: unit". A key that ends
+        in `_deg`, and the same key without this ending, need no entry.
         """
         super().__pydantic_init_subclass__(**more)
         cls.other |= {*other.split()}
@@ -84,7 +85,7 @@ class Table(BaseModel):
 
 
 def key_of(kind: type[Table], name: str) -> str:
-    """Return the key in the file of the field `name`; it differs if the key is a keyword of Python, such as `from`."""
+    """Return the key under which the file has the field `name`; the two differ if the key is a Python keyword, such as `from`."""
     return kind.model_fields[name].alias or name
 
 
@@ -398,9 +399,9 @@ def check_grammar(document: dict[str, Any]) -> tuple[list[Fault], dict[str, Any]
 
 
 def _keys_of_second(item: Any, path: str = "") -> Iterator[str]:
-    """Yield the paths of all keys of the second edition in a table, dict or list at `path`."""
+    """Yield the paths of all keys in a table, dict or list at `path` that only the second edition of the file format has."""
     if isinstance(item, Table):
-        for name in item.model_fields_set:
+        for name in item.model_fields_set:  # the fields that the file gives
             key = key_of(type(item), name)
             where = f"{path}.{key}" if path else key
             if key in item.second:
@@ -416,7 +417,11 @@ def _keys_of_second(item: Any, path: str = "") -> Iterator[str]:
 
 
 def _keys_to(location: tuple[str | int, ...], document: Any) -> list[Any]:
-    """Return the keys that lead to a fault in a document: pydantic's location, without the tags of `one_of` in it."""
+    """Return the path of keys and indices to a fault in a document.
+
+    This is the location that pydantic reports, without the tags that it adds for tagged unions (`one_of`, `PointValue`) and for
+    keys.
+    """
     keys: list[Any] = []
     parts = [x for x in location if x not in ("<list>", "<table>", "[key]")]
     for part in parts:
@@ -424,7 +429,7 @@ def _keys_to(location: tuple[str | int, ...], document: Any) -> list[Any]:
             keys.append(part)
             document = document[part]  # type: ignore[index]
         # any other part is a tag of `one_of`, which is no key of the document, or at the end a missing key
-        elif isinstance(document, dict) and part is location[-1]:
+        elif isinstance(document, dict) and part is location[-1]:  # `is`: an equal tag further up is not the last part
             keys.append(part)  # a missing key
             document = None
     return keys
@@ -479,7 +484,10 @@ def physics_digest(document: dict[str, Any], scenario: str) -> str:
 
 
 def _physics(item: Any) -> Any:
-    """Return a table as a dict of the keys that affect a motion, at every depth; equal numbers become equal decimal texts."""
+    """Return a table, with all tables in it, as a dict of the keys that the file gives and that affect a motion.
+
+    Numbers of type float become decimal texts, the same for equal numbers; pydantic has made floats of whole numbers too.
+    """
     if isinstance(item, Table):
         given = {key_of(type(item), name): getattr(item, name) for name in item.model_fields_set}
         return {key: _physics(value) for key, value in given.items() if key not in item.other}  # other: without effect on a motion

@@ -1,7 +1,8 @@
 """First guess of a position: links are placed one after the other from the points and angles that the file gives.
 
-A link is placed by two known points, or by one known point and a known angle. An angle is known from the file, or from a slide that
-connects the link to a placed one. A placed link makes its pins known to its neighbours.
+A link is placed by two points with known positions, or by one such point and a known angle. The angle is given in the file, or
+follows from a slide that connects the link to a link that is already placed. The pins of a placed link are known points of its
+neighbours.
 """
 
 from typing import Any
@@ -35,21 +36,22 @@ class _Placing:
     """The links placed so far.
 
     Attributes:
-        given: body -> angle [rad] that the file gives.
-        drawn: name of a point -> world position (2,) [m] that the file gives for its joint, for itself or for a ground pivot.
-        theta, centre: body -> angle [rad] and centre of mass (2,) [m] of the placed bodies.
-        pin_ends: the two ends of every pin, in both orders.
+        given: index of a body -> angle [rad] that the file gives.
+        drawn: name of a point -> world position (2,) [m] that the file gives: for the point itself, for its joint, or for the
+            ground point of its joint.
+        theta, centre: index of a body -> angle [rad] and centre of mass (2,) [m], for the bodies placed so far.
+        pin_ends: the two points (a, b) that each pin joins, and also (b, a).
     """
 
     def __init__(self, mechanism: Mechanism, document: dict[str, Any]):
-        """Read the angles and places that the table `assembly` of the file gives; only the ground is placed."""
+        """Read the angles and positions in the table `assembly` of the file; so far only the ground has a known position."""
         self.mechanism = mechanism
         assembly = document.get("assembly", {})
         angles = {name: float(np.radians(x)) for name, x in assembly.get("angles_deg", {}).items()}
         angles |= assembly.get("angles", {})
         self.given: dict[int, float] = {}
         for name, angle in angles.items():
-            body, turn = mechanism.find_body(name)
+            body, turn = mechanism.find_body(name)  # `turn` is the constant angle of the named link in its body
             self.given[body] = angle - turn
         self.drawn = self._read_points(document, assembly.get("sketch", {}))
         self.theta: dict[int, float] = {GROUND: 0.0}
@@ -80,7 +82,7 @@ class _Placing:
         return np.asarray(self.centre[point.link] + turn_vector(point.local, self.theta[point.link]))
 
     def place(self, i: int) -> bool:
-        """Place body i if enough is known, and return whether it was placed."""
+        """Place body i if a point and the angle of the body are known; return whether the body was placed."""
         link = self.mechanism.links[i]
         # point of the body -> its known world position (2,) [m]
         known = {name: self.drawn[f"{link.name}.{name}"] for name in link.points if f"{link.name}.{name}" in self.drawn}
@@ -100,19 +102,23 @@ class _Placing:
     def _angle(self, i: int, first: str, known: dict[str, Array]) -> float | None:
         """Return the angle [rad] of body i: from the file, else from a second known point, else from a slide; None if unknown.
 
-        If a slide connects the body to a placed one, whole turns are added to come nearest to the angle that the slide gives.
+        If a slide connects the body to a body that is already placed, the slide gives an angle too. Whole turns are then added to
+        the returned angle, so that it differs from the slide's angle by at most half a turn.
 
         Args:
             first: name of a known point of the body.
             known: name of a point of the body -> its world position (2,) [m].
         """
         points = self.mechanism.links[i].points
+        # partner_angle: by a slide on a body that is placed already; angle: first that of the file, then of the other sources in
+        # order
         partner_angle, angle = self._angle_by_partner(i), self.given.get(i)
         second = next((name for name in known if np.any(points[name] != points[first])), None)
         if angle is None and second is not None:
+            # directions from the first to the second point, in the body's frame and in the world
             own, drawn = points[second] - points[first], known[second] - known[first]
             angle = float(np.arctan2(drawn[1], drawn[0]) - np.arctan2(own[1], own[0]))
-        elif angle is None:
+        elif angle is None:  # a slide on a placed body, else a slide whose two points are known
             angle = self._angle_by_line(i) if partner_angle is None else partner_angle
         if angle is not None and partner_angle is not None:
             # points give angles up to whole turns, but a slide compares the angles of its links
@@ -120,7 +126,7 @@ class _Placing:
         return angle
 
     def _angle_by_partner(self, i: int) -> float | None:
-        """Return the angle [rad] of body i from a slide that connects it to a placed body; None if there is none."""
+        """Return the angle [rad] of body i from a slide that connects it to a placed body; None if there is no such slide."""
         for joint in self.mechanism.slides:
             if joint.block.link == i and joint.guide.link in self.theta:
                 return self.theta[joint.guide.link] + joint.turn
@@ -146,7 +152,10 @@ class _Placing:
         return None
 
     def _find(self, point: Point) -> Array | None:
-        """Return the world position (2,) [m] of a point: that of the file, else that of a pin on a placed body; None if unknown."""
+        """Return the world position (2,) [m] of a point, or None if it is unknown.
+
+        It is the position that the file gives, otherwise that of a pin by which the point is joined to a body already placed.
+        """
         if point.name in self.drawn:
             return self.drawn[point.name]
         shared = next((other for mine, other in self.pin_ends if mine.name == point.name and other.link in self.theta), None)

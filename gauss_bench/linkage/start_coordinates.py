@@ -1,6 +1,7 @@
-"""Choose the coordinates that the start of a new file should prescribe: they determine the position where joints leave it free.
+"""Choose the coordinates whose initial values a new linkage file should prescribe.
 
-The import of models and the studio use it.
+Together with the joints, these coordinates determine the position of all links. The import of MJCF and URDF models and the studio
+(the drawing program of this suite) use this module.
 """
 
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ TABLES = {"angle": ("angles", "speeds"), "slide": ("slides", "slide_speeds"), "p
 
 @dataclass(frozen=True)
 class Candidate:
-    """Coordinates whose values a start may prescribe, all of them at the same time.
+    """An angle, a slide or a point, whose coordinates the table `start` of a linkage file may prescribe.
 
     Attributes:
         kind: "angle" of a link, "slide", or "point" for x and y of a point.
@@ -32,7 +33,7 @@ class Candidate:
 
     @property
     def tables(self) -> tuple[str, str]:
-        """The names of the tables in `start` for its value and for its rate."""
+        """The names of the tables in `start` that hold the values and the rates of the coordinates."""
         return TABLES[self.kind]
 
 
@@ -51,7 +52,8 @@ def choose_held(mechanism: Mechanism, q: Array, free: Array) -> list[Candidate]:
     """Return candidates that together determine the position at q (n,).
 
     The columns of `free` (n, dof) are the directions of motion that the joints leave free.
-    In turn, the first candidate is chosen whose sensitivity to the remaining freedoms is at least GOOD times the largest.
+    Candidates are chosen one after the other, as long as they leave some motion free. Each time, it is the first candidate, in the
+    order of `candidates`, whose sensitivity to the motions that are still free is at least GOOD times the largest.
     """
     offered = candidates(mechanism)
     rows = [np.array([gradient(x, q) for x in candidate.coordinates]) @ free for candidate in offered]

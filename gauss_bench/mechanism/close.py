@@ -34,10 +34,12 @@ def project(
     Args:
         q: first guess.
         residual: function of q that returns F (..., m) and J (..., m, n).
-        shortest: function of J and F that returns the shortest x (..., n) with J x = F.
+        shortest: function of J and F that returns the shortest vector x (..., n) with J x = F.
         corrections: largest number of corrections.
-        closed: function of q, F and J; if it returns True before a correction, the iteration stops.
-        still: function of q and the largest entry (...) of a correction; if it returns True after the correction, the same.
+        closed: function of q, F and J; if it returns True before a correction, the iteration stops. By default, neither `closed`
+            nor `still` stops the iteration, and all corrections are made.
+        still: function of the corrected q and the largest entry (...) of the correction; if it returns True after a correction, the
+            iteration stops too.
         longest: largest allowed entry of a correction; a longer correction is scaled down.
     """
     for count in range(corrections + 1):

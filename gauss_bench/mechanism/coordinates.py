@@ -6,12 +6,13 @@
     Slip        x' = n . p'             n turns with the body of p; there is no x (a knife edge keeps x' at zero)
 
 p = z + r is the place of a point, with z the centre of mass of its body, u = z', and the arm r from there to the point. Each
-coordinate has a gradient G, stored by body (`Entry`), and a bias, the part of the second rate that comes from velocities alone:
+coordinate has a gradient G, stored by body (`Entry`). It also has a bias: the part of its second time derivative x'' that depends
+on velocities only. With v and a the velocities and accelerations (n,) of all bodies,
 
     x' = G v,    x'' = G a + bias
 
-A force is a law on a coordinate (`Law`). `push` is its generalised force, `energy` its potential and `loss` its loss of power. The
-functions in the second half of the file evaluate coordinates and points for arrays of states.
+A force is a law on a coordinate (`Law`). For a law, `push` gives the generalised force, `energy` the potential energy and `loss`
+the dissipated power. The functions in the second half of the file evaluate coordinates and points for arrays of states.
 
 Source: Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), sections 3.3 and 3.6. `reference/taylor` derives
 all of this independently and must not import this file: a certificate is only as good as the independence of its two derivations.
@@ -32,11 +33,14 @@ from gauss_bench.trajectory import Trajectory
 
 
 class Entry(NamedTuple):
-    """The gradient of a coordinate at one body.
+    """The part of a coordinate's gradient that belongs to one body.
+
+    The motion of this body adds n . z' + m omega to the rate of the coordinate.
 
     Attributes:
-        n: factor of the velocity of its centre of mass; None for an angle, which does not depend on that velocity.
-        m: factor of its angular speed.
+        frame: the body.
+        n: factor of z', the velocity of the body's centre of mass; None if z' does not affect the coordinate, as for an angle.
+        m: factor of omega, the angular speed of the body.
     """
 
     frame: Frame
@@ -44,7 +48,7 @@ class Entry(NamedTuple):
     m: Real
 
     def scale(self, factor: Real) -> "Entry":
-        """Return the gradient at this body of `factor` times the coordinate."""
+        """Return the same part of the gradient of `factor` times the coordinate."""
         return Entry(self.frame, None if self.n is None else self.n * factor, self.m * factor)
 
 
@@ -54,7 +58,7 @@ def total(terms: Sequence[Real]) -> Real:
 
 
 def _gap_entries(n: Vec, a: End, b: End) -> tuple[Entry, Entry]:
-    """Return the gradient of n . (p_b - p_a) at the bodies of a and b, for a vector n that does not turn."""
+    """Return the gradient of n . (p_b - p_a) as its parts for the bodies of a and b, for a vector n that does not turn."""
     return Entry(a.frame, -n, wedge(n, a.arm)), Entry(b.frame, n, wedge(b.arm, n))
 
 
@@ -70,10 +74,10 @@ def _centripetal(omega: Real, n: Vec, arm: Vec) -> Real:
 
 
 class AlongState:
-    """The coordinate x = n . (p_b - p_a) at a state; n is fixed in the body `axes`."""
+    """The coordinate x = n . (p_b - p_a) at a state; the unit vector n is fixed in the body whose frame is `axes`."""
 
     def __init__(self, direction: Direction, a: End, b: End):
-        """Store the direction n, with the body that carries it, and the points a and b."""
+        """Store the direction n with the body in which it is fixed, and the points a and b between which x is measured along n."""
         self.axes, self.n = direction
         self.a, self.b = a, b
         self.gap = b.place - a.place
@@ -85,7 +89,7 @@ class AlongState:
 
     @cached_property
     def entries(self) -> tuple[Entry, ...]:
-        """The gradient of x by body: at the body of a, at that of b, and at the body that turns n."""
+        """The gradient of x by body: parts for the body of a, for the body of b, and for the body in which n is fixed."""
         at_a, at_b = _gap_entries(self.n, self.a, self.b)
         if self.axes.rests:
             return at_a, at_b
@@ -102,13 +106,15 @@ class AlongState:
 
     @cached_property
     def bias(self) -> Real:
-        """The bias of x: the part of x'' that comes from velocities alone [m/s^2], as seen in axes that turn with n.
+        """The bias of x: the part of x'' that depends on velocities only [m/s^2].
 
-        With w_a, w_b and W the angular speeds of the bodies of a, b and n, the bias is
+        x is measured in axes that turn with n, so the bias has the Coriolis and centrifugal terms of these axes. With w_a and w_b
+        the angular speeds of the bodies of a and b, and W that of the body in which n is fixed, the bias is
 
             -(w_b - W)^2 n . r_b + (w_a - W)^2 n . r_a + 2 W n x (u_b - u_a) - W^2 n . (z_b - z_a)
 
-        where p = z + r and u = z'. Terms of the body that carries n vanish, and so do terms of bodies at rest.
+        where p = z + r, with z the centre of mass, r the arm from there to the point, and u = z'; n x is the planar cross product.
+        Terms of the body in which n is fixed vanish, and so do terms of bodies at rest.
         """
         n, axes = self.n, self.axes
         a, b = self.a.frame, self.b.frame
@@ -123,7 +129,7 @@ class AlongState:
         return total(terms)
 
     def _relative_speed(self, frame: Frame) -> Real:
-        """Return the angular speed of a body relative to the one that carries n."""
+        """Return the angular speed of a body relative to the body in which n is fixed."""
         return frame.omega if self.axes.rests else frame.omega - self.axes.omega
 
 
@@ -133,41 +139,43 @@ class AngleState:
     bias: Real = 0.0
 
     def __init__(self, a: Frame, b: Frame):
-        """Store the two bodies."""
+        """Store the two bodies between which the angle is measured."""
         self.a, self.b = a, b
 
     @property
     def value(self) -> Real:
-        """The angle [rad]."""
+        """The angle of body b relative to body a [rad]."""
         return self.b.angle - self.a.angle
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """The gradient by body."""
+        """The gradient of the angle by body: -1 for the angle of body a, 1 for that of body b."""
         return Entry(self.a, n=None, m=-1.0), Entry(self.b, n=None, m=1.0)
 
     @property
     def rate(self) -> Real:
-        """The rate [rad/s]."""
+        """The rate of the angle of body b relative to body a [rad/s]."""
         return self.b.omega - self.a.omega
 
 
 class DistanceState:
-    """The coordinate x = |p_b - p_a| at a state; members with half_square are those of x^2 / 2, which needs no square root.
+    """The coordinate x = |p_b - p_a| at a state.
+
+    Members with half_square in their names belong to x^2 / 2 instead of x, because x^2 / 2 needs no square root.
 
     Attributes:
         gap: the vector p_b - p_a.
-        known: the value of x if it is known without a square root, as on a length constraint; else None.
+        known: the value of the distance x if it is known without a square root, as for a length constraint; otherwise None.
     """
 
     def __init__(self, a: End, b: End, arithmetic: Arithmetic, known: Real = None):
-        """Store the points a and b, the functions of their kind of number, and the value of x if it is known."""
+        """Store the points a and b, the functions for their type of number, and the value of the distance x if it is known."""
         self.a, self.b, self.gap = a, b, b.place - a.place
         self.arithmetic, self.known = arithmetic, known
 
     @cached_property
     def square(self) -> Real:
-        """x^2."""
+        """The square of the distance, x^2 [m^2]."""
         return dot(self.gap, self.gap)
 
     @cached_property
@@ -276,7 +284,7 @@ def slip(coordinate: Slip, at: Placement) -> tuple[Entry, Real]:
 def columns(entries: Sequence[Entry]) -> dict[int, Real]:
     """Return a gradient, given by body, as a dict: index in a state (n,) -> number; bodies at rest are left out.
 
-    Each entry has a body's frame, and the factors of the velocity of its centre of mass (None if zero) and of its angular speed.
+    A body may occur in several entries, which are added. The members of an entry are described at `Entry`.
     """
     sums: dict[int, Real] = {}
     for frame, n, m in entries:
@@ -296,14 +304,16 @@ def is_zero(number: Real) -> bool:
 
 
 def strength(x: State, law: Law) -> Real:
-    """Return the force F of a law along its coordinate x; the generalised force is F times the gradient in `entries`.
+    """Return the force F of a law along its coordinate x; the generalised force is F times the gradient `entries` of x.
 
-    For a distance x the result is F / x and multiplies `half_square_entries`: with h = x^2 / 2, F grad x = (F / x) grad h, and
+    For a distance x the result is F / x instead, which multiplies the gradient `half_square_entries` of h = x^2 / 2, because
+    F grad x = (F / x) grad h. With stiffness k, damping c, and s for `inverse_square`,
 
         F / x = -k + (k rest + bias) / x - c h' / x^2 + s / x^3
 
-    A spring without rest length therefore needs no square root and, if undamped, no division: it passes through zero length
-    smoothly. Any other spring reverses its direction there, and exerts no force at exactly zero length.
+    A spring without rest length and bias therefore needs no square root and, if undamped, no division: its force passes through
+    zero length smoothly. Any other spring reverses the direction of its force at zero length, and exerts no force at exactly zero
+    length.
     """
     sprung, damped, biased = not is_zero(law.k), not is_zero(law.c), not is_zero(law.bias)
     terms: list[Real] = []
@@ -331,9 +341,9 @@ def strength(x: State, law: Law) -> Real:
 
 
 def push(x: State, law: Law) -> tuple[Entry, ...]:
-    """Return the generalised force of a law along its coordinate x, by body: force times gradient.
+    """Return the generalised force of a law along its coordinate x, by body: the force times the gradient of x.
 
-    For a distance, these are the quotient force / x and the gradient of x^2 / 2 (see `strength`).
+    For a distance x, the two factors are the quotient force / x and the gradient of x^2 / 2 (see `strength`).
     """
     force = strength(x, law)
     entries = x.half_square_entries if isinstance(x, DistanceState) else x.entries
@@ -365,7 +375,7 @@ def loss(x: State, law: Law) -> Real:
 
 
 class _ArrayArithmetic:
-    """The functions of `Arithmetic` for arrays."""
+    """The functions sqrt, sin, cos and inverse of the protocol `Arithmetic` for numpy arrays."""
 
     sqrt, sin, cos, inverse = np.sqrt, np.sin, np.cos, staticmethod(inverse)
 
@@ -376,7 +386,7 @@ class Placed(Placement):
     arithmetic = _ArrayArithmetic()
 
     def __init__(self, q: Array, v: Array | None = None):
-        """Store the states."""
+        """Store the states q, v (..., n)."""
         self.q, self.v = q, np.zeros_like(q) if v is None else v
 
     def body(self, body: int) -> tuple[list[Array], list[Array]]:
@@ -386,12 +396,12 @@ class Placed(Placement):
 
 
 def value(coordinate: Coordinate, q: Array) -> Array:
-    """Return the value (...) [rad or m] at state(s) q (..., n)."""
+    """Return the value (...) [rad or m] of a coordinate at one or several states q (..., n)."""
     return np.asarray(state(coordinate, Placed(q)).value)
 
 
 def rate(coordinate: Coordinate, q: Array, v: Array) -> Array:
-    """Return the rate (...) [rad/s or m/s] at state(s) q, v (..., n)."""
+    """Return the rate (...) [rad/s or m/s] of a coordinate at one or several states q, v (..., n)."""
     return np.asarray(state(coordinate, Placed(q, v)).rate)
 
 
@@ -404,7 +414,7 @@ def gradient(coordinate: Coordinate, q: Array) -> Array:
 
 
 def bias(coordinate: Coordinate, q: Array, v: Array) -> Array:
-    """Return the bias (...) [rad/s^2 or m/s^2] at state(s) q, v (..., n)."""
+    """Return the bias (...) [rad/s^2 or m/s^2] of a coordinate at one or several states q, v (..., n)."""
     return np.asarray(state(coordinate, Placed(q, v)).bias) + np.zeros(q.shape[:-1], dtype=q.dtype)  # one for each state
 
 

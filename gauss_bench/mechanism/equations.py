@@ -1,12 +1,14 @@
 """Constraint rows and generalised forces of a linkage, for numbers of any kind: the `Placement` chooses the kind.
 
-A joint holds scalar coordinates at constant values, a driver holds one at a law of time, a knife edge keeps a slip at zero. A force
-is a law on a coordinate, or a vector at a point. With x a held coordinate and c its value, a constant or a law of time, a row has
+A joint holds scalar coordinates at constant values. A driver makes one coordinate follow a law of time. A knife edge keeps the
+speed across it (a `Slip`) at zero. A force is a law on a coordinate, or a vector at a point. The constraint row that holds a
+coordinate x at the value c, a constant or a law of time, has
 
     phi = x - c,    J = dx/dq,    gamma = c'' - bias of x,    so that J a = gamma
 
-Rows stand in the order: joints in the file's order, couplings, drivers, knife edges. `Symbols` evaluates the equations once with
-symbols for coordinates, and generates functions of q, v and the values of the laws.
+The bias of x is the part of x'' that depends on velocities only (coordinates.py). Rows stand in the order: joints in the file's
+order, couplings, drivers, knife edges. `Symbols` evaluates the equations once with symbols in place of coordinates, and generates
+from them functions of q, v and the values of the motion laws.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -24,17 +26,18 @@ from gauss_bench.mechanism.spaces import Real, Vec, dot, slots, wedge
 from gauss_bench.terms import Array
 
 Motion = tuple[Real, Real, Real]  # value, rate, second rate
-LEVELS = 3  # numbers of a law at a time: value, rate and second rate
+LEVELS = 3  # numbers that a motion law has at a time: value, rate and second rate
 
 
 class Given(Placement):
-    """A placement that also provides the values at which joints hold coordinates, and the motion laws, in its kind of number.
+    """A placement that also provides the values at which joints hold coordinates, and the values of motion laws.
 
-    These are the numbers of the file, open parameters, or inputs of a program.
+    The values have the placement's type of number. Depending on the subclass, they are numbers of the file, parameters that stay
+    symbols in a compiled program, or inputs of a program.
     """
 
     def held(self, joint: str, index: int, value: Any) -> Real:
-        """Return `value` in this kind of number: the constant at which a joint holds its coordinate number `index`."""
+        """Return `value` in this type of number: the constant at which a joint holds its coordinate number `index`."""
         return value
 
     def law(self, law: MotionLaw) -> Motion:
@@ -50,8 +53,8 @@ class Row:
         name: of the joint, coupling, driver or knife edge.
         entries: entries of J that are not zero, by index in a state (n,).
         gamma: right-hand side of J a = gamma.
-        phi: residual; None for a knife edge, which has no position level.
-        phi_t: partial derivative of the residual by time.
+        phi: residual of the constraint on positions; None for a knife edge, which constrains velocities only.
+        phi_t: partial derivative of the residual with respect to time.
     """
 
     name: str
@@ -81,14 +84,17 @@ def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Itera
 
 
 def _row(name: str, at: Given, coordinate: Coordinate, motion: Motion, on_constraints: bool) -> Row:
-    """Return the row that holds a coordinate at a given motion; on the constraints the coordinate has the value of this motion."""
+    """Return the constraint row that makes a coordinate follow a given motion.
+
+    With `on_constraints` the state satisfies the constraints, so that the coordinate has the value that the motion prescribes.
+    """
     value, rate, second = motion
     x = state(coordinate, at, value if on_constraints else None)
     return Row(name, entries=columns(x.entries), gamma=second - x.bias, phi=x.value - value, phi_t=-rate)
 
 
 def generalise(at: Placement, load: Load) -> dict[int, Real]:
-    """Return the generalised force of one load, as a dict: index in a state (n,) -> number."""
+    """Return the generalised force of one load as a dict: index in a state (n,) -> number."""
     match load:
         case Law():
             return columns(push(state(load.coordinate, at), load))
@@ -122,10 +128,10 @@ class Symbols(Given):
     """
 
     def __init__(self, n: int):
-        """Begin an empty program."""
+        """Begin an empty program for n coordinates."""
         self.n, self.program = n, Program()
-        self.arithmetic = self.program
-        self.laws: list[MotionLaw] = []
+        self.arithmetic = self.program  # a program also has the functions sqrt, sin, ... for its symbols
+        self.laws: list[MotionLaw] = []  # the motion laws whose values are inputs of the program so far
 
     def body(self, body: int) -> tuple[list[Symbol], list[Symbol]]:
         """Return symbols for x, y and angle of a body, and for their rates."""
@@ -156,9 +162,9 @@ class Symbols(Given):
         laws = self.laws
 
         def evaluate(t: float | Array, q: Array, v: Array) -> list[Array]:
-            """Return the groups at time(s) t and state(s) q, v."""
+            """Return the arrays of the groups at time(s) t and state(s) q, v; the third input has the motion laws' values at t."""
             if not laws:
-                return function(q, v, q[..., :0])  # an empty array of levels
+                return function(q, v, q[..., :0])  # an array (..., 0) in place of the values of motion laws
             levels = [np.asarray(x) for law in laws for x in law(t)]
             return function(q, v, np.stack([np.broadcast_to(x, q.shape[:-1]) for x in levels], axis=-1))
 

@@ -1,7 +1,7 @@
 """Evaluate a mechanism at a state: constraint rows, the terms of its equations of motion, and its energy.
 
-Constraint rows are evaluated at one state q (n,) or a batch q (..., n), in doubles, or in the longer type of number with which the
-linkage was built.
+Constraint rows are evaluated at one state q (n,) or a batch q (..., n). The numbers are doubles, or have the type of more digits
+with which the linkage was built.
 """
 
 from collections.abc import Callable
@@ -48,50 +48,50 @@ class Constraints:
     Attributes:
         m: number of rows.
         joint_rows: number of rows of joints and couplings, which stand first.
-        holonomic: number of rows that have a position level; the rows of knife edges follow them.
+        holonomic: number of rows that constrain positions; the rows of knife edges follow them.
         laws: motion laws of the drivers.
         constant: (m n,) the constant entries of J, row by row; 0 for an entry that varies.
         varying: (k,) indices of the varying entries in `constant`.
-        symbols: the recorded equations, to which others can be added that share their operations.
+        symbols: the recorded equations; other equations can be added to them and share their operations.
         listed: four lists of symbols: the varying entries of J, gamma, phi and phi_t.
     """
 
     def __init__(self, mechanism: Mechanism):
         """Record all rows with symbols; constant entries of J are stored at once, for all others a function is generated later."""
         self.mechanism, self.n = mechanism, mechanism.n
-        at = self.symbols = Symbols(mechanism.n)
+        at = self.symbols = Symbols(mechanism.n)  # registers each motion law of a driver in `laws` when its row is made
         rows, symbol = list(equations.rows(mechanism, at)), at.program.symbol
         self.m, self.laws = mechanism.m, at.laws
         self.holonomic = self.m - len(mechanism.knife_edges)
         self.joint_rows = self.holonomic - len(mechanism.drivers)
-        self.constant = np.zeros(self.m * self.n, dtype=mechanism.gravity.dtype)
-        places: list[int] = []  # of the varying entries in J, row by row
+        self.constant = np.zeros(self.m * self.n, dtype=mechanism.gravity.dtype)  # the type of all numbers of the mechanism
+        flat_indices: list[int] = []  # of the varying entries in J, counted row by row
         entries: list[Symbol] = []
         for i, row in enumerate(rows):
             for k, value in row.entries.items():
                 entry = symbol(value)
                 if entry.number is None:  # the entry varies with the state
-                    places.append(i * self.n + k)
+                    flat_indices.append(i * self.n + k)
                     entries.append(entry)
                 else:
                     self.constant[i * self.n + k] = entry.number
-        self.varying = np.array(places, dtype=int)
+        self.varying = np.array(flat_indices, dtype=int)
         phi = [symbol(0.0 if row.phi is None else row.phi) for row in rows]
         self.listed = entries, [symbol(row.gamma) for row in rows], phi, [symbol(row.phi_t) for row in rows]
 
     @cached_property
     def _function(self) -> Callable[..., list[Array]]:
-        """The generated function of t, q and v that returns the four lists of `listed`, each as an array (..., k)."""
+        """The generated function of t, q and v that returns an array (..., k) for each of the four lists of symbols in `listed`."""
         with RECORDING:
             return self.symbols.generate(*self.listed)
 
     def __call__(self, t: float | Array, q: Array, v: Array) -> Rows:
-        """Return all rows at state(s) q, v (..., n) and time(s) t (...) [s]."""
+        """Return the values of all constraint rows at state(s) q, v (..., n) and time(s) t (...) [s]."""
         entries, gamma, phi, phi_t = self._function(t, q, v)
         return Rows(phi, self.fill_jacobian(entries), gamma, phi_t)
 
     def residual(self, q: Array, t: float = 0.0) -> tuple[Array, Array]:
-        """Return phi (holonomic,) and J (holonomic, n) of the rows that have a position level, at q (n,) and time t [s]."""
+        """Return phi (holonomic,) and J (holonomic, n) of the rows that constrain positions, at q (n,) and time t [s]."""
         rows = self(t, q, np.zeros_like(q))
         return rows.phi[: self.holonomic], rows.J[: self.holonomic]
 
@@ -106,8 +106,8 @@ class Constraints:
 def list_determined(mechanism: Mechanism) -> list[str]:
     """List the names of the joints whose forces follow from the motion at the start, because no redundant row involves them.
 
-    Multipliers are determined up to the null space of J^T. A joint's force is determined if its two entries are zero in every
-    vector of this null space.
+    The multipliers, of which each joint has two, are determined up to vectors of the null space of J^T. A joint's force is
+    determined if its two entries are zero in every vector of the null space of J^T.
     """
     left, sizes, _ = np.linalg.svd(Constraints(mechanism)(0.0, mechanism.q0, mechanism.v0).J)
     rank = np.count_nonzero(sizes > RANK_TOLERANCE * sizes.max(initial=0.0))
@@ -128,7 +128,7 @@ class Evaluator:
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Record the equations of a mechanism."""
+        """Set up the constraint rows, applied forces and joint friction of a mechanism; functions are generated when needed."""
         self.mechanism = mechanism
         self.constraints = Constraints(mechanism)
         self.applied = AppliedForces(mechanism)
@@ -138,14 +138,21 @@ class Evaluator:
 
     @cached_property
     def _terms(self) -> Callable[..., list[Array]]:
-        """The generated function of t, q and v: the varying entries of J, Q of steady forces, gamma, phi and phi_t."""
+        """The generated function of t, q and v that returns five arrays.
+
+        They are the entries of J that vary with the state, Q of the steady forces (those without a factor of time or direction),
+        gamma, phi and phi_t.
+        """
         symbols = self.constraints.symbols
         entries, *others = self.constraints.listed
         with RECORDING:
             return symbols.generate(entries, self.applied.add_steady(symbols), *others)
 
     def terms(self, t: float, q: Array, v: Array) -> Terms:
-        """Return the terms at one state q, v (n,) and time t [s]; Q is without friction, which depends on the multipliers."""
+        """Return the terms of the equations of motion at one state q, v (n,) and time t [s].
+
+        Q does not contain dry friction, which depends on the multipliers.
+        """
         entries, Q, gamma, phi, phi_t = self._terms(t, q, v)
         J = self.constraints.fill_jacobian(entries)
         for force in self.applied.varying:
@@ -153,10 +160,10 @@ class Evaluator:
         return Terms(self.M, J, Q, gamma, phi, J @ v + phi_t)
 
     def check_loads(self) -> None:
-        """Check that no rows are redundant at the start if joints have friction.
+        """Check that no constraint rows are redundant at the start if joints have friction.
 
         Raises:
-            UndeterminedLoads: rows are redundant; the message has their number.
+            UndeterminedLoads: constraint rows are redundant; the message has their number.
         """
         if self.friction:
             J = self.constraints(0.0, self.mechanism.q0, self.mechanism.v0).J
@@ -170,23 +177,25 @@ class Evaluator:
         return 0.5 * (v * v) @ self.mass + self.applied.potential(q)
 
     def project(self, t: float, q: Array, v: Array, rank_tolerance: float = 1e-4) -> tuple[Array, Array]:
-        """Return the nearest consistent state q, v (n,) at time t [s]: Gauss-Newton corrects q, then one linear system corrects v.
+        """Return the state q, v (n,) nearest to a given one that satisfies the constraints at time t [s].
+
+        Gauss-Newton iteration corrects q, then one linear system corrects v.
 
         Singular values below `rank_tolerance` times the largest count as zero. Near a singular position, or if drift makes
         redundant rows contradict each other, a correction along the directions of these small values would move the state far
         along the free motion. A state that is not finite becomes NaN.
         """
-        h = self.constraints.holonomic
+        holonomic = self.constraints.holonomic
         rows: Rows  # at the latest position; the correction of v uses them
 
         def residual(x: Array) -> tuple[Array, Array]:
-            """Return phi and J of the rows with a position level; keep all rows for the correction of v."""
+            """Return phi and J of the rows that constrain positions; keep all rows in `rows` for the correction of v."""
             nonlocal rows
             rows = self.constraints(t, x, v)
-            return rows.phi[:h], rows.J[:h]
+            return rows.phi[:holonomic], rows.J[:holonomic]
 
         def shortest(J: Array, F: Array) -> Array:
-            """Return the minimum-norm correction."""
+            """Return the x of least norm with J x = F."""
             return _shortest(J, F, rank_tolerance)
 
         q = project(q, residual, shortest, CORRECTIONS, _is_closed)
@@ -195,12 +204,12 @@ class Evaluator:
 
 @lru_cache(maxsize=16)
 def evaluator_of(mechanism: Mechanism) -> Evaluator:
-    """Return the evaluator of a mechanism. It is kept for a while, because recording the equations takes milliseconds."""
+    """Return the evaluator of a mechanism; the latest 16 are kept, because recording the equations takes milliseconds."""
     return Evaluator(mechanism)
 
 
 def _is_closed(q: Array, F: Array, _: Array) -> bool:
-    """Tell whether the residual F at q is rounding."""
+    """Tell whether the residual F at the position q is as small as rounding errors."""
     return largest(F) <= ROUNDING * (1.0 + largest(q))
 
 

@@ -1,17 +1,19 @@
 """Applied forces of a linkage: generalised force Q, potential energy, and the power of forces without a potential.
 
 Each force is a sum of loads (`to_loads` in model.py): laws on scalar coordinates (formulas in `coordinates.py`) and constant
-forces at points. One function is generated for all of them, for a state q (n,) or a batch q (..., n). Dampers and forces that turn
-with a link have no potential; the energy balance of a trajectory integrates their power instead.
+forces at points. One function is generated that computes the sum of all loads, for a state q (n,) or a batch q (..., n). Dampers
+and forces that turn with a link have no potential; the energy balance of a trajectory integrates their power instead.
 
 Dry friction is computed separately, because it depends on the loads of the joints and so on the accelerations. With N_k the load
-that pair k carries and s_k its relative speed, the friction is one more active force (Yuan and Ge, 2016, eq. 3):
+that pair k (a pin or slide between two links) carries and s_k the relative speed of the two links, the friction is one more active
+force (Yuan and Ge, 2016, eq. 3):
 
     M a + J^T lambda = Q + W N(lambda),    W_k = -mu_k r_k tanh(s_k / speed_k) ds_k/dv        (r_k = 1 for a slide)
     N = |(lambda_x, lambda_y)| of a pin,   N = |lambda_normal| of a slide
 
-W follows from the state, N from lambda, and lambda from W N. This fixed point is found by iteration from the motion without
-friction. The iteration converges unless mu is so large that friction increases the loads that cause it.
+mu_k is the coefficient of friction, r_k the radius of the pin, and speed_k the width of the regularisation. W depends on the state
+only, N on lambda, and lambda on W N. This fixed point is found by iteration, beginning with lambda without friction. The iteration
+converges unless mu is so large that friction increases the loads that cause it.
 """
 
 from collections.abc import Callable
@@ -30,7 +32,7 @@ from gauss_bench.terms import Array
 
 
 class AppliedForces:
-    """Gravity and the active forces of one mechanism.
+    """Gravity and the active forces of one mechanism. Steady forces are those without a factor of time or direction.
 
     Attributes:
         gravity: (n,) the generalised force of gravity.
@@ -57,7 +59,7 @@ class AppliedForces:
 
     @cached_property
     def _steady_force(self) -> Callable[..., list[Array]]:
-        """The generated function of Q (..., n) of gravity and all steady forces."""
+        """The generated function that returns the generalised force Q (..., n) of gravity and all steady forces together."""
         at = Symbols(self.mechanism.n)
         return at.generate(self.add_steady(at))
 
@@ -77,7 +79,7 @@ class AppliedForces:
         Raises:
             TypeError: a force varies with time, and t is missing.
         """
-        (Q,) = self._steady_force(0.0, q, v)
+        (Q,) = self._steady_force(0.0, q, v)  # steady forces do not depend on the time, here 0
         for force in self.varying:
             Q = Q + force(q, v, t)
         return Q
@@ -85,9 +87,9 @@ class AppliedForces:
     def potential(self, q: Array) -> Array:
         """Return the potential energy (...) [J] at states q (..., n).
 
-        Constant torques and forces that do not turn have a potential too, as a function of unwrapped angles.
+        Constant torques and forces of constant direction have a potential too, as a function of unwrapped angles.
         """
-        potential, _ = self._energies(0.0, q, np.zeros_like(q))
+        potential, _ = self._energies(0.0, q, np.zeros_like(q))  # (..., 1), of all forces but gravity
         return np.asarray(potential[..., 0] - q @ self.gravity)
 
     def power(self, q: Array, v: Array, t: float | Array | None = None) -> Array:
@@ -100,9 +102,10 @@ class _VaryingForce:
     """A force that varies: a factor of time and direction times a steady force."""
 
     def __init__(self, mechanism: Mechanism, force: Torque | PointForce, factor: Factor):
-        """Store the factor, and the same force without it as the only force of a copy of the mechanism."""
+        """Store the factor; the force without its factor becomes the only force of a copy of the mechanism, without gravity."""
         steady = replace(force, factor=None)
         self.name, self.factor = force.name, factor
+        # magnitude [N or N m] of the steady force, by which its power is divided; 1 instead of 0
         self.size = float(np.linalg.norm(np.atleast_1d(steady.value).astype(float))) or 1.0
         self.steady = AppliedForces(replace(mechanism, forces=(steady,), gravity=0.0 * mechanism.gravity))
 
@@ -123,7 +126,7 @@ class Jammed(ArithmeticError):
 
 
 class JointFriction:
-    """Dry friction in the p pairs of one mechanism that have mu > 0; it is false if there are none.
+    """Dry friction in the p pairs (pins or slides) of one mechanism that have mu > 0; the object is false if there are none.
 
     Attributes:
         acting: each friction with the pair in which it acts.
@@ -139,7 +142,7 @@ class JointFriction:
     STALLED = 1e-11  # the same for engines that solve for lambda anew in each iteration, with rounding times the condition of J
 
     def __init__(self, mechanism: Mechanism):
-        """Find the pairs with friction, and generate the function of their relative speeds and the gradients of their motions."""
+        """Find the pairs with friction; generate the function that returns their relative speeds and the gradients of these."""
         first = {joint.name: 2 * k for k, joint in enumerate(mechanism.joints)}  # first row of each joint
         self.acting = [(f, pair) for f in mechanism.frictions if f.mu > 0 for pair in f.pairs]
         self.rows = np.array([first[pair.name] for _, pair in self.acting], dtype=int)
@@ -154,7 +157,7 @@ class JointFriction:
         self._function = at.generate([x.rate for x in motions], [x for gradient in entries for x in gradient.values()])
 
     def __bool__(self) -> bool:
-        """Tell whether a pair has friction."""
+        """Tell whether any pair of the mechanism has friction."""
         return len(self.rows) > 0
 
     def directions(self, q: Array, v: Array) -> Array:
@@ -171,7 +174,7 @@ class JointFriction:
         return np.hypot(multipliers[..., self.rows], self.pins * multipliers[..., self.rows + 1])
 
     def generalised(self, q: Array, v: Array, multipliers: Array) -> Array:
-        """Return the friction W N(lambda), (..., n) [N, N m]."""
+        """Return the generalised force W N(lambda) of friction, (..., n) [N, N m]: W from `directions` times N from `loads`."""
         return np.asarray((self.directions(q, v) @ self.loads(multipliers)[..., None])[..., 0])
 
     def consistent(self, base: Array, gain: Array) -> Array:

@@ -1,6 +1,7 @@
 """Bodies at a state: position and velocity of each body, and world components of points and vectors that are fixed in a body.
 
-A `Placement` has all bodies of a linkage at a state, in numbers of one kind. The ground is a body at rest at the origin.
+A `Placement` has the poses and velocities of all bodies of a linkage at one state, all in one type of number. The ground is a body
+at rest at the origin.
 """
 
 from collections.abc import Sequence
@@ -56,7 +57,7 @@ class Direction(NamedTuple):
 
 
 class Arithmetic(Protocol):
-    """Functions of a kind of number (floats, arrays, symbols), besides the operators + - *; `inverse` is 1 / x, and 0 at x = 0."""
+    """The functions for one type of number (floats, arrays or symbols), besides + - *; `inverse` is 1 / x, and 0 at x = 0."""
 
     def sqrt(self, x: Real, /) -> Real: ...
     def sin(self, x: Real, /) -> Real: ...
@@ -71,10 +72,10 @@ def unit(angle: float, across: bool = False) -> Array:
 
 
 class Placement:
-    """The bodies of a linkage at a state; a subclass provides `body` for a kind of number.
+    """The bodies of a linkage at a state; a subclass provides `body` for a type of number.
 
     Attributes:
-        arithmetic: functions of this kind of number.
+        arithmetic: the functions sqrt, sin, cos and inverse for the type of number in which the bodies are placed.
     """
 
     arithmetic: Arithmetic
@@ -89,14 +90,14 @@ class Placement:
         return {GROUND: REST}
 
     def frame(self, body: int) -> Frame:
-        """Return the frame of a body; it is computed once."""
+        """Return the frame of a body: its position, angle and velocities; it is computed once and stored."""
         if body not in self.frames:
             (x, y, angle), (u, w, omega) = self.body(body)
             self.frames[body] = Frame(body, Vec(x, y), Vec(u, w), omega, angle)
         return self.frames[body]
 
     def numbers(self, value: Any) -> Vec:
-        """Return a vector (2,) of the file in numbers of this kind."""
+        """Return a vector (2,) of the file, converted to the type of number of this placement."""
         return Vec(*value)
 
     def vector(self, body: int, value: Any) -> Direction:
@@ -110,7 +111,7 @@ class Placement:
 
     @cached_property
     def turns(self) -> dict[int, Vec]:
-        """The cosine and sine of the angles of bodies, computed once for each body that has a vector or an end."""
+        """Body -> cosine and sine of its angle, computed once for each body in which a vector or point was asked for."""
         return {}
 
     def direction(self, body: int, angle: float, across: bool = False) -> Direction:

@@ -1,9 +1,10 @@
 """Generated equations: straight-line Python for floats or arrays that computes every common subexpression once.
 
-The equations are evaluated once with symbols for numbers. Operations on symbols are recorded in order, and equal operations once.
-Operations with 0, with 1 and between constants are carried out at once. The result is the text of a function without loops or
-indices. The same text works on floats and on arrays of states, in doubles or longer types. One state takes a tenth of
-the time with floats.
+The equations are evaluated once, with symbols in place of numbers. Operations on symbols are recorded in order, and equal
+operations only once. Operations with 0, with 1 and between constants are simplified while they are recorded, so that they cost
+nothing later. The result is the source text of one function without loops or indices. The same source works on floats and on arrays
+of states, in double precision or in types with more digits. Evaluating a single state with Python floats takes a tenth of the time
+that arrays take.
 """
 
 import math
@@ -42,7 +43,7 @@ class Symbol:
         return self.number is not None and bool(self.number == 0)
 
     def __add__(self, other: "Symbol | Number") -> "Symbol":
-        """Return the sum; a sum with -x is recorded as the difference with x."""
+        """Return the symbol of the sum; the sum of a and -x is recorded in the program as the difference a - x."""
         program, other = self.program, self.program.symbol(other)
         if self.number is not None and other.number is not None:
             return program.symbol(self.number + other.number)
@@ -57,7 +58,7 @@ class Symbol:
     __radd__ = __add__
 
     def __sub__(self, other: "Symbol | Number") -> "Symbol":
-        """Return the difference; a difference with -x is recorded as the sum with x."""
+        """Return the symbol of the difference; the difference of a and -x is recorded in the program as the sum a + x."""
         program, other = self.program, self.program.symbol(other)
         if self.number is not None and other.number is not None:
             return program.symbol(self.number - other.number)
@@ -89,7 +90,7 @@ class Symbol:
     __rmul__ = __mul__
 
     def __neg__(self) -> "Symbol":
-        """Return the opposite; that of -x is x, without an operation."""
+        """Return the symbol of the negative; the negative of -x is x itself, which needs no operation."""
         if self.number is not None:
             return self.program.symbol(-self.number)
         if self.text in self.program.opposites:
@@ -110,16 +111,18 @@ class Line(NamedTuple):
 class Program:
     """The recorded operations in order, each once.
 
-    A program is also the `Arithmetic` (frames.py) of its symbols: its methods sqrt, sin, cos and inverse record an operation.
+    A program also implements the protocol `Arithmetic` (frames.py) for its symbols: the methods sqrt, sin, cos and inverse record
+    an operation in the program.
 
     Attributes:
         constants: name -> number, for constants with more digits than a float.
-        known: text of an operation, or name of an input -> the symbol of its result.
-        opposites: name of the result of -x -> the symbol x.
+        lines: the operations.
+        known: text of an operation, such as "x1 + q0", or name of an input -> the symbol of its value.
+        opposites: name of the symbol of -x -> the symbol of x.
     """
 
     def __init__(self) -> None:
-        """Begin an empty program."""
+        """Begin a program without operations."""
         self.lines: list[Line] = []
         self.constants: dict[str, Number] = {}
         self.known: dict[str, Symbol] = {}
@@ -148,20 +151,20 @@ class Program:
         return self.record(f"inverse({a.text})", a)
 
     def __getattr__(self, name: str) -> Callable[[Symbol | Number], Symbol]:
-        """Return the method for one of FUNCTIONS, such as `sin`, which records a call of it."""
+        """Return a method for one of FUNCTIONS, such as `sin`; calling the method records a call of this function."""
         if name not in FUNCTIONS:
             raise AttributeError(name)
         return partial(self._apply, name)
 
     def _apply(self, name: str, a: Symbol | Number) -> Symbol:
-        """Return the value of a function, one of FUNCTIONS, at a."""
+        """Return the symbol of f(a) for the function f called `name`, one of FUNCTIONS."""
         a = self.symbol(a)
         if a.number is not None:
             return self.symbol(getattr(np, name)(a.number))
         return self.record(f"{name}({a.text})", a)
 
     def record(self, text: str, *operands: Symbol) -> Symbol:
-        """Return the result of an operation; the operation becomes a new line unless it is recorded already."""
+        """Return the symbol of an operation's result; the operation becomes a new line unless it is recorded already."""
         if text not in self.known:
             line = Line(f"x{len(self.lines)}", text, operands)
             self.lines.append(line)
@@ -193,7 +196,7 @@ class GeneratedFunction:
             groups: for each array that the function returns, the symbols of its entries.
         """
         names = ", ".join(name for name, _ in inputs)
-        # each list is unpacked into scalars q0, q1, ... : reading a local variable is faster than indexing
+        # each argument is unpacked into scalars q0, q1, ... : reading a local variable is faster than indexing
         heads = []
         for name, count in inputs:
             if count:
@@ -211,7 +214,7 @@ class GeneratedFunction:
         self._fits_floats = not program.constants  # named constants have more digits than a float
 
     def __call__(self, *inputs: Array) -> list[Array]:
-        """Return an array (..., k) for each group of k symbols, from the values (..., n) of the inputs."""
+        """Return, for each group of k symbols, the array (..., k) of their values, from the values (..., n) of the inputs."""
         shape, dtype = inputs[0].shape[:-1], np.result_type(*(x.dtype for x in inputs))
         if self._fits_floats and dtype == np.float64 and math.prod(shape) < FEW:
             # math.sin(inf) raises, whereas np.sin(inf) below returns nan
@@ -226,7 +229,7 @@ class GeneratedFunction:
         return results
 
     def _state_by_state(self, shape: tuple[int, ...], inputs: Sequence[Array]) -> list[Array]:
-        """Return the same as `__call__`, computed with floats for one state after the other; `shape` is the batch shape (...)."""
+        """Return what `__call__` returns, computed with floats for each state in turn; `shape` is that of the batch (...)."""
         if not shape:
             return [np.array(group) for group in self._of_floats(*(x.tolist() for x in inputs))]
         count = math.prod(shape)

@@ -1,8 +1,10 @@
-"""The open parameters of a compiled program for forces whose factor is piecewise linear in time: a level and a slope each.
+"""Parameters of a compiled program for forces whose factor is piecewise linear in time: a level and a slope for each such force.
 
-The parameters forces.NAME.level and forces.NAME.slope stand after all others. The stepping code sets them for the interval between
-two kinks, and ends a step at every kink. A table of a thousand rows therefore costs no more than a ramp, and the last stage of a
-step that ends at a jump uses the value before the jump.
+Open parameters are numbers of a mechanism that a compiled program takes as arguments instead of containing them as constants.
+
+The parameters forces.NAME.level and forces.NAME.slope stand after all others. The code that integrates the motion sets them for the
+interval between two kinks, and ends a step at every kink. Therefore a table of a thousand rows costs no more computing time than a
+ramp, and the last stage of a step that ends at a jump of the factor uses the value before the jump.
 """
 
 import numpy as np
@@ -29,10 +31,10 @@ def line_values(mechanism: Mechanism, t: float | Array) -> Array:
 
 
 def with_lines(mechanism: Mechanism, values: Array, t: float | Array) -> Array:
-    """Return all open parameters (..., p) of a program at times (...) [s].
+    """Return the values (..., p) of all open parameters of a program at times (...) [s].
 
     Args:
-        values: (p,) the parameters, of which the last l, those of the straight lines, are replaced by `line_values` at these times.
+        values: (p,) the parameters; the last l, those of piecewise linear factors, are replaced by `line_values` at these times.
     """
     lines = line_values(mechanism, t)  # (..., l)
     given = values[: len(values) - lines.shape[-1]]

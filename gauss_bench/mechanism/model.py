@@ -46,9 +46,10 @@ class Along:
     """Scalar coordinate [m]: the place of `point` along an axis through `origin`.
 
     Attributes:
-        angle: angle of the axis in the frame of the body that carries it [rad].
-        across: turns the axis a quarter turn further, without rounding: the coordinate is the distance to its left.
-        body: index of the body that carries the axis; None for that of the origin.
+        angle: angle of the axis in the frame of the body in which the axis is fixed [rad].
+        across: whether the axis is turned by a further quarter turn, exactly, so that the coordinate is the distance of `point` to
+            the left of the axis at `angle`.
+        body: index of the body in which the axis is fixed; None for the body of the origin.
     """
 
     origin: Point
@@ -181,7 +182,7 @@ class Revolute:
 
     @property
     def motion(self) -> Angle:
-        """The coordinate that the pin leaves free."""
+        """The coordinate that the pin leaves free: the angle of the second link relative to the first."""
         return Angle(self.a.link, self.b.link)
 
     @property
@@ -214,7 +215,7 @@ class Prismatic:
 
     @property
     def joint(self) -> str:
-        """The name of the joint in the file, which a slide has itself."""
+        """The name of the joint in the file: a slide is one joint of the file, and has its name."""
         return self.name
 
     @property
@@ -238,10 +239,12 @@ Joint = Revolute | Prismatic
 
 
 def pins_of_all_pairs(pairs: tuple[Joint, ...]) -> tuple[Joint, ...]:
-    """Return one pin for each pair of the links that a joint connects; a slide, or a pin through two links, is returned unchanged.
+    """Return the k (k - 1) / 2 pins between every two of the k links that a joint connects.
+
+    A slide, or a pin through two links, is returned unchanged.
 
     Args:
-        pairs: the joint's k - 1 pins between neighbours in the list of its k links in the file, or its slide.
+        pairs: the slide of the joint, or its k - 1 pins, each between two consecutive links in the joint's list of k links.
     """
     pins = [pair for pair in pairs if isinstance(pair, Revolute)]
     if len(pins) < 2:
@@ -260,12 +263,12 @@ class KnifeEdge:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: "Names") -> "KnifeEdge":
-        """Return the knife edge of a table of the file."""
+        """Return the knife edge that a table of the file describes."""
         return cls(name, names.point(table["point"]), names.angle(table, "angle") + names.turn(table["point"]))
 
     @property
     def coordinate(self) -> Slip:
-        """The speed across the edge, which the constraint keeps at zero."""
+        """The component of the point's velocity perpendicular to the knife edge, which the constraint keeps at zero."""
         return Slip(self.point, self.angle)
 
 
@@ -285,9 +288,9 @@ class Coupling(Protocol):
 class Law:
     """The force F = bias - k (x - rest) - c dx/dt + s / x^2 along a scalar coordinate x; the generalised force is F dx/dq.
 
-    s is `inverse_square`, as of magnets, for coordinates that stay positive. Along a length the units are k [N/m], c [N s/m],
-    rest [m], bias [N] and s [N m^2]; along an angle k [N m/rad], c [N m s/rad], rest [rad] and bias [N m]. The numbers may be
-    expressions of the compiler.
+    s is the attribute `inverse_square`, for forces as between magnets, on coordinates that stay positive. If x is a length, the
+    units are k [N/m], c [N s/m], rest [m], bias [N] and s [N m^2]. If x is an angle, they are k [N m/rad], c [N m s/rad], rest
+    [rad] and bias [N m]. In place of numbers, the attributes may be symbolic expressions of the compiler.
     """
 
     coordinate: Coordinate
@@ -310,7 +313,7 @@ class PointForce:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: "Names") -> "PointForce":
-        """Return the force of a table, whose `frame` is "ground", "body" for the link of the point, or a link."""
+        """Return the force that a table describes, whose `frame` is "ground", "body" for the link of the point, or a link."""
         frame = table.get("frame", "ground")
         if frame == "body":
             frame = table["point"].partition(".")[0]
@@ -320,7 +323,7 @@ class PointForce:
         return cls(name, names.point(table["point"]), value, names.link(frame), read_factor(table))
 
     def to_loads(self) -> tuple["Load", ...]:
-        """Return the force itself, which is a load."""
+        """Return the force unchanged, because it is a load already."""
         return (self,)
 
 
@@ -328,7 +331,10 @@ Load = Law | PointForce  # every force is a sum of these two: terms, kernels and
 
 
 class Names(Protocol):
-    """The source of data for `read` of a force or constraint: links and points by name, and numbers of its table in one type."""
+    """What the method `read` of a force or constraint needs to build it from a table of the file.
+
+    These are the links, points and joints of the linkage by name, and the table's numbers, all converted to one type.
+    """
 
     @property
     def world(self) -> Point:
@@ -338,22 +344,22 @@ class Names(Protocol):
         """Return the index of the body that carries a link."""
 
     def point(self, reference: str, /) -> Point:
-        """Return the point "link.point"."""
+        """Return the point "link.point" as a point of the body that carries the link."""
 
     def pairs(self, joint: str, /) -> tuple[Joint, ...]:
-        """Return the pairs of a joint: its slide, or the pins between neighbours in its list of links."""
+        """Return the kinematic pairs of a joint: the slide, or a pin between every two consecutive links in the joint's list."""
 
     def pairs_to_damp(self, joint: str, /) -> tuple[Joint, ...]:
         """Return the pairs in which damping of a joint acts: all pairs of its links; in the first edition, neighbours only."""
 
     def pair(self, values: Any, /) -> Array:
-        """Return two numbers of a table as an array (2,)."""
+        """Return two numbers of a table of the file as an array (2,)."""
 
     def number(self, table: Mapping[str, Any], key: str, /) -> Any:
-        """Return the number `key` of a table; 0 if it is missing."""
+        """Return the number at `key` of a table of the file; 0 if it is missing."""
 
     def angle(self, table: Mapping[str, Any], key: str, /) -> Any:
-        """Return the angle `key` or `key_deg` of a table [rad]; 0 if both are missing."""
+        """Return the angle [rad] that a table of the file gives as `key` or, in degrees, as `key_deg`; 0 if both are missing."""
 
     def turn(self, name: str, /) -> Any:
         """Return the angle of a link in the frame of the body that carries it [rad]; 0 unless the link is welded."""
@@ -371,17 +377,17 @@ class Torque:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "Torque":
-        """Return the torque of a table of the file."""
+        """Return the torque that a table of the file describes."""
         reaction = names.link(table.get("reaction", "ground"))
         return cls(name, names.link(table["link"]), reaction, names.number(table, "value"), read_factor(table))
 
     def to_loads(self) -> tuple[Load, ...]:
-        """Return a constant law on the angle of the link relative to that of the reaction."""
+        """Return a law with a constant force (bias) on the angle of `link` relative to the link `reaction`."""
         return (Law(Angle(self.reaction, self.link), bias=self.value),)
 
 
 def _linear_numbers(table: Mapping[str, Any], names: Names) -> tuple[Any, Any, Any]:
-    """Return k, c and rest of the table of a spring and damper."""
+    """Return stiffness k, damping c and rest length or angle from the table of a spring and damper; 0 for a missing one."""
     return names.number(table, "k"), names.number(table, "c"), names.number(table, "rest")
 
 
@@ -398,12 +404,12 @@ class SpringDamper:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "SpringDamper":
-        """Return the spring and damper of a table of the file."""
+        """Return the spring and damper that a table of the file describes."""
         a, b = (names.point(x) for x in table["between"])
         return cls(name, a, b, *_linear_numbers(table, names))
 
     def to_loads(self) -> tuple[Load, ...]:
-        """Return a law on the distance of both points."""
+        """Return a force law on the distance between the points a and b."""
         return (Law(Distance(self.a, self.b), self.k, self.c, self.rest),)
 
 
@@ -421,7 +427,7 @@ class AxisSpringDamper:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "AxisSpringDamper":
-        """Return the spring and damper of a table of the file; its origin is that of the world if the table has none."""
+        """Return the spring and damper that a table describes; without `origin` in the table it is the origin of the world."""
         origin = names.point(table["origin"]) if "origin" in table else names.world
         angle = names.angle(table, "angle") + names.turn(table.get("origin", "ground"))
         return cls(name, names.point(table["point"]), origin, angle, *_linear_numbers(table, names))
@@ -444,7 +450,11 @@ class RotationalSpringDamper:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "RotationalSpringDamper":
-        """Return the spring and damper of a table of the file; its rest angle becomes that of the bodies of welded links."""
+        """Return the spring and damper that a table of the file describes.
+
+        The file gives the rest angle between two links. A welded link has a constant angle `turn` in its body; the difference of
+        these angles is subtracted, so that `rest` is the angle between the two bodies.
+        """
         a, b = (names.link(x) for x in table["links"])
         turn = names.turn(table["links"][1]) - names.turn(table["links"][0])
         return cls(name, a, b, names.number(table, "k"), names.number(table, "c"), names.angle(table, "rest") - turn)
@@ -464,11 +474,11 @@ class JointDamping:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "JointDamping":
-        """Return the damping of a table of the file."""
+        """Return the damping in a joint that a table of the file describes."""
         return cls(name, names.pairs_to_damp(table["joint"]), names.number(table, "c"))
 
     def to_loads(self) -> tuple[Load, ...]:
-        """Return a law on the relative motion of each pair."""
+        """Return, for each kinematic pair of the joint, a damping law on the relative motion of its two links."""
         return tuple(Law(pair.motion, c=self.c) for pair in self.pairs)
 
 
@@ -476,7 +486,7 @@ class JointDamping:
 class CoulombFriction:
     """Dry friction in every pair of a joint, proportional to the load of the pair.
 
-    It is no `Force`, because a force depends only on q, v and t.
+    This class is not among the kinds of `Force`, because every `Force` depends only on q, v and t.
 
     Attributes:
         mu: coefficient of friction.
@@ -492,7 +502,7 @@ class CoulombFriction:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "CoulombFriction":
-        """Return the dry friction of a table of the file."""
+        """Return the dry friction that a table of the file describes."""
         numbers = (names.number({"radius": 1, **table}, key) for key in ("mu", "radius", "speed"))
         return cls(name, names.pairs(table["joint"]), *numbers)
 
@@ -506,7 +516,7 @@ def factor_of(force: Force) -> Factor | None:
 
 
 def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
-    """Return the loads of steady forces. A load is a law on a coordinate, or a force at a point.
+    """Return the loads of forces without a factor. A load is a force law (`Law`) on one scalar coordinate, or a force at a point.
 
     Raises:
         TypeError: a force varies, or has no method `to_loads`; the message names it.
@@ -530,7 +540,7 @@ class AngleDriver:
 
     @property
     def coordinate(self) -> Angle:
-        """The angle of the link."""
+        """The coordinate that is prescribed: the angle of the link."""
         return Angle(GROUND, self.link)
 
 
@@ -544,7 +554,7 @@ class SlideDriver:
 
     @property
     def coordinate(self) -> Along:
-        """The place of the block along the guide."""
+        """The coordinate that is prescribed: the position of the block point along the line of the guide."""
         return self.joint.motion
 
 
@@ -559,7 +569,7 @@ class LengthDriver:
 
     @property
     def coordinate(self) -> Distance:
-        """The distance of both points."""
+        """The coordinate that is prescribed: the distance between the points a and b."""
         return Distance(self.a, self.b)
 
 
@@ -582,8 +592,8 @@ class Mechanism:
         crank: index of the input link, or None.
         observed_points: points that results report.
         observed_links: indices of links whose angles results report.
-        measured: coordinate by which motions are compared: that of the file, else of the first driver, else the crank's angle, else
-            the first angle of a link or coordinate of a slide that can move.
+        measured: coordinate by which motions are compared: that which the file names, otherwise the coordinate of the first driver,
+            otherwise the crank's angle, otherwise the first angle of a link or coordinate of a slide that can move.
         q0, v0: (n,) consistent start, read-only; empty before assembly.
         frictions: dry friction in joints; it depends on accelerations and is therefore not among the forces.
         dof: n minus the rank of the joint rows at the start; -1 before assembly.
@@ -626,10 +636,12 @@ class Mechanism:
     couplings: tuple[Coupling, ...] = ()
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only, and check the kinds of all parts: code that selects by kind would skip a part of unknown kind.
+        """Make the arrays read-only, and check the types of all forces, joints, drivers and other parts of the mechanism.
+
+        Code that selects parts by type would skip a part of an unknown type.
 
         Raises:
-            TypeError: a part is of an unknown kind; the message names it.
+            TypeError: a force, joint or other part is of an unknown type; the message names it.
         """
         # every `load` of the same file returns the same object, so that nobody may change its arrays
         for name in ("gravity", "q0", "v0"):
@@ -638,7 +650,7 @@ class Mechanism:
                 view = given.view()
                 view.flags.writeable = False
                 object.__setattr__(self, name, view)
-        loads(f for f in self.forces if not factor_of(f))  # raises if a force is of an unknown kind
+        loads(f for f in self.forces if not factor_of(f))  # called only to raise if a force is of an unknown type
         parts: list[tuple[Any, str, object]] = [(Coordinate, self.measured.name, self.measured.coordinate)]
         parts += [(Joint, x.name, x) for x in self.joints] + [(Driver, x.name, x) for x in self.drivers]
         parts += [(KnifeEdge, x.name, x) for x in self.knife_edges] + [(CoulombFriction, x.name, x) for x in self.frictions]
@@ -690,7 +702,7 @@ class Mechanism:
 
     @property
     def factors(self) -> list[tuple[Torque | PointForce, Factor]]:
-        """The forces that vary, each with its factor."""
+        """The forces that vary with time or direction, each with the function of time and speed that multiplies it."""
         return [(f, f.factor) for f in self.forces if isinstance(f, (Torque, PointForce)) and f.factor]
 
     @property
@@ -706,7 +718,7 @@ class Mechanism:
 
     @property
     def mass(self) -> Array:
-        """The diagonal (n,) of the mass matrix."""
+        """The diagonal (n,) of the mass matrix: mass, mass, moment of inertia of each body."""
         return np.array([x for link in self.links for x in (link.mass, link.mass, link.inertia)])
 
     def link_name(self, index: int) -> str:
@@ -715,7 +727,7 @@ class Mechanism:
 
     @property
     def whole(self) -> "Mechanism":
-        """The linkage with its links unwelded."""
+        """The linkage with every link of the file as a body of its own, also if links are welded together."""
         return self.apart or self
 
     def find_body(self, name: str) -> tuple[int, Any]:
@@ -735,7 +747,11 @@ class Mechanism:
         return max(distances) or 1.0
 
     def find_point(self, reference: str) -> Point:
-        """Return the point "link.point" of the file as a point of the body that carries the link."""
+        """Return the point "link.point" of the file as a point of the body that carries the link.
+
+        Links that are welded together make up one body, which has the name of one of them. The points of this link keep their names
+        in the body; the points of the others are called "link.point" there.
+        """
         owner, _, name = reference.partition(".")
         if owner == "ground":
             return self.point(GROUND, name)

@@ -2,7 +2,8 @@
 
 A law gives a value, its rate and its second rate. The families are those of cam mechanisms (Wang et al., 2010): constant speed,
 sine (cycloidal) and cosine acceleration, 3-4-5 polynomial, table. A law with an end keeps its first value before its beginning and
-its last value after its end. A law computes in the type of its numbers and of t.
+its last value after its end. A law is evaluated in the number type of its parameters and of t (for example float
+or long double).
 
 A force may be multiplied by two factors. The factor of time is one of
 
@@ -11,7 +12,8 @@ A force may be multiplied by two factors. The factor of time is one of
     step     0 before `start`, 1 from then on
     sine     sin(2 pi frequency t + phase)
 
-A factor of time lists its kinks and jumps, so that an integrator can restart there. Between them it is a straight line or the sine.
+A factor of time lists the times of its kinks and jumps, so that an integrator can restart there. Between two of these times, the
+factor is a straight line; the sine has none.
 
 The factor of direction is 1 if the point moves in the direction of the force, and `share` if it moves in the opposite direction.
 With w the speed along the force (its power over its size), the factor changes smoothly between these values, as regularised dry
@@ -49,7 +51,7 @@ class MotionLaw:
     numbers: Mapping[str, Any] = field(default_factory=dict)
 
     def __call__(self, t: Any) -> Motion:
-        """Return value, rate and second rate at time(s) t [s]."""
+        """Return the value of the law and its first and second time derivatives at time(s) t [s]."""
         return self.motion(t)
 
     def __reduce__(self) -> tuple[Callable[..., "MotionLaw"], tuple[str, dict[str, Any]]]:
@@ -58,7 +60,7 @@ class MotionLaw:
 
 
 def make_law(name: str, numbers: Mapping[str, Any]) -> MotionLaw:
-    """Return the law of a family with these parameters, in floats."""
+    """Return the motion law of the family `name` with the parameters `numbers`, computed with floats."""
     match name:
         case "constant":
             return constant(numbers["start"], numbers["speed"])
@@ -101,11 +103,17 @@ RISE_LAWS: dict[str, Callable[..., Motion]] = {"sine": sine, "cosine": cosine, "
 
 
 def rise(name: str, start: Any, travel: Any, time: Any, number: Number = float) -> MotionLaw:
-    """Return one of RISE_LAWS from `start` over `travel` [rad, m] in `time` [s]; it rests before and afterwards."""
+    """Return a law that moves from `start` by `travel` [rad, m] within `time` [s], as the law `name` in RISE_LAWS does from 0 to 1.
+
+    The value is constant before and afterwards. `number` converts text to the type of the numbers, such as float.
+    """
     pi, zero, one = number(PI), number("0"), number("1")
 
     def motion(t: Any) -> Motion:
-        """Return the motion by the chain rule, with s = t / time in [0, 1]."""
+        """Return value, rate and second rate at t, by the chain rule from a law of s = t / time in [0, 1].
+
+        `moving` is 1 for s in [0, 1] and 0 outside, where both derivatives are zero.
+        """
         s, moving = clip(t / time, zero, one)
         x, rate, second = RISE_LAWS[name](s, pi)
         return start + travel * x, travel / time * rate * moving, travel / (time * time) * second * moving
@@ -121,7 +129,9 @@ def clip(t: Any, low: Any, high: Any) -> tuple[Any, Any]:
 
 
 def table(start: Any, times: Array, angles: Array) -> MotionLaw:
-    """Return `start` plus a cubic spline through angles [rad] (or lengths [m]) at times [s]; it rests at both ends and outside.
+    """Return `start` plus a cubic spline through angles [rad] (or lengths [m]) at times [s].
+
+    The rate is zero at both ends, and the value is constant before the first and after the last time.
 
     With second derivatives k (curvatures) at the knots, widths h of the pieces and slopes d of their chords, the first derivative
     is continuous if
@@ -135,7 +145,8 @@ def table(start: Any, times: Array, angles: Array) -> MotionLaw:
     def motion(t: Any) -> Motion:
         """Return value, first and second derivative at t of the cubic on the piece that contains t.
 
-        Outside the table the value is that of the nearest end, and the factor `moving` makes both derivatives zero.
+        Before the first and after the last of the `times`, the value is that of the nearest end, and the factor `moving`, which is
+        0 there and 1 between, makes both derivatives zero.
         """
         inside, moving = clip(t, times[0], times[-1])
         piece = np.searchsorted(times.astype(float), np.asarray(inside, dtype=float), side="right") - 1
@@ -170,7 +181,7 @@ def _solve_curvatures(h: Array, d: Array) -> Array:
 
 @dataclass(frozen=True)
 class Wave:
-    """The factor sin(turning t + phase); [rad/s] and [rad]."""
+    """The factor sin(turning t + phase) of a force at time t [s], with `turning` in [rad/s] and `phase` in [rad]."""
 
     turning: float
     phase: float
@@ -181,11 +192,12 @@ class Factor:
     """A factor of a force that depends on time t (...) [s] and on the speed w (...) along the force.
 
     Attributes:
-        kinks: times [s], in order, at which the factor of time or its slope jumps.
-        lines: (level, slope [1/s]) of level + slope t before, between and after the kinks; at a kink the later line holds.
-        wave: a sine in place of the lines, or None.
-        share: the factor of direction while the point moves against the force.
-        speed: speed of the transition between both directions [m/s or rad/s].
+        kinks: times [s], in order, at which the time-dependent factor or its slope jumps.
+        lines: (level, slope [1/s]) of the straight line level + slope t, for each interval: before the first kink, between two
+            kinks, and after the last one; at a kink the line of the later interval counts.
+        wave: a sine in place of the straight lines, or None.
+        share: the factor of direction while the point moves against the force; it is 1 while the point moves with the force.
+        speed: the factor of direction changes from `share` to 1 within a few times this speed around w = 0 [m/s or rad/s].
     """
 
     kinks: tuple[float, ...] = ()
@@ -199,7 +211,7 @@ class Factor:
         return np.asarray(np.array(self.lines)[np.searchsorted(self.kinks, t, side="right")])
 
     def of_time(self, t: Any) -> Array:
-        """Return the factor of time at times t (...)."""
+        """Return the time-dependent factor of the force at times t (...) [s], without the factor of direction."""
         t = np.asarray(t, dtype=float)
         if self.wave:
             return np.asarray(np.sin(self.wave.turning * t + self.wave.phase))
@@ -213,7 +225,10 @@ class Factor:
 
 
 def read_factor(table: Mapping[str, Any]) -> Factor | None:
-    """Read the factors of a force from `over_time` and `against` of its table; None if it has neither."""
+    """Return the factor of a force from its table; None if the table has neither `over_time` nor `against`.
+
+    `over_time` gives the factor as a function of time, `against` the factor while the point moves against the force.
+    """
     if "over_time" not in table and "against" not in table:
         return None
     factor = _read_over_time(table["over_time"]) if "over_time" in table else Factor()
@@ -224,7 +239,7 @@ def read_factor(table: Mapping[str, Any]) -> Factor | None:
 
 
 def _read_over_time(table: Mapping[str, Any]) -> Factor:
-    """Read the factor of time from the table `over_time` of a force."""
+    """Return the time-dependent factor of a force from its table `over_time`: a table, a ramp, a step or a sine."""
     match table["law"]:
         case "table":
             return _straight_between([(float(t), float(factor)) for t, factor in table["rows"]])
@@ -232,8 +247,8 @@ def _read_over_time(table: Mapping[str, Any]) -> Factor:
             start, time = float(table.get("start", 0.0)), float(table["time"])
             return _straight_between([(start, 0.0), (start + time, 1.0)])
         case "step":
-            return Factor(kinks=(float(table["start"]),), lines=((0.0, 0.0), STEADY))
-        case _:
+            return Factor(kinks=(float(table["start"]),), lines=((0.0, 0.0), STEADY))  # 0 before the kink, 1 after it
+        case _:  # "sine"
             return Factor(wave=Wave(2 * np.pi * float(table["frequency"]), float(angle_of(table, "phase"))))
 
 

@@ -1,7 +1,7 @@
 """Numbers of any precision: a linkage is built from the decimals of its file in the type in which it will be computed.
 
-A `Number` converts decimal text to this type: float, numpy.longdouble, or a 128-bit type. Arrays of each type have + - * and the
-elementary functions of numpy. This file has the operations that numpy would round to double.
+A `Number` is a function that converts decimal text to the type of the computation: float, numpy.longdouble, or a 128-bit type.
+Arrays of each type have + - * and the elementary functions of numpy. This file has the operations that numpy would round to double.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,22 +16,22 @@ PI = "3.14159265358979323846264338327950288419716939937510582097494"
 
 
 def exact(number: Number, value: float | int | Decimal) -> Any:
-    """Convert a number of the file to the type; a float counts as its shortest decimal, so that 0.1 is one tenth."""
+    """Convert a number of the file by `number`; a float counts as its shortest decimal, so that 0.1 is one tenth."""
     return number(str(value))
 
 
 def pair(number: Number, values: Any) -> Any:
-    """Return two numbers of the file as an array (2,) of the type."""
+    """Return two numbers of the file as an array (2,) of the type that `number` returns."""
     return np.array([exact(number, x) for x in values])
 
 
 def radians(number: Number, degrees: float | Decimal) -> Any:
-    """Convert an angle in degrees to radians, as a number of the type."""
+    """Convert an angle in degrees to radians, as a number of the type that `number` returns."""
     return exact(number, degrees) * (number(PI) / number("180"))
 
 
 def angle_of(table: Mapping[str, Any], key: str, number: Number = float) -> Any:
-    """Return an angle of a table in radians, from `key` or `key_deg`; 0 if both are missing."""
+    """Return an angle [rad] that a table of the file gives as `key` or, in degrees, as `key_deg`; 0 if both are missing."""
     return exact(number, table[key]) if key in table else radians(number, table.get(f"{key}_deg", 0))
 
 

@@ -16,7 +16,7 @@ SIZE = 3  # coordinates of a body: x and y of its centre of mass, and its angle
 
 
 class Vec:
-    """A vector, by its components."""
+    """A vector in the plane, given by its components x and y, which are numbers of any type."""
 
     __slots__ = ("parts",)
 

@@ -1,4 +1,7 @@
-"""Ask one release of an engine every question, in a worker of the release's environment."""
+"""Run all computations of the comparison with one release of an engine's library, in a worker of the release's environment.
+
+A computation is called a question, and its result an answer of the release.
+"""
 
 import re
 import time
@@ -37,8 +40,8 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
 MOVING, RESTING, MOTION, DRIFT = "accelerations in motion", "accelerations at rest", "motion over 1 s", "gaps of loops after 1 s"
-LIMIT = 20.0  # [s] longest time of one question
-BUDGET = 90.0  # [s] default of the time for the questions to one release
+LIMIT = 20.0  # [s] time limit of one question
+BUDGET = 90.0  # [s] default of the time for all questions to one release
 LONGEST = 160  # largest number of characters of a message
 FOLDERS = re.compile(r"(/[\w.+-]+)+/(?=[\w.+-]+)")  # folders in a path, which belong to this machine
 CASES = "release_cases"  # module of an engine's folder that builds probes and reads defaults
@@ -46,16 +49,16 @@ CASES = "release_cases"  # module of an engine's folder that builds probes and r
 
 @dataclass(frozen=True)
 class Answers:
-    """The answers of a release.
+    """The results that one release of an engine's library computed.
 
     Attributes:
         version: number of the release.
         library: name and version that the library reports.
-        python, numpy: versions in the environment.
-        how: whether the hash of the release's file was checked, in words.
-        figures: the answers; empty if the release cannot be used.
-        left_out: number of cases that were not asked within the budget.
-        status: "ok", or the kind of failure; message: why there are no answers, or empty.
+        python, numpy: versions of Python and numpy in the release's environment.
+        how: text that says whether the hash of the release's file was checked.
+        figures: the results, one for each question; empty if the release cannot be used.
+        left_out: number of cases (a linkage with a setting) that were not run within the time budget.
+        status: "ok", or the kind of failure; message: why there are no results; empty if there are.
     """
 
     version: str
@@ -75,11 +78,13 @@ class Answers:
 
 
 def ask_release(library: Library, release: Release, budget: float, told: Callable[[str], None]) -> Answers:
-    """Return the answers of an installed release, or the reason why it cannot be used.
+    """Run all questions with an installed release, and return its answers, or the reason why the release cannot be used.
 
     Args:
-        library: library of the release; budget: longest time of all questions [s].
-        told: called with each sentence of progress.
+        library: the library of the release.
+        release: the installed release.
+        budget: time [s] after which no further case (a linkage with a setting) is run.
+        told: function that is called with each sentence of progress.
     """
     begin = time.monotonic()
     plain = Answers(release.version, how=release.how)
@@ -112,9 +117,10 @@ def shorten(figure: Figure) -> Figure:
 
 
 def distrust(answers: Answers) -> Answers:
-    """Return answers without figures if nothing was computed, or if the adapter's check of its models fails in every case.
+    """Return the answers of a release, without the figures (the results) if they cannot be trusted.
 
-    The check fails, for example, if numpy reads the library's arrays wrongly.
+    They cannot be trusted if nothing was computed, or if in every case the check fails with which the engine's adapter compares the
+    library's model with the linkage. The check fails, for example, if numpy reads the library's arrays wrongly.
     """
     computed = [x for x in answers.figures if x.quantity != DEFAULT]
     adapted = [x for x in computed if x.quantity in (MOVING, RESTING) and x.status != Status.SKIP]
@@ -128,13 +134,17 @@ def distrust(answers: Answers) -> Answers:
 
 
 def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[Figure]:
-    """Ask a release for a linkage under a setting, and yield the answers as figures.
+    """Run one release on a linkage with one setting, and yield the results as figures (`Figure`).
 
-    They are accelerations in motion and at rest. On the first linkage they also are the motion of a run, the gaps of loops at its
-    end, and the number of its steps. If there is no answer, a figure has the status and the message of the run.
+    The results are the accelerations at states in motion, and those at states at rest. On the linkage FIRST there are further
+    results: the motion of a run, the gaps of loops at its end, and the number of its steps. If a computation failed, its figure has
+    the status and the message of the run.
 
     Args:
-        name, offered: name and offer of the release's engine.
+        name: name under which the release is an engine.
+        offered: settings and integrators that this engine offers.
+        case: the linkage and the setting.
+        worker: process in the environment of the release.
     """
     mechanism, states = find_mechanism(case.linkage, case.scenario), states_of(case.linkage, case.scenario)
     choice = Choice(case.settings, case.integrator, case.stabilization, STEP)
@@ -142,7 +152,7 @@ def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[
     ask = partial(accelerations, states.t, states.q, states.v)
     request = Request(mechanism.name, mechanism.scenario, name, choice, wanted, ask, answers=states.q.size)
     run = run_apart(request, mechanism, LIMIT, worker)
-    place = mechanism.name, case.setting
+    place = mechanism.name, case.setting  # the fields `case` and `setting` of every figure
     if isinstance(run.answer, np.ndarray) and run.answer.shape == states.q.shape:
         yield from read_accelerations(*place, run.answer, states.a)
     else:
@@ -161,13 +171,13 @@ def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[
 
 
 def read_accelerations(case: str, setting: str, answer: Array, true: Array) -> Iterator[Figure]:
-    """Yield the figures of accelerations in motion and at rest.
+    """Yield two results as figures: the accelerations at states in motion, and those at states at rest.
 
     Args:
         case, setting: names of linkage and setting, for the figures' keys.
-        answer: (k, n) accelerations, in motion and at rest in turns: first at the unchanged states, then at those of each changed
-            start (the order of `States`).
-        true: (2 STATES, n) true accelerations in motion and at rest.
+        answer: (2 STATES (1 + SHIFTS), n) accelerations in the order of `States`: STATES in motion, STATES at rest, and then both
+            groups again for each of the SHIFTS changed starts.
+        true: (2 STATES, n) true accelerations, in motion and at rest.
     """
     groups = answer.reshape(1 + SHIFTS, 2, STATES, -1)  # axes: unchanged and changed starts; motion and rest; states; n
     for k, quantity in enumerate((MOVING, RESTING)):
@@ -178,12 +188,14 @@ def read_accelerations(case: str, setting: str, answer: Array, true: Array) -> I
 
 
 def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[Run], adaptive: bool) -> Iterator[Figure]:
-    """Yield the figures of a run: its motion, the gaps of loops at its end, and its number of steps.
+    """Yield the results of a run as figures: its motion, the gaps of loops at its end, and its number of steps.
 
     Args:
+        case: the linkage and the setting.
         place: names of linkage and setting, for the figures' keys.
-        shifted: the same run from changed starts.
-        adaptive: whether the integrator chooses its steps, so that their number is a figure.
+        run: the run from the unchanged start.
+        shifted: the same run from slightly changed starts.
+        adaptive: whether the integrator chooses its steps; only then the number of steps is a result.
     """
     assert run.trajectory is not None
     mechanism, truth = find_mechanism(case.linkage, case.scenario), truth_of(case.linkage, case.scenario)
@@ -202,7 +214,7 @@ def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[
 
 
 def ask_defaults(library: Library, worker: Worker) -> Iterator[Figure]:
-    """Yield the library's default values as figures."""
+    """Yield the default values of the library's options as figures, whose `text` is the value."""
     answer = call_engine_function(worker, f"{library.adapter_package}.{CASES}:defaults")
     if isinstance(answer, str):
         yield Figure(DEFAULT, "", "all", str(Status.ERROR), answer)
@@ -212,9 +224,10 @@ def ask_defaults(library: Library, worker: Worker) -> Iterator[Figure]:
 
 
 def ask_closures(library: Library, worker: Worker) -> Iterator[Figure]:
-    """Ask the library for accelerations of its probes, small models with one kind of closure each, and yield them as figures.
+    """Compute accelerations of the library's probes, and yield them as figures.
 
-    A figure has the answer and its error. If the library gives no accelerations, the figure has the reason.
+    A probe is a small model with one kind of loop closure. A figure has the accelerations and their error. If the library gives no
+    accelerations for a probe, the figure has the reason instead.
     """
     module = f"{library.adapter_package}.{CASES}"  # the engine's functions that build and ask probes
     listed = call_engine_function(worker, f"{module}:list_probes")
@@ -234,13 +247,15 @@ def ask_closures(library: Library, worker: Worker) -> Iterator[Figure]:
 
 
 def call_engine_function(worker: Worker, place: str, *arguments: object) -> Any:
-    """Call a function of an engine's folder in the worker, and return its result, or a sentence on why there is none.
+    """Call a function of an engine's folder in the worker process, and return its result.
 
-    The functions called here return no text, so that a text is always such a sentence.
+    If the call fails, a text with the reason is returned. The functions that are called here never return a text as their result,
+    so that a returned text is always the reason of a failure.
 
     Args:
-        place: MODULE:FUNCTION.
-        arguments: those of the function.
+        worker: process in the environment of the release.
+        place: name of the function, as MODULE:FUNCTION.
+        arguments: arguments of the function.
     """
     try:
         return worker.call(ask_room, (place, *arguments), LIMIT)
@@ -259,13 +274,16 @@ def as_data(answers: Answers) -> dict[str, Any]:
 
 
 def from_data(data: Mapping[str, Any]) -> Answers:
-    """Return answers, given the plain data that `as_data` returned for them."""
+    """Return the answers of a release, given the dictionary that `as_data` made of them."""
     figures = [read_figure(x) for x in data["figures"]]
     return Answers(**{**data, "figures": tuple(figures)})
 
 
 def read_figure(x: Mapping[str, Any]) -> Figure:
-    """Return a figure, given its plain data in the result of `as_data`."""
+    """Return a figure (one result of a release), given the dictionary that `as_data` made of it.
+
+    `values` and `shifted` are nested lists there, and empty if the release gave no numbers.
+    """
     values, shifted = np.array(x["values"] or np.zeros((0, 0))), np.array(x["shifted"] or np.zeros((0, 0, 0)))
     quantity, case, setting = x["key"]
     return Figure(quantity, case, setting, x["status"], x["message"], values, shifted, x["error"], x["text"])

@@ -1,12 +1,16 @@
-"""The questions that every release of an engine is asked.
+"""The computations that are made with every release of an engine's library, called questions.
 
-    accelerations   at states in motion and at rest, in every setting and variant
-    motion          over 1 s at steps of 1 ms, the gaps of loops at its end, and the number of steps of adaptive integrators
-    closures        accelerations of small models in the library's own terms, one for each kind of closure (`probes`)
-    defaults        the library's default values
+They are:
 
-Every question is asked again from starts that differ by 1e-14 of their size. The change of the answer is an estimate of its
-rounding error.
+    accelerations:  accelerations at states in motion and at rest, in every setting and variant
+    motion:         the motion over 1 s at steps of 1 ms, the gaps of loops at its end, and the number of steps if the integrator
+                    chooses them
+    closures:       accelerations of small models that are built with the library's own functions, one model for each kind of loop
+                    closure (`probes.py`)
+    defaults:       the default values of the library's options
+
+Every computation is repeated from starts that differ by a relative 1e-14. The resulting change of the result is an estimate of the
+rounding error of the result.
 """
 
 from dataclasses import dataclass
@@ -27,24 +31,24 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 
 FOLDER = Path(__file__).parent / "linkages"
-FIRST = str(FOLDER / "wide_four_bar.toml")  # linkage on which all variants are asked; the others have only settings
+FIRST = str(FOLDER / "wide_four_bar.toml")  # linkage that is run with all variants; the others are run with the settings only
 SLIDE, REDUNDANT, LARGE = "crank_slider:conservative", "parallelogram:conservative", "eight_bar:conservative"
 FURTHER = (SLIDE, REDUNDANT, LARGE)
 STATES, SPEED = 6, 5.0  # number of states in motion of each linkage, and largest crank speed [rad/s]
-SHIFTS = 3  # number of changed starts
+SHIFTS = 3  # number of slightly changed starts
 STEP, UNTIL = 1e-3, 1.0  # [s] step and end of the runs
 SAMPLES = 0.25 * np.arange(5)  # [s] times at which runs are compared
 
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """The states at which accelerations are asked for.
+    """The states at which a release computes accelerations; their number is k = 2 STATES (1 + SHIFTS).
 
     Attributes:
-        t: (k,) zeros.
-        q, v: (k, n) states. First come STATES states in motion, then as many at rest, then both groups once more, slightly changed,
-            for each changed start.
-        a: (2 STATES, n) true accelerations of the first two groups.
+        t: (k,) times of the states, which are all zero.
+        q, v: (k, n) positions and velocities. First come STATES states in motion, then STATES states at rest. Then both groups
+            follow again for each of the SHIFTS changed starts, with slightly changed numbers.
+        a: (2 STATES, n) true accelerations at the unchanged states.
     """
 
     t: Array
@@ -59,7 +63,7 @@ class Case:
 
     Attributes:
         linkage, scenario: path or name of the linkage, and scenario; "" is the first one.
-        settings, integrator, stabilization: names, as the engine offers them.
+        settings, integrator, stabilization: names as the engine offers them.
     """
 
     linkage: str
@@ -70,12 +74,12 @@ class Case:
 
     @property
     def setting(self) -> str:
-        """The setting in words."""
+        """The setting as a text."""
         return " ".join(x for x in (self.settings, self.integrator, self.stabilization) if x != "none")
 
 
 def list_cases(offer: Offer) -> list[Case]:
-    """Return the cases of an engine: every variant and setting on the first linkage, every setting on the others."""
+    """Return the cases of an engine: every variant and setting on the linkage FIRST, and every setting on the other linkages."""
     named = {name: (x.integrator, x.stabilization) for name, x in offer.variants.items()}
     plain = dict.fromkeys(offer.settings, (offer.integrators[0], "none"))
     cases = [Case(FIRST, "", name, *chosen) for name, chosen in (plain | named).items()]
@@ -112,12 +116,13 @@ def states_of(linkage: str, scenario: str) -> States:
 def with_shifts(q: Array, v: Array, a: Array) -> States:
     """Return states with their true accelerations, followed by SHIFTS copies of the states that are slightly changed at random.
 
-    The change is `questions.SHIFT` times the largest number, the size of rounding errors. The copies show how much a release's
-    answers change with rounding.
+    The numbers of a copy are changed by about `questions.SHIFT` times the largest number, which is the size of rounding errors.
+    From the results at the copies follows how much the results of a release change by rounding. The returned `q` and `v` have
+    (1 + SHIFTS) k rows, and the returned `a` has k rows.
 
     Args:
-        q, v: (k, n) states.
-        a: (k, n) true accelerations at these states, but not at the copies.
+        q, v: (k, n) unchanged states.
+        a: (k, n) true accelerations at the unchanged states; the copies need none.
     """
     rng = np.random.default_rng(0)
     many_q, many_v = [q], [v]

@@ -1,9 +1,10 @@
-"""Compare the answers of two releases: equal answers, differences by rounding, and real changes.
+"""Compare the results ("answers") of two releases: equal results, differences by rounding, and real changes.
 
-An answer is an array, and the difference of two answers is relative to the size of each row. Rounding is the largest difference
-that a start changed by 1e-14 makes in either release. A difference is real if it exceeds MARGIN times the rounding, and FLOOR,
-because a library that was compiled again may add in another order. If one release's answer is steady and the other's scatters, only
-the rounding of the steady release counts: that the other scatters is a real change.
+A result is an array, and the difference of two results is relative to the size of each row. The rounding error of a result is
+estimated by the largest change of the result, in either release, when the start is changed by a relative 1e-14. A difference counts
+as real if it exceeds both MARGIN times this rounding error and FLOOR. FLOOR is needed because a library that was compiled again may
+sum in another order. If the result of one release is steady and that of the other scatters, only the rounding error of the steady
+release counts, so that the scatter of the other release is a real change.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,10 +16,10 @@ from gauss_bench.terms import Array
 
 # An iterative solver may stop one iteration earlier, which multiplies rounding, by up to 40 in MuJoCo's PGS with welds.
 MARGIN = 50.0
-FLOOR = 1e-12  # relative: another order of sums changes some units of the last place, times the condition number
+FLOOR = 1e-12  # relative: another order of summation changes some units of the last place, times the condition number
 STEADY, SCATTERED = 1e-6, 1e-3  # relative: an answer with rounding below STEADY is steady, above SCATTERED it is arbitrary
 FLOOR_OF_COUNTS = 0.02  # relative, for numbers of steps: by rounding an integrator may reject one step more
-SMALL = 0.05  # a row is compared with its own size, but at least with this share of the largest row
+SMALL = 0.05  # the difference in a row is divided by the row's size, but at least by this share of the largest row's size
 STEPS, DEFAULT, CLOSURE = "steps over 1 s", "default", "closure"
 OK = "ok"
 
@@ -27,15 +28,15 @@ Key = tuple[str, str, str]
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """An answer of a release.
+    """One result of a release.
 
     Attributes:
-        quantity, case, setting: names of the question; together they are the figure's key.
+        quantity, case, setting: what was computed, on which linkage, and with which setting; together they are the figure's key.
         status, message: "ok", or the kind and reason of a failure.
-        values: (k, n) the answer.
-        shifted: (s, k, n) the answers from s changed starts.
-        error: error against the truth.
-        text: the answer if it is no array but a default value.
+        values: (k, n) the result, if it is an array.
+        shifted: (s, k, n) the results from s slightly changed starts.
+        error: error of the result against the reference; NaN if unknown.
+        text: the result, if it is the default value of an option.
     """
 
     quantity: str
@@ -50,25 +51,26 @@ class Figure:
 
     @property
     def key(self) -> Key:
-        """The names of the question."""
+        """The names that identify this result among those of a release."""
         return self.quantity, self.case, self.setting
 
     @property
     def rounding(self) -> float:
-        """The largest relative difference that a changed start makes; infinite without an answer from a changed start."""
+        """The largest relative change of the result that a changed start causes; infinite if no changed start gave a result."""
         return max((relative_difference(self.values, x) for x in self.shifted), default=float("inf"))
 
 
 @dataclass(frozen=True)
 class Change:
-    """The comparison of one figure of two neighbouring releases.
+    """The comparison of one result of two consecutive releases.
 
     Attributes:
-        quantity, case, setting: key of the figure.
-        is_real: whether the change is more than rounding.
-        difference, rounding: relative; NaN for texts and failures.
-        error_before, error_after: errors of both answers against the truth.
-        was, now: texts of defaults, and of figures for which one release has no answer.
+        quantity, case, setting: what was computed, on which linkage, and with which setting.
+        is_real: whether the change is larger than rounding explains.
+        difference, rounding: relative difference of both results, and relative rounding error; NaN for texts and failures.
+        error_before, error_after: error of each release's result against the reference.
+        was, now: value of an option's default in each release; or, if one release gave no result, the reason of its failure and the
+            text "works" for the other.
     """
 
     quantity: str
@@ -84,7 +86,11 @@ class Change:
 
 
 def relative_difference(a: Array, b: Array) -> float:
-    """Return the largest difference of two arrays (k, n) relative to the size of the row; infinite if the shapes differ."""
+    """Return the largest relative difference of two arrays (k, n); infinite if the shapes differ.
+
+    The difference in a row is divided by the largest entry of the row, or by SMALL times the largest entry of all rows if that is
+    more.
+    """
     if a.shape != b.shape:
         return float("inf")
     sizes = np.maximum(np.abs(a), np.abs(b)).max(axis=1, initial=0.0)
@@ -95,9 +101,10 @@ def relative_difference(a: Array, b: Array) -> float:
 
 
 def compare_figures(before: Figure, after: Figure) -> Change | None:
-    """Return the comparison of a figure in two releases; None if neither has an answer, or if both have the same text.
+    """Return the comparison of a result (figure) of two releases; None if both failed, or if both have the same text.
 
-    An answer counts as changed if only one release has it, if its text differs, or if its numbers differ by more than rounding.
+    A result counts as changed if only one release has it, if its text differs, or if its numbers differ by more than rounding. If
+    one release scatters under tiny changes of the start and the other is steady, the smaller scatter counts as rounding.
     """
     if before.status != OK and after.status != OK:
         return None
@@ -116,7 +123,10 @@ def compare_figures(before: Figure, after: Figure) -> Change | None:
 
 
 def compare_releases(before: Iterable[Figure], after: Iterable[Figure]) -> list[Change]:
-    """Return the comparisons of all figures that both releases were asked for, and of defaults that at least one has."""
+    """Return the comparisons of all results that both releases were asked to compute.
+
+    The default value of an option is compared even if only one release has the option.
+    """
     old, new = ({x.key: x for x in figures} for figures in (before, after))
     changes = []
     for key in dict.fromkeys((*old, *new)):
@@ -134,6 +144,6 @@ def _lacking(key: Key) -> Figure:
 
 
 def real(changes: Sequence[Change]) -> list[Change]:
-    """Return the real changes, the largest first, and last those without a size, such as new defaults."""
+    """Return the real changes, the largest first; changes without a size, such as new defaults, come last."""
     found = [x for x in changes if x.is_real]
     return sorted(found, key=lambda x: (-x.difference if np.isfinite(x.difference) else 0.0, x.quantity, x.case, x.setting))

@@ -1,8 +1,8 @@
-"""Race the steps of all releases of an engine in interleaved blocks, each in processes of its own environment.
+"""Time the steps of all releases of an engine's library in interleaved blocks, each release in processes of its own environment.
 
-A run of N steps takes the time  overhead + N step.  Runs of two lengths give both numbers. Ratios are to the times of the newest
-release. The newest release is timed twice in each race, in processes of its own each time. The second time is the null comparison:
-the ratio of both times should be 1, and how far its range reaches from 1 is the noise.
+A run of N steps takes the time: overhead + N * (time per step). Runs with two numbers of steps give both unknowns. Ratios have the
+time of the newest release as denominator. The newest release is timed twice in each comparison, in separate processes. The ratio of
+its two times should be 1. The noise is the distance from 1 to the farther end of the range in which this ratio is expected.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +24,7 @@ from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Failure
 
-PROCESSES, ROUNDS = 5, 10  # number of processes of each entrant (a release that is timed), and of rounds in a process
+PROCESSES, ROUNDS = 5, 10  # number of processes of each release that is timed, and of rounds in a process
 SHORT, LONG = 40, 240  # number of steps of the two runs
 STEP_TIME, OVERHEAD = "a step", "the fixed overhead of a run"
 LEAST = 0.05  # smallest difference of a ratio from 1 that counts
@@ -33,7 +33,12 @@ NULL = "newest, raced against itself"  # stands for the version of the newest re
 
 @dataclass(frozen=True, eq=False)
 class Times:
-    """The times of one release in one setting: seconds (processes,) of a step, and of the fixed overhead of a run."""
+    """The times of one release in one setting, each as an array (processes,) [s] with one value per process.
+
+    Attributes:
+        step: time of one step.
+        overhead: fixed time of a run, whatever its number of steps.
+    """
 
     step: Array
     overhead: Array
@@ -44,13 +49,13 @@ class Cost:
     """A time of a release, and its ratio to that of another release.
 
     Attributes:
-        version: the release.
-        other: the release by whose time the ratio divides: the newest, or the one before `version`.
+        version: the release that is timed.
+        other: the release whose time is the denominator of the ratio: the newest release, or the one before `version`.
         linkage, setting, work: what was timed; work is STEP_TIME or OVERHEAD.
-        seconds: median over the processes [s].
-        ratio: median ratio.
-        low, high: range in which the ratio of a repeated race is expected.
-        verdict: "slower", "faster" or "same", or the reason why there is no time; "" if the ratio is not judged.
+        seconds: time of `version`, the median over the processes [s].
+        ratio: median over the processes of the time of `version` divided by that of `other`.
+        low, high: range in which the ratio of a repeated timing is expected.
+        verdict: "slower", "faster" or "same", or the reason why there is no time; "" if there is no verdict on the ratio.
     """
 
     version: str
@@ -66,12 +71,15 @@ class Cost:
 
 
 def race_releases(library: Library, releases: Sequence[Release], told: Callable[[str], None]) -> tuple[list[Cost], list[Cost]]:
-    """Return the costs of all releases relative to the newest, and those relative to the release before that exceed the noise.
+    """Time all releases, and return two lists of costs.
+
+    The first has the cost of every release relative to the newest release. The second has the cost of a release relative to the
+    release before it, for those that differ by more than the noise.
 
     Args:
         library: library of the releases.
-        releases: at least two, the oldest first.
-        told: called with each sentence of progress.
+        releases: at least two releases, the oldest first.
+        told: function that is called with each sentence of progress.
     """
     costs: list[Cost] = []
     changes: list[Cost] = []
@@ -91,16 +99,19 @@ def race_releases(library: Library, releases: Sequence[Release], told: Callable[
 
 
 def race(linkage: str, choice: Choice, entrants: dict[str, str]) -> tuple[dict[str, Times], dict[str, str]]:
-    """Time releases on a linkage in PROCESSES processes each; every process builds its models anew.
+    """Time releases side by side on a linkage, in PROCESSES processes each; every process builds its models anew.
 
     Args:
-        entrants: version, or NULL -> name of its engine.
+        linkage: the linkage as a text LINKAGE:SCENARIO.
+        choice: the setting.
+        entrants: version of a release -> name under which it is an engine. The key NULL stands for the second timing of the newest
+            release.
 
     Returns:
-        Version -> times, and version -> reason why it has no times.
+        Two dictionaries with the keys of `entrants`: version -> measured times, and version -> reason why it could not be timed.
     """
     mechanism = find_mechanism(*linkage_of(linkage))
-    rounds: dict[tuple[str, int], list[Array]] = {}  # version and number of steps -> seconds of the rounds, of each process
+    rounds: dict[tuple[str, int], list[Array]] = {}  # version and number of steps -> for each process, seconds of its rounds
     failed: dict[str, str] = {}
     for _ in range(PROCESSES):
         runners = Race()
@@ -125,7 +136,7 @@ def race(linkage: str, choice: Choice, entrants: dict[str, str]) -> tuple[dict[s
 
 
 def split(short: Array, long: Array) -> Times:
-    """Return the time of a step and the fixed overhead of a run.
+    """Return the time of a step and the fixed overhead of a run, from the times of runs of two lengths.
 
     Args:
         short, long: times (processes,) [s] of runs with SHORT steps and with LONG steps.
@@ -138,9 +149,9 @@ def list_costs(versions: Sequence[str], measured: Mapping[str, Array], failed: M
     """Return the cost of every version, relative to the newest release.
 
     Args:
-        versions: all versions in order, and at the end NULL, the newest release timed a second time.
+        versions: all versions in order, the newest last, and then NULL, which stands for the second timing of the newest release.
         measured: version or NULL -> times (processes,) [s].
-        failed: version or NULL -> reason why it has no times.
+        failed: version or NULL -> reason why it could not be timed.
     """
     newest, null = versions[-2], versions[-1]
     costs = []
@@ -155,12 +166,13 @@ def list_costs(versions: Sequence[str], measured: Mapping[str, Array], failed: M
 
 
 def find_changes(versions: Sequence[str], measured: Mapping[str, Array], null: str) -> list[Cost]:
-    """Return the costs of releases whose time differs from that of the release before by more than the noise.
+    """Return the costs of releases whose time differs from that of the release before them by more than the noise.
 
     Args:
-        versions: versions in order.
+        versions: versions in order, the newest last.
         measured: version or `null` -> times (processes,) [s].
-        null: key in `measured` of the second time of the newest release, which shows the noise.
+        null: key in `measured` under which the second timing of the newest release is stored; how far its ratio to the first timing
+            is from 1 shows the noise.
     """
     timed = [x for x in versions if x in measured]
     if not timed or null not in measured:
@@ -171,11 +183,12 @@ def find_changes(versions: Sequence[str], measured: Mapping[str, Array], null: s
 
 
 def compare_times(version: str, other: str, measured: Mapping[str, Array], width: float | None) -> Cost:
-    """Return the cost of a version relative to another.
+    """Return the cost of the release `version` relative to the release `other`.
 
     Args:
+        version, other: the two releases; the ratio has the time of `other` as denominator.
         measured: version -> times (processes,) [s].
-        width: the noise, `null_width`; None if the ratio is not judged.
+        width: noise of the ratio, as `null_width` returns it; with None the cost has no verdict ("slower", "faster" or "same").
     """
     cost = Cost(version, other, seconds=float(np.median(measured[version])))
     if other not in measured:
@@ -185,12 +198,13 @@ def compare_times(version: str, other: str, measured: Mapping[str, Array], width
 
 
 def ratio_of(times: Array, others: Array) -> tuple[float, float, float]:
-    """Return the median ratio of the times of two versions, and the range in which that of a repeated race is expected.
+    """Return the median over the processes of times / others, and the lower and upper end of its range.
 
-    All three are NaN if there are fewer than two processes or if a time is not positive.
+    The range is where the median ratio is expected if the whole measurement is repeated (`foreseen`). All three numbers are NaN if
+    there are fewer than two processes, or if a time is not positive.
 
     Args:
-        times, others: (processes,) [s]; the ratio is times / others.
+        times, others: times of two releases (processes,) [s].
     """
     good = (times > 0) & (others > 0)
     if good.sum() < 2 or not good.all():
@@ -201,21 +215,21 @@ def ratio_of(times: Array, others: Array) -> tuple[float, float, float]:
 
 
 def null_width(null: Array, newest: Array) -> float:
-    """Return the noise: how far the range of the ratio of two times of the newest release reaches from 1; infinite if not known.
+    """Return the noise of ratios: the distance from 1 to the farther end of the range of null / newest; infinite if not known.
 
     Args:
-        null, newest: both times (processes,) [s].
+        null, newest: times (processes,) [s] of two identical measurements of the newest release; without noise the ratio is 1.
     """
     _, low, high = ratio_of(null, newest)
     return max(1.0 - low, high - 1.0) if np.isfinite(low) else float("inf")
 
 
 def judge_ratio(low: float, high: float, width: float) -> str:
-    """Return "slower" or "faster" if the whole range of a ratio is farther from 1 than LEAST and than the noise, else "same".
+    """Return "slower" or "faster" if every ratio in a range is farther from 1 than LEAST and than the noise, else "same".
 
     Args:
-        low, high: ends of the range.
-        width: the noise: how far the ratio of two times of the same release may be from 1.
+        low, high: lower and upper end of the range of the ratio.
+        width: the noise: how far from 1 the ratio of two times of the same release may be.
     """
     margin = max(LEAST, width)
     if low > 1.0 + margin:

@@ -1,7 +1,9 @@
-"""Environments of releases, each in a folder `ENGINE-VERSION` of the user's data, where it stays for later calls.
+"""Python environments, one for each release of an engine's library.
 
-pip first fetches the library's wheel. If `releases.toml` lists a hash for the file, the hash must agree; other files are installed
-by their version. pip chooses the versions of numpy >= 2 and of further requirements, as it does for a user of the release today.
+Each release has its environment in a folder `ENGINE-VERSION` of the user's data, where the environment stays for later calls. pip
+first downloads the library's wheel. If `releases.toml` lists a hash for the file, the hash must agree; files without a listed hash
+are installed by their version alone. pip chooses the versions of numpy >= 2 and of further requirements, as it does for a user who
+installs the release today.
 """
 
 import contextlib
@@ -30,14 +32,14 @@ from gauss_bench.engines.installation import (
 from gauss_bench.releases.library import Library
 from gauss_bench.trajectory import in_a_sentence
 
-NUMPY = "numpy>=2"  # requirement of a worker
+NUMPY = "numpy>=2"  # requirement of the code that runs in the environment beside the library
 PATIENCE = ("--retries", "1", "--quiet")  # options of pip, with which it soon fails if the index does not answer
 CHECKED, BY_VERSION = "its hash is listed", "installed by its version"
-HOW = "how-installed"  # file in an environment that holds CHECKED or BY_VERSION
-WITHOUT_A_WHEEL = "No matching distribution"  # words of pip
-IMPOSSIBLE = "ResolutionImpossible"  # word of pip
+HOW = "how-installed"  # text file in an environment with CHECKED or BY_VERSION, written at the end of the installation
+WITHOUT_A_WHEEL = "No matching distribution"  # words in pip's message if the index has no wheel for this machine
+IMPOSSIBLE = "ResolutionImpossible"  # word in pip's message if requirements contradict each other
 AGAIN = "again"  # ending of the second name of the newest release, under another path of its interpreter
-LONGEST = 120.0  # [s] limit for listing the releases of an index
+LONGEST = 120.0  # [s] time limit for listing the releases of an index
 
 
 @dataclass(frozen=True)
@@ -47,8 +49,8 @@ class Release:
     Attributes:
         engine, version: name of the engine, and number of the release.
         python: path of the release's interpreter.
-        how: whether the file's hash was checked, in words.
-        reason: why the release is not installed, or empty.
+        how: text that says whether the hash of the release's file was checked.
+        reason: why the release is not installed; empty if it is.
     """
 
     engine: str
@@ -74,7 +76,10 @@ def folder_of_releases() -> Path:
 
 
 def install_release(library: Library, version: str, told: Told) -> Release:
-    """Install a release unless it is installed already, and return it; after a failure the returned release has the reason."""
+    """Install a release unless it is installed already, and return it.
+
+    If the installation fails, the returned release has the reason. `told` is called with a sentence before an installation begins.
+    """
     folder = folder_of_releases()
     folder.mkdir(parents=True, exist_ok=True)
     place = folder / name_of(library.engine, version)
@@ -98,7 +103,7 @@ def _install(library: Library, version: str, place: Path) -> None:
     """Make the environment of a release in a folder.
 
     Raises:
-        InstallationFault: pip fails, or the file's hash is not the listed one.
+        InstallationFault: pip fails, or the hash of the file differs from the listed hash.
     """
     failure = f"{library.package} {version} cannot be installed"
 
@@ -125,7 +130,7 @@ def check_hash(library: Library, wheel: Path) -> str:
     """Return CHECKED if the hash of a file is listed, and BY_VERSION if the file is not listed.
 
     Raises:
-        InstallationFault: the hash is not the listed one.
+        InstallationFault: the hash of the file differs from the hash that is listed for it.
     """
     listed = library.sha256.get(wheel.name)
     if listed is None:
@@ -177,12 +182,13 @@ def read_available(answer: str, package: str) -> list[str]:
 
 @contextlib.contextmanager
 def as_engines(library: Library, releases: Sequence[Release]) -> Iterator[None]:
-    """Register releases as engines of this process while the context is open, and the newest one again under a second name.
+    """While the context is open, register releases of a library as engines in this process.
 
-    They are listed in a file of engines, which temporarily replaces the user's own.
+    The newest release, the last of `releases`, is also registered under a second name, to be timed against itself. The engines are
+    listed in a file of engines, which temporarily replaces the user's own file.
     """
     named = {x.name: x.python for x in releases}
-    # the same interpreter under another path: processes are kept by path, so that this engine gets one of its own
+    # the same interpreter under another path: worker processes are kept by path, so that the second name gets a process of its own
     named[second_name(releases[-1])] = str(Path(releases[-1].python).with_name("python3"))
     before = os.environ.get(ENGINES_FILE)
     with tempfile.TemporaryDirectory() as folder:

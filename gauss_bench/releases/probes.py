@@ -1,9 +1,10 @@
-"""Small models in a library's own terms, each closed in one way, and the states at which their accelerations are asked for.
+"""Probes: small models that are built with a library's own functions, and the states at which accelerations are computed.
 
-`release_cases.py` of the engine's folder builds a probe's model, and returns absolute accelerations (k, n) at absolute states
-(k, n). The true accelerations are those of a linkage in `linkages`, or of an open chain with one more equation:
+Each probe has one kind of loop closure. `release_cases.py` in the engine's folder builds a probe's model. It returns accelerations
+(k, n) in absolute coordinates (x, y and angle of each body) at states (k, n) in these coordinates. The true accelerations a are
+those of a linkage in the folder `linkages`, or of an open chain with one additional constraint equation, a row of
 
-    M a + J^T lambda = Q,    J a = gamma        with J (1, n), gamma (1,) of that equation
+    M a + J^T lambda = Q,    J a = gamma.
 """
 
 from dataclasses import dataclass
@@ -22,10 +23,10 @@ MODELS = {"wide_four_bar": FIRST} | {name: str(FOLDER / f"{name}.toml") for name
 
 @dataclass(frozen=True)
 class Probe:
-    """A probe of an engine.
+    """A small model with one kind of loop closure.
 
     Attributes:
-        name: kind of closure in the library's words.
+        name: kind of loop closure, as the library names it.
         model: a linkage of MODELS, or COUPLED: two bars in a chain whose angles are coupled.
     """
 
@@ -35,18 +36,18 @@ class Probe:
 
 @cache
 def states_of_probe(model: str) -> States:
-    """Return the states of a probe's model, with true accelerations and changed starts."""
+    """Return the states of a probe's model with true accelerations, followed by slightly changed copies of the states."""
     return coupled_states() if model == COUPLED else states_of(MODELS[model], "")
 
 
 def coupled_states() -> States:
     """Return states of two bars whose relative angle is a function of the first bar's angle x: RATIO x + CURVE x^2.
 
-    Each position is there once with a random speed and once at rest. `with_shifts` adds slightly changed copies of all states.
+    Each position occurs twice: with a random speed, and at rest. `with_shifts` adds slightly changed copies of all states.
     """
     mechanism = find_mechanism(str(FOLDER / "two_bars.toml"), "")
     rng = np.random.default_rng(5)
-    lengths = 1.0, 0.5  # [m] from the first pin to the second, and from each pin to its bar's centre of mass
+    lengths = 1.0, 0.5  # [m] from the first pin to the second, and from each bar's pin to its centre of mass
     q, v = np.zeros((2, 2 * STATES, 6))  # first the states in motion, then those at rest
     angles, speeds = rng.uniform(-1.2, 1.2, STATES), rng.uniform(-SPEED, SPEED, STATES)  # of the first bar
     for k in range(STATES):
@@ -57,9 +58,10 @@ def coupled_states() -> States:
 
 
 def place_bars(x: float, w: float, length: float, half: float) -> tuple[Array, Array]:
-    """Return the state q, v (6,) of the two bars at angle x [rad] and speed w [rad/s] of the first.
+    """Return the state q, v (6,) of two bars when the first bar has the angle x [rad] and the angular velocity w [rad/s].
 
-    The angle of the second bar is prescribed: x + RATIO x + CURVE x^2. q has x, y of the centre of mass and the angle of each bar.
+    The angle of the second bar is a function of the angle x of the first bar: x + RATIO x + CURVE x^2. For each bar, q has the
+    coordinates of the centre of mass and the angle.
 
     Args:
         length: distance from the first pin to the second [m].
@@ -74,9 +76,9 @@ def place_bars(x: float, w: float, length: float, half: float) -> tuple[Array, A
 
 
 def coupled_acceleration(evaluator: Evaluator, q: Array, v: Array) -> Array:
-    """Return the accelerations (6,) of the two bars with the equation of their coupling.
+    """Return the accelerations (6,) of the two bars whose angles are coupled.
 
-    theta_2 - theta_1 = RATIO theta_1 + CURVE theta_1^2, differentiated twice.
+    The coupling theta_2 - theta_1 = RATIO theta_1 + CURVE theta_1^2, differentiated twice, is an additional row of J a = gamma.
     """
     terms = evaluator.terms(0.0, q, v)
     row = np.zeros(len(q))

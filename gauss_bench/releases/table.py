@@ -1,7 +1,7 @@
-"""Make the rows of compared releases.
+"""Make the rows of the tables on compared releases of an engine's library.
 
-The tables are `releases` with one row for each release, `release_changes` and `release_cost_changes` with the differences between
-neighbours, and `release_costs`.
+The table `releases` has one row for each release. `release_changes` and `release_cost_changes` have the differences of results and
+of times between consecutive releases. `release_costs` has the times of all releases.
 """
 
 import math
@@ -23,7 +23,7 @@ Tables = dict[str, Rows]
 
 
 def compare_neighbours(answers: Sequence[Answers]) -> list[tuple[Answers, Answers, list[Change]]]:
-    """Return (before, after, comparisons) for all neighbours among the releases with answers, the oldest first."""
+    """Return (before, after, comparisons) for each pair of consecutive releases that gave results, the oldest pair first."""
     usable = [x for x in answers if x.usable]
     return [(before, after, compare_releases(before.figures, after.figures)) for before, after in pairwise(usable)]
 
@@ -31,7 +31,15 @@ def compare_neighbours(answers: Sequence[Answers]) -> list[tuple[Answers, Answer
 def make_tables(
     engine: str, answers: Sequence[Answers], costs: Sequence[Cost], cost_changes: Sequence[Cost], commit: str, date: str
 ) -> Tables:
-    """Return name of a table -> rows, for all tables of an engine; `costs` and `cost_changes` are those of `race_releases`."""
+    """Return name of a table -> rows, for all tables (NAMES) of an engine.
+
+    Args:
+        engine: name of the engine.
+        answers: results of its releases, the oldest release first.
+        costs: cost of each release relative to the newest, from `race_releases`.
+        cost_changes: cost of each release relative to the one before, if it changed, from `race_releases`.
+        commit, date: commit of the suite, and date, which each row of `releases` records.
+    """
     compared = compare_neighbours(answers)
     by_version = {after.version: changes for _, after, changes in compared}
     releases = [release_row(engine, x, by_version.get(x.version)) | {"commit": commit, "date": date} for x in answers]
@@ -41,7 +49,12 @@ def make_tables(
 
 
 def release_row(engine: str, x: Answers, changes: Sequence[Change] | None) -> dict[str, Any]:
-    """Return the row of a release; `changes` are its comparisons with the release before, or None for the first."""
+    """Return the row of a release in the table `releases`.
+
+    `changes` are the comparisons of its results with those of the release before; None for the first release. The columns are the
+    number of compared figures with a numerical difference, of real changes (larger than rounding explains), of differences by
+    rounding, and the largest difference by rounding.
+    """
     row: dict[str, Any] = {"engine": engine, "version": x.version, "status": x.status, "message": x.message}
     row |= {"library": x.library, "python": x.python, "numpy": x.numpy, "how": x.how, "left_out": x.left_out}
     if changes is not None:
@@ -53,7 +66,7 @@ def release_row(engine: str, x: Answers, changes: Sequence[Change] | None) -> di
 
 
 def change_row(engine: str, before: str, after: str, x: Change) -> dict[str, Any]:
-    """Return the row of a real change."""
+    """Return the row, in the table `release_changes`, of a result that differs between two releases by more than rounding."""
     row = {"engine": engine, "before": before, "after": after, "quantity": x.quantity, "case": x.case, "setting": x.setting}
     row |= {"was": x.was, "now": x.now}
     numbers = {"difference": x.difference, "rounding": x.rounding, "error_before": x.error_before, "error_after": x.error_after}
@@ -61,13 +74,13 @@ def change_row(engine: str, before: str, after: str, x: Change) -> dict[str, Any
 
 
 def cost_change_row(engine: str, x: Cost) -> dict[str, Any]:
-    """Return the row of a change of cost."""
+    """Return the row, in the table `release_cost_changes`, of a time that differs from that of the release before."""
     row = {"engine": engine, "before": x.other, "after": x.version, "quantity": f"{COST} {x.work}", "case": x.linkage}
     return row | {"setting": x.setting, "ratio": x.ratio, "ratio_low": x.low, "ratio_high": x.high}
 
 
 def cost_row(engine: str, x: Cost) -> dict[str, Any]:
-    """Return the row of a release's cost in one setting."""
+    """Return the row, in the table `release_costs`, of a release's time for one kind of work in one setting."""
     row = {"engine": engine, "version": x.version, "case": x.linkage, "setting": x.setting, "work": x.work}
     return row | {"seconds": x.seconds, "ratio": x.ratio, "ratio_low": x.low, "ratio_high": x.high, "verdict": x.verdict}
 

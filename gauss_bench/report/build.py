@@ -1,7 +1,7 @@
 """Build the report of a run: a summary in README.md, which is kept in git beside the rows, and a site for the browser.
 
-Summary and site take their content from the modules of `sections`, in the order of their PLACE. Each module has a function
-`section(run)`, a function `findings(run)`, or both. Equal rows give equal files, byte for byte.
+The summary and the site take their content from the modules in the folder `sections`, in the order of the number PLACE of each
+module. Each module has a function `section(run)`, a function `findings(run)`, or both. Equal rows give equal files, byte for byte.
 """
 
 from collections.abc import Callable, Iterator
@@ -32,7 +32,7 @@ class NoRun(BadInput, ValueError):
 
 
 def read_run(folder: Path) -> Run:
-    """Read the run in a folder, and as its attribute `beside` the run of the suite `field` in its folder `field`, if there is one.
+    """Read the run in a folder; if its subfolder `field` has a run of the suite `field`, that run is the attribute `beside`.
 
     Raises:
         NoRun: the folder has no run.
@@ -44,7 +44,7 @@ def read_run(folder: Path) -> Run:
 
 
 def read_one(folder: Path) -> Run:
-    """Read the run in a folder alone, without the run of the suite `field` in its folder `field`; raises as `read_run`."""
+    """Read only the run in a folder, and no run in its subfolder `field`; raises the same errors as `read_run`."""
     names = [name for name in TABLES if name != "baseline"]
     if not any(files_of(name, folder) for name in names):
         raise NoRun(f"{folder}: no run there: none of the tables that `gauss-bench run --out {folder}` writes")
@@ -78,12 +78,12 @@ def build_report(
     """Write README.md and the site into the folder of a run, and return the written files.
 
     Args:
-        programs: makes the programs of the first screen, as `first_page` takes it.
-        say: function that gets a sentence when writing begins, after all tables were read.
+        programs: function that returns the example programs on the first page of the site, see `first_page`.
+        say: function that is called with a sentence when writing begins, after all tables were read.
 
     Raises:
-        NoRun, TableError: as `read_run`; nothing is written then.
-        FileExistsError: as `refuse_pages_of_others`.
+        NoRun, TableError: for the same reasons as in `read_run`; in this case no file is written.
+        FileExistsError: for the same reason as in `refuse_pages_of_others`.
     """
     refuse_pages_of_others(folder)
     run = read_run(folder)

@@ -1,4 +1,4 @@
-"""Queries on rows of cases: which of them count, their errors and times, and their names in words.
+"""Queries on result rows of cases: which cases count in rankings, their errors and times, and their names in words.
 
 The rows are those of the table `results`, or rows of searches, which have the same columns.
 """
@@ -30,12 +30,12 @@ def is_unstabilised(row: Row) -> bool:
 
 
 def measured_name(rows: Iterable[Row]) -> str:
-    """Return the name of the coordinate in which errors of these rows are measured."""
+    """Return the name of the linkage's coordinate in which the errors of the given rows are measured."""
     return next((row["measured"] for row in rows if row.get("measured")), "measured coordinate")
 
 
 def measured_unit(rows: Iterable[Row]) -> str:
-    """Return the unit of the measured coordinate, rad or m; "rad or m" if the rows differ or do not say."""
+    """Return the unit of the measured coordinate, "rad" or "m"; "rad or m" if the rows have different units or none."""
     units = {row["measured_unit"] for row in rows if row.get("measured_unit")}
     return units.pop() if len(units) == 1 else "rad or m"
 
@@ -51,12 +51,12 @@ def end_column(row: Row) -> str:
 
 
 def end_error(row: Row) -> float:
-    """Return the measured error, in its own unit, at the latest time for which the row has a value; NaN without any."""
+    """Return the error of the measured coordinate, in its unit, at the last of 0.5, 1 and 2 s for which it is known, else NaN."""
     return number(row, end_column(row))
 
 
 def error_bar(row: Row, column: str) -> float:
-    """Return the reference's error bar of an error column, else its error bar of positions, else 0."""
+    """Return the reference's error bar of the quantity whose error is in `column`, else its error bar of positions, else 0."""
     return first_number(number(row, column.replace("error", "error_bar")), number(row, "position_error_bar"), 0.0)
 
 
@@ -83,10 +83,10 @@ def run_time(row: Row) -> float:
 
 
 def setting_words(row: Row, *columns: str) -> str:
-    """Return the texts in columns, joined by spaces, without "default" and "none".
+    """Return the texts of a row in the given columns, joined by spaces; "default" and "none" are left out.
 
     Args:
-        columns: by default settings, integrator and stabilization.
+        columns: names of the columns; by default settings, integrator and stabilization.
     """
     return " ".join(row[column] for column in columns or METHOD[1:] if row[column] not in ("", "default", "none"))
 
@@ -98,7 +98,7 @@ def describe_case(row: Row) -> str:
 
 
 def acceleration_rows(rows: Iterable[Row]) -> list[Row]:
-    """Return one row for each linkage, engine and settings with an acceleration error, which all their cases share."""
+    """Return one row for each linkage, engine and settings with an acceleration error, which is the same for all their cases."""
     groups = group_by(with_number(rows, "acceleration_error_median"), "mechanism", "engine", "settings")
     return [_merge(group) for group in groups.values()]
 
@@ -113,7 +113,7 @@ def cost_rows(rows: Iterable[Row]) -> list[Row]:
 
 
 def _merge(group: Sequence[Row]) -> Row:
-    """Return the first row, with each missing number taken from the next row that has it."""
+    """Return the first row of the group, with each missing number taken from the next row that has this number."""
     merged = dict(group[0])
     for column in merged:
         numbers = (row[column] for row in group if is_known(row.get(column)))

@@ -1,6 +1,7 @@
 """Content of a report section, for Markdown and for the site: sentences, lists, tables and figures.
 
-`layouts.toml` gives the columns of each table: the head, the kind of its cells, and the column of the rows that they print.
+`layouts.toml` defines each column of a printed table: its heading, the kind of its cells, and the column of the stored rows whose
+values the cells print.
 """
 
 import math
@@ -23,7 +24,7 @@ AUTHORS = (
     "`gauss` formulation.** It passes through the same gate, clock and tables as every other engine, and rows in which it loses "
     "are printed like those in which it wins."
 )
-TONES = {  # text of a verdict or status -> tone of its cell
+TONES = {  # text of a verdict or status -> tone (colour) of its cell; "control" is a case that is meant to be wrong
     **dict.fromkeys(("holds", "pass", "ok"), "good"),
     **dict.fromkeys(("open", "not shown", "degraded", "misprint", "loose", "skip", "control"), "warn"),
     **dict.fromkeys(("reversed", "refuted", "failed", "wrong", "not valid"), "bad"),
@@ -112,14 +113,14 @@ class Chart:
 
     Attributes:
         description: one sentence about the figure.
-        spec: Vega-Lite specification, without data.
+        spec: Vega-Lite specification of the figure, without data.
         rows: the drawn data.
-        head: column of `rows` -> heading in the table of the drawn numbers.
+        head: column of `rows` -> heading of this column in the table of numbers below the figure.
         toggles: engines that a reader may hide and show.
         shown: engines that are visible at first; by default all of them.
-        small: whether the figure stands in a card of the first screen.
-        listed: rows of the table of numbers, if it does not have all of `rows`.
-        note: sentence below that table.
+        small: whether the figure is drawn small, in a card (a framed box) of the first page.
+        listed: rows of the table of numbers; None if they are all of `rows`.
+        note: sentence below the table of numbers.
     """
 
     name: str
@@ -136,7 +137,7 @@ class Chart:
     kind = "chart"
 
     def table(self) -> Table:
-        """Return the table of the numbers in `listed`, or of all numbers that the figure shows."""
+        """Return the table of numbers below the figure: those of `listed` or, if it is None, those of `rows`."""
         numeric = {c for c in self.head if any(isinstance(row.get(c), (int, float)) for row in self.rows)}
         columns = [(words, ".4g" if c in numeric else "text", c) for c, words in self.head.items()]
         return make_table(f"{self.title}: numbers", columns, self.rows if self.listed is None else self.listed, note=self.note)
@@ -163,7 +164,8 @@ def pack(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Compress rows for a page: consecutive rows that differ in numbers alone share one entry.
 
     Returns:
-        Entries with `same`, the values that their rows share, and `columns`, which maps a column to its numbers row by row.
+        A list of entries. Each is a dictionary with the key "same", the values that all rows of the entry share, and the key
+        "columns", which maps the name of a column to its numbers, one for each row.
     """
     entries: list[dict[str, Any]] = []
     for row in rows:
@@ -179,7 +181,7 @@ def pack(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def to_json(x: Any) -> Any:
-    """Return a value as JSON has it: numbers that are not finite become None, and others have five digits, as figures show."""
+    """Return a value for JSON: a float is rounded to five significant digits, which a figure can show; None if it is not finite."""
     if not isinstance(x, float):
         return x
     return round_digits(x, 5) if math.isfinite(x) else None
@@ -220,12 +222,12 @@ def make_cell(row: Row, kind: str, key: str, bar: str = "") -> Cell:
 def missing_reason(row: Row, key: str) -> str:
     """Return why a row has no value in the column `key`, in a few words.
 
-    It returns the first of these reasons that exists:
-    1. the row's entry `why_` + `key`, which holds for this cell alone;
-    2. the column's reason in `[reasons.always]` of `layouts.toml`;
-    3. the row's entry `missing`, which holds for all its cells;
+    The answer is the first of these reasons that exists:
+    1. the row's entry `why_` + `key`, a reason for this cell alone;
+    2. the reason for this column in `[reasons.always]` of `layouts.toml`;
+    3. the row's entry `missing`, a reason for all cells of the row;
     4. the row's status, if its case did not end;
-    5. the column's reason in `[reasons.ended]`.
+    5. the reason for this column in `[reasons.ended]` of `layouts.toml`, for cases that ended.
     """
     if row.get(f"why_{key}"):
         return str(row[f"why_{key}"])
@@ -244,10 +246,11 @@ def _print_value(row: Row, kind: str, key: str, bar: str = "") -> Cell:
     """Return the cell of a row's value; its text is NOTHING if the value is missing.
 
     Args:
-        kind: one of TEXT_KINDS, "figure" (text in a column of numbers), "met" (whether a target is met), "step" (a step size, or
-            "own" if the integrator chose its steps), a number format (`print_as`), or "range " with the format of both ends.
-        key: column of the value. `key` + "_tone" may hold its tone.
-        bar: column of the error bar, empty if there is none; a value below it is printed as "< " and the bar.
+        kind: how the value is printed: one of TEXT_KINDS, "figure" (text in a column of numbers), "met" (yes or no: whether a
+            target is met), "step" (a step size, or "own" if the integrator chose its steps), a number format (`print_as`), or
+            "range " followed by the number format of both ends.
+        key: column of the value. The column `key` + "_tone" may hold the tone (colour) of the cell.
+        bar: column of the value's error bar, empty if there is none; a value below its error bar is printed as "< " and the bar.
     """
     value = row.get(key)
     match kind.split(maxsplit=1):
@@ -282,7 +285,7 @@ def _print_value(row: Row, kind: str, key: str, bar: str = "") -> Cell:
 
 
 def status_cell(row: Row) -> Cell:
-    """Return the cell with the status of a case; an ended case shows whether it is valid."""
+    """Return the cell with the status of a case: of an ended case "ok" or "not valid", but "control" for a negative control."""
     status = row["status"]
     if has_ended(row):
         status = "ok" if row["valid"] else "not valid"
@@ -331,7 +334,7 @@ def lay_out(name: str, rows: Iterable[Row], /, title: str = "", note: str = "", 
 
 
 def blocks_of(name: str, rows: Sequence[Row], /, **more: Any) -> list[Block]:
-    """Return the introduction of a table and the table, by the layout `name`; arguments as `lay_out`.
+    """Return the introduction of a table and the table, both by the layout `name`; the arguments are those of `lay_out`.
 
     Without rows it returns the layout's sentence `empty`, or nothing if the layout has none.
     """

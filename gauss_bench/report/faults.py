@@ -1,6 +1,6 @@
 """Turn reports on faults in engines' libraries into sections for the pages of these engines.
 
-The reports lie beside the rows, in Markdown with paragraphs, lists and tables alone.
+The reports are files in a folder beside the tables of a run. Their Markdown has only paragraphs, lists and tables.
 """
 
 from collections.abc import Mapping
@@ -9,10 +9,11 @@ from gauss_bench.report.content import Block, Bullets, Section, Table, Text, tex
 
 
 def faults_of(faults: Mapping[str, str], engine: str) -> list[Section]:
-    """Return the sections on an engine's library.
+    """Return a section for each report on a fault in an engine's library, sorted by the names of the reports.
 
     Args:
-        faults: name of a report -> its text. A name is an engine, an underscore and words, such as `newton_contact_room`.
+        faults: name of a report -> its text. The name of a report is that of the engine, an underscore and words, such as
+            `newton_contact_room`.
     """
     return [make_section(name, text) for name, text in sorted(faults.items()) if name.startswith(f"{engine}_")]
 
@@ -29,6 +30,8 @@ def make_block(text: str) -> Block:
         return Bullets([" ".join(x.split()) for x in text.removeprefix("- ").split("\n- ")])
     if not text.startswith("|"):
         return Text(" ".join(text.split()))
+    # `rule` is the second line of a table in Markdown; there `--:` marks a column that is aligned right, which has numbers
     head, rule, *lines = [[x.strip() for x in line.strip("|").split("|")] for line in text.splitlines()]
     numeric = [i for i, x in enumerate(rule) if x.endswith(":")]
+    # the title of the table lists its columns but the first
     return Table(", ".join(head[1:]), head, [[text_cell(x) for x in line] for line in lines], numeric)

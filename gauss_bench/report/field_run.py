@@ -1,7 +1,7 @@
-"""The run of the suite `field` that is published in the folder `field` of another run.
+"""Find the run of the suite `field`, which is stored in the subfolder `field` of another run's folder.
 
-It has its own rows and its own environment. `python -m gauss_bench.report.field_run reports/field` removes the tables that no page
-reads, such as single times and curves; `make field` calls it.
+The run in the subfolder has tables and an `environment.json` of its own. `python -m gauss_bench.report.field_run reports/field`
+removes from it the tables that no page reads, such as those of single times and of curves; `make field` calls this command.
 """
 
 import sys
@@ -16,7 +16,7 @@ READ = ("field", "results", "search_winners", "search_times", "search_ladder", "
 
 
 def folders_of(folder: Path) -> list[Path]:
-    """Return the folder of a run, then the folder of the run of the suite `field` beside it if there is one."""
+    """Return the folder of a run and, if it has a run of the suite `field` in its subfolder `field`, also this subfolder."""
     beside = folder / FOLDER
     return [folder, beside] if files_of("field", beside) else [folder]
 

@@ -1,10 +1,10 @@
 """The first table of README, the summary and the site: the run time that each engine needs to meet an accuracy requirement.
 
-It also has the multiple of each engine, which is this time divided by that of the fastest engine. Engines of the suite's authors
-are marked. README has the table between two marker lines, where `make publish` writes it.
+The table also has the multiple of each engine, which is its run time divided by that of the fastest engine. Engines of the suite's
+authors are marked. README has the table between two marker lines, where `make publish` writes it.
 
-A row belongs to an engine or, for Pinocchio, to an engine with one kind of loop over the steps. Its name, such as "gauss" or
-"pinocchio, compiled", is made by `loop_of` and called `loop` below.
+A row of the table belongs to an engine or, for Pinocchio, to the engine with one kind of loop over the steps. The name of the row,
+such as "gauss" or "pinocchio, compiled", is made by `loop_of`; variables with such a name are called `loop`.
 """
 
 import math
@@ -37,14 +37,14 @@ def loop_of(engine: str, settings: str) -> str:
 
 
 def group_by_loop(settings: Iterable[Setting]) -> dict[str, list[Setting]]:
-    """Return a dictionary: name by `loop_of` -> the settings with this name."""
+    """Return a dictionary: name that `loop_of` returns, such as "pinocchio, compiled" -> the settings with this name."""
     return group_by(settings, lambda x: loop_of(x.engine, x.settings))
 
 
 def cheapest_loops(run: Run, mechanism: str, position: float) -> dict[str, Setting]:
-    """Return a dictionary: name by `loop_of` -> its cheapest setting whose position error on a linkage is at most `position` [m].
+    """Return for each name of `loop_of` its cheapest setting whose position error on a linkage is at most `position` [m].
 
-    A setting that was timed in a race at this accuracy replaces one whose time is estimated.
+    If a setting was timed side by side with others at this accuracy, it replaces a setting whose time is only estimated.
     """
     found: dict[str, Setting] = {}
     for loop, settings in group_by_loop(all_settings(run).get(mechanism, [])).items():
@@ -54,18 +54,18 @@ def cheapest_loops(run: Run, mechanism: str, position: float) -> dict[str, Setti
 
 
 def mark_own(run: Run, loop: str) -> str:
-    """Return the name of an engine, or a name by `loop_of`, with the mark " (own)" if the authors of the suite wrote the engine."""
+    """Return a name that `loop_of` returns, with the mark " (own)" if the authors of the suite wrote the engine."""
     return f"{loop} (own)" if loop.partition(",")[0] in run.own_engines else loop
 
 
 @dataclass(frozen=True)
 class Answers:
-    """The costs of an accuracy on one linkage, each by the name that `loop_of` gives.
+    """What it costs each engine to meet an accuracy on one linkage; keys are names that `loop_of` returns.
 
     Attributes:
-        leaders: cheapest setting that meets the accuracy.
-        multiples: time of this setting, divided by the smallest time of all names.
-        ladders: rows of `search_ladder`, which are runs at several steps or tolerances.
+        leaders: name -> its cheapest setting that meets the accuracy.
+        multiples: name -> time of its cheapest setting, divided by the smallest time of all names.
+        ladders: name -> its rows of the table `search_ladder`, which are runs at several steps or tolerances.
     """
 
     leaders: dict[str, Setting]
@@ -73,7 +73,9 @@ class Answers:
     ladders: dict[str, list[Row]]
 
     def cells(self, loop: str, position: float) -> list[Cell]:
-        """Return the cells with error, time and multiple of a row; if no setting meets the accuracy, cells with the reason.
+        """Return three cells of a row of the first table: error, time and multiple (time divided by that of the fastest engine).
+
+        If no setting of the row meets the accuracy, the first cell has the reason, and the others a dash.
 
         Args:
             loop: name of the row, as `loop_of` returns it.
@@ -91,7 +93,9 @@ class Answers:
 def first_table(run: Run) -> Table | None:
     """Return the table of the engines that reach the accuracy FIRST [m], or None if no engine of the run does.
 
-    A row has error, time and multiple on the linkages SHOWN, and the range of the multiples on all linkages.
+    A row has the name `loop` of an engine (`loop_of`), and its error, time and multiple on the linkages SHOWN. It also has the
+    number of linkages on which the engine reaches the accuracy, and the range of its multiples on all linkages. A multiple is the
+    engine's time divided by that of the fastest engine on the same linkage.
     """
     modelled = {r["engine"] for r in run.table("search_ladder") if r["status"] != "skip"}
     ladders = group_by((r for r in run.table("search_ladder") if r["engine"] in modelled), "mechanism")
@@ -119,7 +123,9 @@ def first_table(run: Run) -> Table | None:
 
 
 def explain_missing(rows: Iterable[Row], position: float) -> str:
-    """Return in a few words why no time is known for an engine with errors of at most `position` [m] on a linkage.
+    """Return in a few words why an engine has no time on a linkage for errors of at most `position` [m].
+
+    Either no run met the accuracy, or none of those that met it was in a timed comparison.
 
     Args:
         rows: the engine's rows of `search_ladder` on the linkage.

@@ -1,4 +1,4 @@
-"""Read the linkage files of a run: built-in files by name, and files of a user as the run's environment stores them."""
+"""Read the linkage files of a run: built-in files by name, and files of a user from the copies in the run's `environment.json`."""
 
 import hashlib
 import tomllib
@@ -46,6 +46,6 @@ def pose_in(run: Run, name: str, crank_deg: float = POSE_DEG) -> tuple[Mechanism
         crank_deg: angle of the crank in the drawn state; `pose_document` explains what is drawn if the crank cannot reach it.
 
     Raises:
-        LinkageError: as `document_in`, or the linkage does not load.
+        LinkageError: for the same reasons as in `document_in`, or because the linkage does not load.
     """
     return pose_document(*document_in(run, name), crank_deg)

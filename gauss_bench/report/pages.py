@@ -26,13 +26,13 @@ def _quote(text: str) -> str:
 
 
 def markdown_cell(cell: Cell) -> str:
-    """Return the Markdown of a cell; bars are escaped, and bad values are bold."""
+    """Return the Markdown of a table's cell; vertical bars `|` are escaped, and values with the tone "bad" are bold."""
     text = plain(cell.text).replace("|", "\\|")
     return f"**{text}**" if cell.tone == "bad" else text
 
 
 def make_environment(package: str, autoescape: bool = True) -> jinja2.Environment:
-    """Return the environment that fills in the templates of a package; it raises for an unknown name in a template."""
+    """Return the Jinja environment with the templates of a package; rendering a template with an unknown name raises an error."""
     return jinja2.Environment(
         loader=jinja2.PackageLoader(package, "templates"),
         undefined=jinja2.StrictUndefined,

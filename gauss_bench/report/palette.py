@@ -1,7 +1,8 @@
 """Colours and markers from `palette.toml`, the same in every figure, table and drawing.
 
 The colours are distinct under the common kinds of colour blindness (after Okabe and Ito, and Tol). Picture files have the light
-colours. A page that embeds a picture replaces them by CSS variables, so that the picture follows dark mode.
+colours. A page that embeds a picture replaces the picture's colours by CSS variables, so that the picture
+follows dark mode.
 """
 
 import re
@@ -32,15 +33,15 @@ def engine_colours(engines: Iterable[str]) -> dict[str, str]:
 
 
 def slots(engines: Iterable[str]) -> dict[str, str]:
-    """Return label -> CSS variable of the hue of its engine; engines outside the palette take unused hues, then grey.
+    """Return label -> CSS variable with the colour of its engine; engines outside the palette take unused colours, then grey.
 
     Args:
         engines: labels such as "gauss", "gauss (own)" or "pinocchio, compiled", which begin with the name of an engine.
     """
     names = {label: re.split(r" \(|,", label)[0] for label in engines}
-    own = {name: f"hue-{i}" for i, name in enumerate(HUES)}
-    free = [hue for name, hue in own.items() if name not in names.values()] + ["control"] * len(names)
-    return {label: own.get(name) or free.pop(0) for label, name in names.items()}
+    hue_of = {name: f"hue-{i}" for i, name in enumerate(HUES)}
+    unused = [hue for name, hue in hue_of.items() if name not in names.values()] + ["control"] * len(names)  # "control" is grey
+    return {label: hue_of.get(name) or unused.pop(0) for label, name in names.items()}
 
 
 def hues(dark: bool) -> str:

@@ -6,6 +6,6 @@ from types import ModuleType
 
 
 def parts_of(package: ModuleType) -> list[ModuleType]:
-    """Return the modules of a package in the order of their PLACE."""
+    """Return the modules of a package, sorted by the number PLACE of each module, then by name."""
     modules = [import_module(f"{package.__name__}.{found.name}") for found in iter_modules(package.__path__)]
     return sorted(modules, key=lambda module: (module.PLACE, module.__name__))

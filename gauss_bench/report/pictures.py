@@ -1,4 +1,4 @@
-"""The two pictures of README as SVG files: one linkage moving in two engines, and error against time in all engines.
+"""The two pictures of README as SVG files: one linkage that moves in two engines, and the error of all engines against their time.
 
 Both are made from stored rows alone, follow the dark mode of the reader, and are reproducible byte for byte.
 `python -m gauss_bench.report.pictures REPORTS README.md` writes them and README's first table; `make publish` calls it.
@@ -60,7 +60,7 @@ def motion_picture(run: Run) -> str:
     assert turn is not None, f"the crank of {LINKAGE} turns fully"
     mechanism = turn.mechanism
     links = [link.name for link in mechanism.links]
-    stored = read_reference(run, LINKAGE, SCENARIO, links)
+    stored = read_reference(run, LINKAGE, SCENARIO, links)  # times and states of the true motion
     assert stored is not None, "no reference motion is stored"
     times, reference = stored
     by_label = {x.label: x for x in read_runs(run, LINKAGE, SCENARIO, links)}
@@ -81,7 +81,7 @@ def motion_picture(run: Run) -> str:
             '<g class="motion-film">',
             *film_parts(mechanism, film, canvas),
             '</g><g class="motion-still" display="none">',
-            *(part.draw() for part in still if part.title),
+            *(part.draw() for part in still if part.title),  # parts with a title are links
             "</g>",
             draw_text(canvas.width / 2, canvas.height, name, INK, 21),
             draw_text(canvas.width / 2, canvas.height + LINE, opens, MUTED, 18),
@@ -111,8 +111,8 @@ def spread_times(times: Array, crank: Array) -> Array:
 def open_wider(run: StoredRun, turn: Turn, times: Array, reference: Array, t: Array) -> Array:
     """Return the states (k, n) of a run at times t (k,) [s], with the openings of its joints magnified WIDER times.
 
-    The stored difference of the run from the reference has two parts: `run.ahead` leaves all loops closed, as when the crank is
-    ahead of the reference, and `run.gap` opens them. Only `gap` is magnified here.
+    The stored difference of the run from the reference has two parts. With the part `run.ahead` alone all loops stay closed, as
+    when the crank is merely ahead of the reference; the part `run.gap` opens the loops. Only `gap` is magnified here.
 
     Args:
         turn: the closed states of the linkage as a function of its crank angle.
@@ -161,7 +161,7 @@ def film_parts(mechanism: Mechanism, film: Film, canvas: Canvas) -> Iterator[str
 
 
 def cost_picture(run: Run) -> str:
-    """Return the SVG figure of error against time of every engine on LINKAGE."""
+    """Return the SVG figure of error against processor time of every engine on LINKAGE, which is the four-bar."""
     lines = fronts(run)
     rows: list[dict[str, Any]] = []
     for loop, settings in lines.items():
@@ -181,15 +181,16 @@ def cost_picture(run: Run) -> str:
 
 
 def fronts(run: Run) -> dict[str, list[Setting]]:
-    """Return a dictionary: name by `first_table.loop_of` -> the settings that no other of this name beats in both time and error.
+    """Return a dictionary: name by `first_table.loop_of`, such as "pinocchio, compiled" -> its best settings on LINKAGE.
 
-    The name that is the fastest with an error of at most FIRST [m] comes first.
+    They are the Pareto front: no other setting with this name is better in both time and position error. Names are sorted by the
+    least time of their settings with an error of at most FIRST [m].
     """
     settings = group_by_loop(x for x in all_settings(run)[LINKAGE] if 0 < x.position <= COARSEST)
     lines = {loop: pareto_front(group, lambda x: x.seconds, lambda x: x.position) for loop, group in settings.items()}
 
     def sort_key(loop: str) -> tuple[float, str]:
-        """Return the least time with an error of at most FIRST, infinity without one, and the name."""
+        """Return the sort key of a name: its least time with an error of at most FIRST (infinity without one), then the name."""
         within = cheapest(lines[loop], FIRST).values()
         return min((x.seconds for x in within), default=math.inf), loop
 

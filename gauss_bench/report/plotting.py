@@ -43,7 +43,7 @@ def svg(figure: Figure) -> str:
 
 
 def png(figure: Figure) -> bytes:
-    """Return the figure as PNG at 200 dpi, without metadata that changes."""
+    """Return the figure as PNG at 200 dpi, without metadata that change from one release of Matplotlib to the next."""
     buffer = io.BytesIO()
     with matplotlib.rc_context(STYLE):
         figure.savefig(buffer, format="png", dpi=200, metadata={"Software": None})

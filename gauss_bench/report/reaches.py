@@ -1,7 +1,8 @@
 """Find from the rows of a run whether an engine meets a requirement on a linkage and, if not, how close it comes.
 
-The answer is a `gauss_bench.reach.Reach`. It follows from the trials of the searches, which are in the table `search_ladder`. Runs
-of older versions did not store them; then the answer follows from the races, which are in the table `search_winners`.
+The answer is a `gauss_bench.reach.Reach`. The answer follows from the trials of the searches, which are runs at several steps or
+tolerances in the table `search_ladder`. Runs of older versions of this suite did not store trials; then the answer follows from the
+races (timed comparisons of the best settings), which are in the table `search_winners`.
 """
 
 import math
@@ -16,10 +17,11 @@ Ladders = dict[str, dict[str, list[list[Trial]]]]  # linkage -> engine -> trials
 
 
 def answer(run: Run, mechanism: str, engine: str, wanted: Sequence[Requirement]) -> Reach:
-    """Return whether an engine meets requirements on a linkage; if it was to be timed in a race, also whether it was, or why not.
+    """Return whether an engine meets requirements on a linkage, and whether it was timed in a race, or why not.
 
     Args:
-        wanted: requirements that one setting must meet together. There are races for single requirements only, not for several.
+        wanted: requirements that one setting must meet together. A race compares engines at a single requirement; if there are
+            several, no engine was timed.
     """
     race = find_race(run, mechanism, engine, wanted[0]) if len(wanted) == 1 else None
     ladders = _ladders(run).get(mechanism, {}).get(engine, [])
@@ -38,9 +40,9 @@ def engines_of(run: Run, mechanism: str) -> list[str]:
 
 
 def find_race(run: Run, mechanism: str, engine: str, wanted: Requirement, scenario: str = "") -> Row | None:
-    """Return the row of `search_winners` of an engine at a requirement, or None if there was no race at it.
+    """Return the row of the table `search_winners` of an engine at a requirement, or None if there was no race at this requirement.
 
-    Without a scenario, the first of several scenarios counts.
+    If `scenario` is empty and there are rows of several scenarios, the first row is returned.
     """
     races = _races(run).get((mechanism, engine, wanted.kind), [])
     races = [r for r in races if scenario in ("", r["scenario"])]
@@ -48,7 +50,7 @@ def find_race(run: Run, mechanism: str, engine: str, wanted: Requirement, scenar
 
 
 def _read_race(row: Row) -> Reach:
-    """Return the answer that a row of `search_winners` gives by its status: timed, skipped or not reached."""
+    """Return the answer for a row of `search_winners`, which follows from the row's status: timed, skipped or not reached."""
     status, message = row["status"], row.get("message") or ""
     if status == Status.OK:
         return Reach(Kind.TIMED)
@@ -62,7 +64,7 @@ def _read_race(row: Row) -> Reach:
 
 @lru_cache(maxsize=2)
 def _ladders(run: Run) -> Ladders:
-    """Return linkage -> engine -> a list of trials, at several steps or tolerances, for each variant that a search evaluated."""
+    """Return linkage -> engine -> a list with one entry for each searched variant: its trials at several steps or tolerances."""
     ladders: Ladders = {}
     for (mechanism, engine, *_), rows in group_by(run.table("search_ladder"), "mechanism", *METHOD).items():
         trials = [trial_of(r) for r in rows]

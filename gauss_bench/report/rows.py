@@ -1,4 +1,4 @@
-"""The rows of a run, and queries that serve rows of any table.
+"""The result rows of a run, and functions that select and group rows of any table.
 
 A row maps a column to its value; a missing number is NaN.
 """
@@ -32,9 +32,9 @@ class Run:
         environment: content of `environment.json`.
         tables: name of a table -> its rows.
         checksum: SHA-256 of the checksums of all stored tables; empty for a run without checksums.
-        accepted: rows of the accuracy gate's baseline, each with the date and the reason of its last change.
+        accepted: rows of the baseline with which the accuracy gate compares, each with the date and the reason of its last change.
         faults: name of a report on a fault in an engine's library, such as `newton_contact_room` -> its text in Markdown.
-        beside: the run of the suite `field` that is published beside this run.
+        beside: the run of the suite `field` in the subfolder `field` of this run's folder; None if there is none.
     """
 
     environment: Mapping[str, Any] = field(default_factory=dict)
@@ -46,7 +46,7 @@ class Run:
 
     @property
     def field_run(self) -> "Run":
-        """The run of the suite `field`, which asks every engine the same questions: `beside` if there is one, else this run."""
+        """The run of the suite `field`, which runs the same tests on every engine: `beside` if there is one, else this run."""
         return self.beside or self
 
     def table(self, name: str) -> tuple[Row, ...]:
@@ -126,7 +126,8 @@ def group_by(items: Iterable[Item], *keys: str | Callable[[Item], Any]) -> dict[
     """Return key -> the items with this key; groups and items keep the order of `items`.
 
     Args:
-        keys: a function of an item, or names of columns. One column gives its values as keys, several give tuples of their values.
+        keys: a function of an item, or names of columns. With one column the keys are the values of this column, with several
+            columns they are tuples of values.
     """
     key: Callable[[Any], Any] = keys[0] if callable(keys[0]) else itemgetter(*keys)
     groups: dict[Any, list[Item]] = {}

@@ -1,7 +1,7 @@
 """The summary of a run as a page of Markdown, for reviewers of changed rows: findings, and a small table for each linkage.
 
-The page is kept in git beside the rows. Defeats come first. Accuracy and times have tables of their own, so that a repeated run
-changes few lines.
+The page is kept in git together with the tables from which it is made. Findings in which the suite's own engines lose come first.
+Accuracy and times have tables of their own, so that a repeated run changes few lines.
 """
 
 import math
@@ -19,6 +19,7 @@ from gauss_bench.report.site.write import SITE
 from gauss_bench.report.words import NOTHING, count, itemise, ratio_text
 
 BOLD = "**"  # mark around bold text: findings print in bold where the suite's own engines lose
+DEFEAT = "slower"  # word of sentences without bold text in which the suite's own engines lose
 SHORT, LONGEST = 40, 800  # characters: a first sentence that says too little alone, and the longest summary of a finding
 ACCURACY = (
     "For each engine and setting the table has the error of its accelerations at the same states, and the number of usable cases. "
@@ -34,8 +35,8 @@ SEARCHED = (
 
 def summary(run: Run, findings: Iterable[Finding]) -> list[Section]:
     """Return the sections of the page; sections for which the run has no rows are left out."""
-    # findings in bold come first, then those on what is slower
-    ordered = sorted(findings, key=lambda f: (BOLD not in f.text, "slower" not in f.text))
+    # findings in bold come first, then those with the word DEFEAT
+    ordered = sorted(findings, key=lambda f: (BOLD not in f.text, DEFEAT not in f.text))
     lost = [shorten(f) for f in ordered if f.tone in ("bad", "warn")]
     others = [shorten(f) for f in ordered if f.tone not in ("bad", "warn")]
     table, cheapest = first_table(run), multiple_tables(run)
@@ -67,14 +68,15 @@ def describe_run(run: Run) -> list[Block]:
 def shorten(finding: Finding) -> str:
     """Return a finding's title with its bold sentences.
 
-    Without bold sentences it has the first sentence, the second one if the first is short, and all sentences with "slower", because
-    no defeat may be left out. A text that is still longer than LONGEST is cut at a semicolon.
+    A finding without bold sentences is shortened to its first sentence, the second one if the first is short, and all sentences
+    with the word DEFEAT: sentences in which the suite's own engines lose must not be left out. A text that is still longer than
+    LONGEST is cut at a semicolon.
     """
     sentences = SENTENCE.split(finding.text)
     chosen = [x for x in sentences if BOLD in x]
     if not chosen:
         first = 2 if len(sentences[0]) < SHORT else 1
-        chosen = sentences[:first] + [x for x in sentences[first:] if "slower" in x]
+        chosen = sentences[:first] + [x for x in sentences[first:] if DEFEAT in x]
     text = " ".join(chosen)
     if len(text) > LONGEST:
         text = f"{text[:LONGEST].rpartition('; ')[0] or text[:LONGEST]}; ..."
@@ -90,9 +92,10 @@ def summarise_linkage(run: Run, name: str) -> Section:
 
 
 def least_error(rows: Sequence[Row]) -> Row:
-    """Return the valid case with the least error, as a row of the layout `least`.
+    """Return the valid case with the least error, as a row with the columns of the layout `least`.
 
-    If no case is valid, the row tells how the cases ended.
+    The column `by` has the integrator and stabilisation of this case. If no case is valid, it has the statuses of all cases
+    instead.
 
     Args:
         rows: cases of one engine and setting.
@@ -110,9 +113,9 @@ def least_error(rows: Sequence[Row]) -> Row:
 
 
 def multiple_tables(run: Run) -> list[Table]:
-    """Return a table for each requirement, with a row for each engine and a column for each linkage.
+    """Return a table for each requirement (kind of error and limit), with a row for each engine and a column for each linkage.
 
-    A cell has the time of the engine's cheapest setting divided by that of the fastest engine on the linkage.
+    A cell has the multiple: the time of the engine's cheapest setting divided by that of the fastest engine on the linkage.
     """
     rows = run.table("search_winners")
     names = sorted({r["mechanism"] for r in rows})
@@ -133,11 +136,14 @@ def multiple_tables(run: Run) -> list[Table]:
 
 
 def multiple_cell(run: Run, row: Row | None, multiple: float | None) -> Cell:
-    """Return the cell with an engine's time on a linkage over that of the fastest engine, or with the reason why it has no time.
+    """Return the cell with an engine's time on a linkage divided by that of the fastest engine.
+
+    Without a time the cell has the outcome of the search: in full if the engine ran, else only its kind, such as "not tried".
+    Without a row the cell is a dash.
 
     Args:
-        row: row of `search_winners` of the engine and linkage; None if there is none.
-        multiple: the ratio of times; None if the engine has no time.
+        row: row of `search_winners` of the engine and linkage; None if the table has no such row.
+        multiple: the engine's time divided by that of the fastest engine; None if the engine has no time.
     """
     if row is None:
         return Cell(NOTHING)

@@ -1,4 +1,7 @@
-"""Sentences on the changes between releases of an engine's library, from rows: for a terminal, a file and the report."""
+"""Make sentences on the changes between releases of an engine's library from rows of tables.
+
+The sentences are printed on a terminal, written to the file `what_changed.md`, and shown in the report.
+"""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,10 +28,10 @@ RULE = (
 
 
 def describe_changes(tables: Mapping[str, Sequence[Row]]) -> list[tuple[str, list[str]]]:
-    """Return (heading, sentences) for each pair of consecutive releases, where releases without answers are left out.
+    """Return (heading, sentences) for each pair of consecutive releases; releases that gave no results are left out.
 
     Args:
-        tables: rows of the tables NAMES.
+        tables: name of each of the tables NAMES -> its rows.
     """
     parts = []
     usable = [row for row in tables["releases"] if row["status"] == "ok"]
@@ -44,7 +47,7 @@ def describe_changes(tables: Mapping[str, Sequence[Row]]) -> list[tuple[str, lis
 
 
 def describe_unusable(rows: Iterable[Row]) -> list[str]:
-    """Return a sentence for each release that has no answers."""
+    """Return a sentence for each release that gave no results, with the reason."""
     return [f"{row['engine']} {row['version']}: {row['message']}" for row in rows if row["status"] != "ok"]
 
 
@@ -69,7 +72,10 @@ def describe_quantities(changes: Iterable[Row]) -> list[str]:
 
 
 def describe_figures(quantity: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on one quantity that differs between two releases: all its ratios, or its largest difference."""
+    """Return a sentence on one quantity that differs between two releases.
+
+    For a cost, the sentence has the ratios of all cases; for a result, the largest difference between the two releases.
+    """
     if is_known(rows[0].get("ratio")):
         ratios = (spread(row, "ratio").print_with("{:.2f}".format).replace("..", " to ") for row in rows)
         return f"{quantity}: " + "; ".join(f"{place_of(row)} times {ratio}" for row, ratio in zip(rows, ratios, strict=True))
@@ -80,11 +86,12 @@ def describe_figures(quantity: str, rows: Sequence[Row]) -> str:
 
 
 def describe_answers(was: str, now: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on the questions that only one of two releases answers.
+    """Return a sentence on the questions (a case with a setting) to which only one of two releases gives a result.
 
     Args:
-        was: WORKS, or the reason why the earlier release gives no answer.
-        now: the same for the later release.
+        was: WORKS if the earlier release gives a result, else the reason why it gives none.
+        now: WORKS if the later release gives a result, else the reason why it gives none.
+        rows: one row for each question with these reasons.
     """
     cases = name_some(sorted({place_of(row) for row in rows}), "; ")
     change = f"answered since then, before: {was}" if now == WORKS else f"no longer answered: {now}"
@@ -92,7 +99,12 @@ def describe_answers(was: str, now: str, rows: Sequence[Row]) -> str:
 
 
 def describe_defaults(kind: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on names and defaults of the library; `kind` is "new", "gone" or "changed"."""
+    """Return a sentence on names of the library and on default values that differ between two releases.
+
+    Args:
+        kind: "new", "gone" or "changed".
+        rows: one row for each name. `was` and `now` are the default value in the two releases, or THERE for a name without a value.
+    """
     places = [place_of(row) for row in rows]
     if kind == "new":
         places = [x if row["now"] == THERE else f"{x} ({row['now']})" for x, row in zip(places, rows, strict=True)]
@@ -114,7 +126,7 @@ def shorten(answer: str) -> str:
 
 
 def describe_rounding(after: Row) -> str:
-    """Return a sentence on the figures that differ by rounding alone between a release and the one before it."""
+    """Return a sentence on the numbers that are equal, or differ by rounding alone, between a release and the release before it."""
     figures = f"{int(after['rounding'])} of {int(after['compared'])} figures"
     if after["largest_rounding"] == 0:
         return f"equal to the last bit: {figures}"
@@ -122,7 +134,7 @@ def describe_rounding(after: Row) -> str:
 
 
 def describe_left_out(releases: Iterable[Row]) -> list[str]:
-    """Return a sentence for each release that was not asked all questions."""
+    """Return a sentence for each release on which, for lack of time, not all cases were run."""
     return [f"{int(x['left_out'])} cases of {x['version']} were not asked within the time" for x in releases if x["left_out"]]
 
 
@@ -132,7 +144,11 @@ def place_of(row: Row) -> str:
 
 
 def write_page(tables: Mapping[str, Sequence[Row]]) -> str:
-    """Return the page in Markdown, from the rows of the tables NAMES."""
+    """Return the text of `what_changed.md`, the page on the changes between releases, in Markdown.
+
+    Args:
+        tables: name of each of the tables NAMES -> its rows.
+    """
     lines = [TITLE, "", RULE, ""]
     for heading, sentences in describe_changes(tables):
         lines += [f"## {heading}", "", *(f"- {x}" for x in sentences), ""]

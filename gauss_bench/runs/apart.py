@@ -1,8 +1,8 @@
 """Run an engine in a process of its own: the request to that process, and the checks of its answer.
 
-All engines but the suite's own formulations run in such a process. Its answer holds samples and sentences. The answer is checked in
-the parent process, whose code the engine cannot change. The engine's process imports this file first. Therefore this file imports
-no modules that read linkages or keep journals, which are slow to import, and a mechanism is sent as data.
+All engines except the suite's own formulations run in a worker process. The worker's answer holds samples and sentences. The answer
+is checked in the parent process, whose code the engine cannot change. The engine's process imports this file first. Therefore this
+file imports no modules that read linkages or keep journals, which are slow to import, and a mechanism is sent as data.
 """
 
 import math
@@ -36,10 +36,10 @@ class Request:
     """A request for a run: the arguments of `one_run`, with the engine given by name.
 
     Attributes:
-        linkage, scenario: names of the mechanism; a process that keeps a model identifies it by them.
+        linkage, scenario: names of the mechanism; a process that keeps a model for a later request identifies the model by them.
         engine, choice, wanted, ask, shortest: as in `one_run`; `ask` must be picklable.
         answers: the largest count of numbers in the result of `ask`.
-        alter: plants a fault in the mechanism that the engine is given.
+        alter: function that plants a fault in the mechanism that the engine is given; the default changes nothing.
     """
 
     linkage: str
@@ -58,13 +58,13 @@ class Request:
 
 
 def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker | None = None, again: bool = False) -> Run:
-    """Carry out a requested run: own formulations in this process, all other engines in a worker.
+    """Carry out a requested run: one of the suite's own formulations in this process, any other engine in a worker process.
 
     Args:
         mechanism: the mechanism that the request names.
-        limit: [s] after which a worker is stopped.
+        limit: time [s] after which a worker is stopped; the time during which it waits for a processor is not counted.
         worker: the worker to use; if not given, the one that is kept for the engine.
-        again: whether the process may keep the model for the next request.
+        again: whether the process may keep the model that it builds, to use it for the next request.
     """
     if is_isolated(request.engine):
         return run_apart(request, mechanism, limit, worker or keep(request.engine), again)
@@ -77,9 +77,9 @@ def run_apart(
     """Carry out a requested run in a worker.
 
     Args:
-        limit: [s] after which the run is stopped; waits for a processor do not count.
-        again: whether the worker may keep the model for the next request, whose build time is then near 0.
-        longest: [s] of elapsed time after which the run is stopped too.
+        limit: time [s] after which the run is stopped; the time during which it waits for a processor is not counted.
+        again: whether the worker may keep the built model for the next request, which then needs almost no time to build.
+        longest: limit of the elapsed time [s], after which the run is stopped too.
     """
     try:
         process = worker.under(interpreter_of(request.engine))
@@ -97,16 +97,17 @@ def perform_there(request: Request, mechanism: Mechanism, again: bool) -> dict[s
 def _run(request: Request, mechanism: Mechanism, again: bool) -> Run:
     """Carry out a request in this process.
 
-    With `again`, this process keeps one model for the next request, if the engine is `resizable`. The kept model runs if the
-    request differs from that for which it was built only in step, tolerance or samples; otherwise a new model is built and replaces
-    it.
+    If `again` is true and the engine is `resizable` (its models accept another step and tolerance), this process keeps the model
+    for the next request; it keeps one model at a time. A kept model is used for a request that differs from the request for which
+    it was built only in step, tolerance or samples. Otherwise a new model is built and replaces the kept one.
     """
     engine, choice, mechanism = get(request.engine), request.choice, request.alter(mechanism)
     place = request.linkage, request.scenario, mechanism.sha256, request.alter
+    # identifies the model: all parts of the request on which the built model depends
     key = (*place, request.engine, choice.settings, choice.integrator, choice.stabilization)
 
     def build(mechanism: Mechanism, choice: Choice) -> Model:
-        """Return the kept model with the choice of this run; it is built anew if the linkage or the settings have changed."""
+        """Return the kept model, set to the choice of this run; build a new one if the kept model has another `key` (see above)."""
         if _kept.key != key:
             _kept.model = engine.build(mechanism, choice)
             _kept.key = key
@@ -139,7 +140,7 @@ def plain_run(run: Run) -> dict[str, Any]:
 
 
 def outcome_of(answer: object) -> Outcome:
-    """Return the outcome in a worker's answer; an answer of another form has the status ERROR."""
+    """Return the outcome that a worker's answer describes; an answer that describes none becomes an outcome with status ERROR."""
     match answer:
         case {"status": str(status), "message": str(message), **rest} if status in tuple(Status):
             numbers = rest.get("answer")
@@ -150,12 +151,12 @@ def outcome_of(answer: object) -> Outcome:
 
 
 def _seconds(x: object) -> float:
-    """Return a time [s] of an answer, or NaN if it is no time."""
+    """Return a value of an answer as a time [s], or NaN if the value is no time."""
     return float(x) if isinstance(x, (int, float)) and x >= 0 else float("nan")
 
 
 def _trajectory(x: object) -> Trajectory | None:
-    """Return the trajectory of an answer, or None if it is no trajectory."""
+    """Return a value of an answer as a trajectory, or None if the value is no trajectory."""
     match x:
         case {"steps": int() | None as steps, "evaluations": int() | None as evaluations, "note": str(note), **arrays}:
             samples = [y for key in ("t", *LEVELS) if isinstance(y := arrays.get(key), np.ndarray)]
@@ -165,15 +166,16 @@ def _trajectory(x: object) -> Trajectory | None:
 
 
 def build_first(engine: str, settings: Iterable[str], told: Callable[[str], object]) -> None:
-    """Build the libraries that settings of an engine need and that are not built yet; `told` is called with sentences.
+    """Build the compiled code that settings of an engine need, if it is missing; `told` is called with sentences of progress.
 
-    They are built in a worker, which ends its compilers when its parent dies. A failure raises nothing, because the run reports it.
+    The code is built in a worker, which ends its compilers when its parent process dies. If building fails, no exception is raised,
+    because the run reports the failure later.
     """
     if "build_once" not in offer(engine).methods:
         return
     with Worker() as worker:
         try:
-            if library := find_unbuilt(engine, settings, worker):
+            if library := find_unbuilt(engine, settings, worker):  # `under` selects the engine's Python interpreter
                 told(f"building {library}")
                 worker.under(interpreter_of(engine)).call(build_there, (engine,), BUILDING)
         except WorkerFailure as failure:
@@ -183,7 +185,7 @@ def build_first(engine: str, settings: Iterable[str], told: Callable[[str], obje
 def find_unbuilt(engine: str, settings: Iterable[str], worker: Worker) -> str:
     """Return the name of the code that settings of an engine need and that is not compiled yet, or an empty text.
 
-    Adapters of this package are asked in this process, plug-ins in the worker.
+    Adapters in this package are asked for that name in this process, plug-ins in the worker process.
 
     Raises:
         WorkerFailure: a plug-in gave no answer.
@@ -195,7 +197,7 @@ def find_unbuilt(engine: str, settings: Iterable[str], worker: Worker) -> str:
 
 
 def find_unbuilt_there(engine: str, settings: list[str]) -> str:
-    """Return the same as `find_unbuilt`, by asking the engine in this process."""
+    """Return the same name as `find_unbuilt`, by a call of the engine's method in this process, not in a worker."""
     names = [ask(get(engine), "unbuilt")(x) for x in settings]
     return next((x for x in names if x), "")
 

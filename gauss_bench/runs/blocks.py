@@ -1,7 +1,7 @@
-"""Blocks of timed work: some milliseconds of steps, whole runs or calls, which a race times in turn.
+"""Blocks of work to be timed: some milliseconds of steps, runs or calls. A race times the blocks of all engines alternately.
 
 A block is timed inside the process that does the work. All blocks of engines in another environment are in one process there, and
-the race asks that process to time one block at a time. That environment possibly has no package except numpy, so that this file
+the race asks that process to time one block at a time. The other environment may contain no package except numpy, so that this file
 imports no other.
 """
 
@@ -32,7 +32,10 @@ LONGEST = 600.0  # [s] limit of one block in another environment
 
 @dataclass
 class Block:
-    """The work of one entry of a race.
+    """The work of one entry of a race (a timed quantity of an engine).
+
+    To time a block, `ready`, which is not timed, and `go`, which is timed, are called in turn, `again` times each. The result is
+    the mean time of one repetition of the work.
 
     Attributes:
         entry: key of the entry; a race sets it.
@@ -40,7 +43,7 @@ class Block:
         go: does the work, and is timed.
         count: number of repetitions of the work in one call of `go`; a fraction if the call does only a part of the work.
         again: number of calls of `ready` and `go` in one block.
-        facts: returns further columns of the entry, after the race.
+        facts: returns further columns of the entry's row; called after the race.
     """
 
     entry: Hashable
@@ -51,7 +54,7 @@ class Block:
     facts: Callable[[], dict[str, Any]] = dict
 
     def seconds(self) -> float:
-        """Return the time of one repetition [s], the mean over the block."""
+        """Time the block, and return the time of one repetition of the work [s]: the mean over all repetitions in the block."""
         whole = 0.0
         for _ in range(self.again):
             self.ready()
@@ -60,12 +63,16 @@ class Block:
 
 
 def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
-    """Return a block that repeats a call for about BLOCK seconds, without preparation; each call counts as `work` repetitions."""
+    """Return a timing block that repeats a call for about BLOCK seconds.
+
+    Nothing is prepared before a call. Each call counts as `work` repetitions of the timed work. `entry` is the key of the block's
+    entry in a race.
+    """
     call()  # code may be generated or cached in the first call
     count = max(1, math.ceil(BLOCK / max(min(measure_seconds(call) for _ in range(3)), 1e-8)))
 
     def calls() -> None:
-        """Call as often as BLOCK seconds need."""
+        """Call the function as many times as it takes to fill BLOCK seconds."""
         for _ in range(count):
             call()
 
@@ -73,10 +80,10 @@ def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Blo
 
 
 def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
-    """Return a block of steps of a model, in its own loop (`native`) or called from Python.
+    """Return a timing block of steps of a model, either in the engine's own loop (`native`) or called one by one from Python.
 
-    The motion has as many steps as take BLOCK seconds, but lasts at most MOTION seconds. If such a motion is computed in less time
-    than BLOCK, the block repeats it.
+    The motion has as many steps as can be computed in BLOCK seconds of processor time, but its duration is at most MOTION seconds.
+    If the motion of this duration takes less than BLOCK seconds to compute, the block computes it several times.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
@@ -101,7 +108,8 @@ def accelerating(entry: Hashable, q: Array, v: Array, model: Model) -> Block:
 def running(entry: Hashable, choice: Choice, times: Array, share: float, model: Any) -> Block:
     """Return a block that repeats a run over sample times (k,) [s] until it has taken about BLOCK seconds.
 
-    `share` is the fraction of the whole run that these sample times cover: the block's time is that of the whole run.
+    `share` is the fraction of the whole run that these sample times cover. The measured time is divided by `share`, so that the
+    block's time is the time of the whole run.
 
     Raises:
         RunFailure: the run fails.
@@ -109,15 +117,15 @@ def running(entry: Hashable, choice: Choice, times: Array, share: float, model: 
     block = _run_once(entry, choice, times, share, model)
     block.ready()
     taken = measure_seconds(block.go)
-    model.read()  # raises RunFailure if the run failed: it must not race
+    model.read()  # raises RunFailure if the run failed: a failed run must not be timed
     block.again = max(1, math.ceil(BLOCK / max(taken, 1e-6)))
     return block
 
 
 def leading(entry: Hashable, choice: Choice, until: float, steps: int, lead: float, model: Any) -> Block:
-    """Return a block as `running` does, but only for the first part of the run: as much of it as takes about `lead` seconds.
+    """Return a timing block as `running` does, but for the first part of the run only, which takes about `lead` seconds to compute.
 
-    The length of this part is estimated from the time of the first steps.
+    The length of the timed part of the run is estimated from the time that the first steps take.
 
     Args:
         until: end of the whole run [s]; steps: number of its equal steps; lead: processor time of one run of the first part [s].
@@ -134,9 +142,9 @@ class TimedCall:
     """A call of an engine's library that can be timed.
 
     Attributes:
-        block: of the call.
-        acceleration: (n,) its result, in absolute coordinates.
-        seconds: elapsed time of its preparation.
+        block: the timing block of the call.
+        acceleration: (n,) the result of the call, in absolute coordinates.
+        seconds: elapsed time of the preparation of the call [s].
     """
 
     block: Block
@@ -144,29 +152,33 @@ class TimedCall:
     seconds: float
 
 
-def prepare_call(asked: Callable[[Mechanism, Array, Array], LibraryCall], mechanism: Mechanism, q: Array, v: Array) -> TimedCall:
-    """Prepare calls of a library's function at a state q, v (n,), to be timed as one block.
+def prepare_call(prepare: Callable[[Mechanism, Array, Array], LibraryCall], mechanism: Mechanism, q: Array, v: Array) -> TimedCall:
+    """Prepare a call of a library's function at a state q, v (n,), and return it with its timing block and its result.
 
     Args:
-        asked: prepares the function for a mechanism at a state.
+        prepare: function that, given a mechanism and a state, returns the call to be timed.
 
     Raises:
         RunFailure: the library cannot model the mechanism.
     """
     start = time.perf_counter()
-    prepared = asked(mechanism, q, v)
+    prepared = prepare(mechanism, q, v)
     seconds = time.perf_counter() - start
-    # a short call is repeated; one that does several repetitions itself may need preparation. The race sets the key, here None.
+    # A call of one repetition (count 1) is short and is repeated by the block. A call with another count repeats the work itself,
+    # and may have to be prepared each time. The key of the block, here None, is set by the race.
     several = prepared.count != 1
     block = Block(None, prepared.ready, prepared.call, prepared.count) if several else lasting(None, prepared.call)
     return TimedCall(block, np.asarray(prepared.acceleration, dtype=float), seconds)
 
 
 def call_of(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) -> TimedCall:
-    """Return one of the `library_calls` of an engine as a block, in this process or in the engine's environment.
+    """Return a timed call: one of the `library_calls` that an engine offers.
+
+    If the engine has an environment of its own, the call is prepared and timed in a process of that environment, else in this
+    process.
 
     Raises:
-        RunFailure: the engine cannot model the mechanism, or its call failed.
+        RunFailure: the engine cannot model the mechanism, or the call of its library failed.
     """
     if environment_of(engine) is not None:
         ask_there = _asking_there(engine)
@@ -189,10 +201,10 @@ def share_of(seconds: float, lead: float, steps: int) -> float:
 
 
 def _run_once(entry: Hashable, choice: Choice, times: Array, share: float, model: Any) -> Block:
-    """Return a block of one run over sample times (k,) [s]; `share` is the fraction of the whole run that they cover."""
+    """Return a timing block of one run over sample times (k,) [s], which cover the fraction `share` of the whole run."""
 
     def ready() -> None:
-        """Prepare the run; another block may have left another choice in the model."""
+        """Prepare the run; a block that was timed before may have set the model to another choice, such as another step."""
         model.choice = choice
         model.prepare(times)
 
@@ -204,18 +216,18 @@ Work = Callable[[Model], Block]  # one of the functions above with all arguments
 
 @dataclass
 class BlockElsewhere(Block):
-    """A timed block whose work is done in a process of another environment.
+    """A timing block whose work is done and timed in a process of an engine's own environment.
 
     Attributes:
-        timed: asks that process for the time of one repetition [s].
-        failure: why there are no further times: the process ended, or the work failed.
+        timed: function that asks the engine's process to time the block, and returns the time of one repetition [s].
+        failure: the reason why there are no further times: the process ended, or the work failed.
     """
 
     timed: Callable[[], float] = field(default=lambda: math.nan)
     failure: RunFailure | None = None
 
     def seconds(self) -> float:
-        """Return the time of one repetition [s], taken in that process; NaN after a failure."""
+        """Return the time of one repetition [s], measured in the engine's process; NaN after a failure, which `failure` keeps."""
         if self.failure is None:
             try:
                 return self.timed()
@@ -225,10 +237,10 @@ class BlockElsewhere(Block):
 
 
 def block_elsewhere(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> BlockElsewhere:
-    """Return a timed block of work of an engine that runs in the engine's own environment.
+    """Return a timing block of an engine that has an environment of its own.
 
-    The work is done in a process of that environment, which is kept for all races of this process. `work` makes the block of a
-    model there.
+    The block returned here stands for a block in a process of the engine's environment, where the work is done and timed. That
+    process serves all races of this process. There the model is built, and `work`, given the model, returns the block.
 
     Raises:
         RunFailure: the engine cannot run the mechanism, or the process gave no answer.
@@ -238,9 +250,9 @@ def block_elsewhere(engine: str, mechanism: Mechanism, choice: Choice, work: Wor
 
 
 def _block_there(ask_there: Callable[..., Any], number: int, count: float, again: int) -> BlockElsewhere:
-    """Return a block that stands for a block of the process that `ask_there` calls.
+    """Return a block that stands for a timing block in another process, which the function `ask_there` calls.
 
-    `number` is the index of the block in that process; `count` and `again` are its attributes there.
+    `number` is the index of the block in that process; `count` and `again` are the attributes of that block.
     """
     return BlockElsewhere(None, dict, dict, count, again, timed=partial(ask_there, time_there, number))
 
@@ -248,8 +260,8 @@ def _block_there(ask_there: Callable[..., Any], number: int, count: float, again
 def _asking_there(engine: str) -> Callable[..., Any]:
     """Return a function that calls a given function with arguments in the process of an engine's environment.
 
-    The returned function raises RunFailure if that process gives no answer. The environment has one such process for all races of
-    this process.
+    The returned function raises RunFailure if the engine's process gives no answer. Each environment has one such process, which
+    serves all races of this process.
     """
     interpreter = interpreter_of(engine)
     worker = keep(f"races in {interpreter.python}").under(interpreter)
@@ -270,8 +282,9 @@ Models = dict[Hashable, Any]  # linkage, engine, settings, integrator and stabil
 def build_or_reuse(models: Models, engine: str, mechanism: Mechanism, choice: Choice) -> Any:
     """Build a model for a choice, and keep it in `models`; or return the model that is kept there.
 
-    A kept model serves only if the engine is `resizable`, that is, if its models can take another step and tolerance. Then all
-    choices that differ in step or tolerance alone share a model. Otherwise a model is built at every call.
+    A kept model can be used again only if the engine is `resizable`, that is, if its models accept another step and tolerance. In
+    this case all choices that differ only in step or tolerance use the same model. If the engine is not resizable, a new model is
+    built at every call.
     """
     adapter, key = get(engine), (mechanism.sha256, engine, choice.settings, choice.integrator, choice.stabilization)
     if key not in models or not ask(adapter, "resizable"):
@@ -284,16 +297,19 @@ _models: Models = {}
 
 
 def make_there(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> tuple[int, float, int]:
-    """Make a block in this process, on request of another; return its index in `_blocks`, its `count` and its `again`."""
+    """Make a timing block in this process, an engine's, on request of the process of a race.
+
+    Return the index of the block in `_blocks`, its `count` (repetitions in one call) and its `again` (number of calls).
+    """
     _blocks.append(work(build_or_reuse(_models, engine, mechanism, choice)))
     return len(_blocks) - 1, _blocks[-1].count, _blocks[-1].again
 
 
 def make_call_there(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) -> tuple[Any, ...]:
-    """Make the block of a library's call in this process, on request of another.
+    """Make the timing block of a library's call in this process, an engine's, on request of the process of a race.
 
-    Return its index in `_blocks`, its `count` and its `again`, as `make_there` does; then the acceleration (n,) that the call finds
-    and the elapsed time of its preparation [s].
+    Return the index of the block in `_blocks`, its `count` and its `again`, as `make_there` does; then the acceleration (n,) that
+    the call computes, and the elapsed time that its preparation took [s].
     """
     timed = prepare_call(ask(get(engine), "library_calls")[name], mechanism, q, v)
     _blocks.append(timed.block)
@@ -301,7 +317,7 @@ def make_call_there(engine: str, name: str, mechanism: Mechanism, q: Array, v: A
 
 
 def time_there(number: int) -> float:
-    """Return the time of one repetition of a block of this process [s]; the garbage collector is off during the block."""
+    """Time block `number` of this process once, with the garbage collector off, and return the time of one repetition [s]."""
     gc.disable()
     try:
         return _blocks[number].seconds()

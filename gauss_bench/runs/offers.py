@@ -128,7 +128,7 @@ class Offer:
         """Return option -> value for a text: the name of settings or of a variant, options KEY=VALUE, or a name and then options.
 
         Raises:
-            ChoiceError: the engine does not know them; the message names the settings and options that it knows.
+            ChoiceError: the engine does not know the settings or options in the text; the message names those that it knows.
         """
         labels = {**self.settings, **{k: x.options for k, x in self.variants.items()}}
         if text not in labels and not is_assignment(text):
@@ -144,9 +144,10 @@ class Offer:
 
 
 def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
-    """Return in words which Python code, besides the library, runs within an engine's time; NOT_TOLD if the engine does not say.
+    """Return in words which Python code, besides the engine's library, runs during the measured time of an engine's run.
 
-    Adapters of this package are asked in this process, plug-ins in theirs.
+    Adapters of this package are asked for this text in this process, plug-ins in a worker. The result is NOT_TOLD if the engine
+    does not report such a text.
     """
     environment = environment_of(name)
     if name in SAFE or (environment is not None and environment.class_name == ELSEWHERE.get(name)):
@@ -169,7 +170,7 @@ def has_method(name: str, method: str) -> bool:
 
 
 def in_python_there(name: str, mechanism: Mechanism, choice: Choice) -> str:
-    """Return the same as `in_python`, by asking the engine in this process."""
+    """Return the same text as `in_python`, by a call of the engine's method in this process, not in a worker."""
     return str(ask(get(name), "in_python")(mechanism, choice))
 
 
@@ -187,7 +188,7 @@ def interpreter_of(name: str) -> Interpreter:
 
 
 _known: dict[str, Offer] = {}  # name of an engine that this process has asked -> its description
-_asking = threading.Lock()
+_lock = threading.Lock()
 
 
 def offer(name: str) -> Offer:
@@ -200,7 +201,10 @@ def offer(name: str) -> Offer:
 
 
 def offers(wanted: list[str] | None = None) -> list[Offer]:
-    """Return the descriptions of the engines of these names, or of all engines.
+    """Return the descriptions of the engines with these names, or of all engines.
+
+    Each engine is asked once, and its description is kept. Adapters of this package (SAFE) describe themselves in this process, all
+    other engines in a worker.
 
     Raises:
         KeyError: there is no such engine.
@@ -211,7 +215,7 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
         for name in wanted:
             if name not in there and not is_class(name):
                 raise unknown(name)
-    with _asking:
+    with _lock:
         unknown_yet = [name for name in wanted if name not in _known]
         others = [name for name in unknown_yet if name not in SAFE]
         _known.update({name: describe(name) for name in unknown_yet if name in SAFE})
@@ -245,7 +249,10 @@ def _describe(name: str) -> dict[str, Any]:
 
 
 def _read_offer(name: str, answer: object) -> Offer:
-    """Return the description in the answer of a worker; if the answer is no description, return that of an unusable engine."""
+    """Return the engine's description from the answer of a worker.
+
+    If the answer is no valid description, return the description of an engine that cannot be used, with the reason.
+    """
     from pydantic import TypeAdapter, ValidationError  # imported here, because the process of an engine does not need it
 
     try:
@@ -311,14 +318,14 @@ def _reject(name: str, error: Exception) -> Offer:
     return Offer(name, "cannot be used", status=Status.ERROR, reason=f"{type(error).__name__}: {in_a_sentence(error)}")
 
 
-def _version(asked: Callable[[], object]) -> str:
-    """Return the version of an engine's library, which `asked` returns, or "unknown" with the reason.
+def _version(get_version: Callable[[], object]) -> str:
+    """Call an engine's method `version`, and return the version of its library, or "unknown" with the reason if the call fails.
 
     Raises:
         ImportError: the library is not installed.
     """
     try:
-        version = asked()
+        version = get_version()
         return in_a_sentence(version) if isinstance(version, str) else f"unknown ({type(version).__name__}, not a text)"
     except ImportError:
         raise
@@ -327,12 +334,15 @@ def _version(asked: Callable[[], object]) -> str:
 
 
 def _variant(name: str, said: Any) -> Variant:
-    """Return a variant as plain data; `said` is the engine's own object, of any type."""
+    """Return a variant (a named setting of an engine) as plain data; `said` is the engine's own object, of any type."""
     return Variant(name, str(said.integrator), str(said.stabilization), {str(k): _plain(x) for k, x in said.options.items()})
 
 
 def _options(engine: Any) -> dict[str, tuple[str, ...]]:
-    """Return option -> allowed words, of the options that can be given one by one: the declared knobs, or `options`."""
+    """Return option -> texts that are allowed as values, for each option that can be set by itself.
+
+    These are the options that the engine declares as `knobs` or, if it declares none, those that it lists in `options`.
+    """
     knobs = {str(k): tuple(map(str, getattr(x, "values", ()))) for k, x in dict(ask(engine, "knobs")).items()}
     return {k: x for k, x in knobs.items() if k not in CHOSEN} or dict.fromkeys(map(str, ask(engine, "options")), ())
 
@@ -379,7 +389,7 @@ def check_positive(name: str, value: float, unit: str = " of seconds") -> None:
     """Check that a number is positive and finite.
 
     Raises:
-        ChoiceError: it is not; the message begins with the name of the number.
+        ChoiceError: the number is not positive and finite; the message begins with the name of the number.
     """
     if not (math.isfinite(value) and value > 0):
         raise ChoiceError(f"{name} must be a positive number{unit}, not {value:g}")

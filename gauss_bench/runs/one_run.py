@@ -1,9 +1,9 @@
-"""Run an engine once: sample times -> build -> prepare -> run -> read -> check. Every verb runs engines through this file.
+"""Run an engine once: sample times -> build -> prepare -> run -> read -> check. Every command runs engines by this module.
 
 The engine's part (`perform`) is separate from the checks of its result (`receive`), because they may run in different processes.
 
-Samples lie at multiples of the step. If a sample is wanted at another time, such as the end of the run, one shorter step ends
-there, and the note of the run reports it.
+Samples lie at multiples of the step. If a sample is wanted at a time that is no multiple of the step, such as the end of the run,
+one shorter step ends there, and the note of the run reports the shorter step.
 """
 
 import hashlib
@@ -47,26 +47,26 @@ class Sampling:
 
     @property
     def note(self) -> str:
-        """The remark on the steps, or an empty text."""
+        """A remark for the user if some steps are shorter than the step that was asked for, else an empty text."""
         if not self.shortened:
             return ""
         return f"{self.shortened} of {self.count} steps are shorter than {self.step:g} s, to meet times that whole steps miss"
 
 
 def sampling(step: float, t_end: float, meet: Sequence[float] | Array = (), spacing: float = SAMPLING) -> Sampling:
-    """Return samples from 0 to t_end about `spacing` [s] apart, and at each time of `meet` that is a multiple of the step.
+    """Return sample times from 0 to t_end, about `spacing` [s] apart, and each time in `meet` that is a multiple of the step.
 
-    The end is always met, by a shorter last step if it is no multiple of the step.
+    The end of the run is always a sample time. If the end is no multiple of the step, the last step is shorter.
     """
     reached = [x for x in np.asarray(meet, dtype=float) if x <= t_end * (1 + 1e-12) and _is_multiple(x, step)]
     return _sample(step, _grid(step, t_end, spacing), [*reached, _whole_steps(step, t_end) * step, t_end])
 
 
 def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING) -> Sampling:
-    """Return samples about `spacing` [s] apart and at every time of `at`.
+    """Return sample times about `spacing` [s] apart, and every time in `at`.
 
-    A time that is no multiple of the step is reached by a shorter step. The multiples on both sides of it are samples too, so that
-    only the two steps between them are shorter.
+    A time in `at` that is no multiple of the step is reached by a shorter step. The multiples of the step just before and after
+    this time are sample times too, so that only the two steps between these multiples are shorter.
     """
     last = max(at)
     neighbours = []  # multiples of the step on both sides of a time that whole steps miss
@@ -77,17 +77,20 @@ def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING
 
 
 def sampling_at(step: float, times: Sequence[float] | Array) -> Sampling:
-    """Return samples at these times only, the first being the start; shorter steps meet times that whole steps miss."""
+    """Return exactly these sample times, the first of which is the start.
+
+    Where a time is no multiple of the step, a shorter step ends there.
+    """
     return _sample(step, np.asarray(times, dtype=float), [])
 
 
 def _whole_steps(step: float, t_end: float) -> int:
-    """Return the number of whole steps until a time, up to rounding."""
+    """Return the number of whole steps until a time; a time that is a multiple of the step up to rounding counts as reached."""
     return int(np.floor(t_end / step * (1 + 1e-12)))
 
 
 def _grid(step: float, t_end: float, spacing: float) -> Array:
-    """Return multiples of the step from 0 to at most `t_end`, about `spacing` apart [s]."""
+    """Return the times [s] from 0 to at most `t_end` that are multiples of the step, about `spacing` [s] apart."""
     each = max(1, round(spacing / step))
     return np.arange(_whole_steps(step, t_end) // each + 1) * (each * step)
 
@@ -98,18 +101,18 @@ def _is_multiple(t: float, step: float) -> bool:
 
 
 def _sample(step: float, grid: Array, more: Sequence[float]) -> Sampling:
-    """Return the sampling at the times of `grid`, and at those times of `more` that differ from them by more than rounding."""
+    """Return the sampling at the times in `grid`, and at those times in `more` that differ from others by more than rounding."""
     near = 1e-9 * min(step, 1.0)  # [s] times that are closer than this, or than their rounding, count as equal
     times = [*grid]
     for x in sorted(more):
         k = int(np.searchsorted(grid, x))
-        neighbours = [*grid[max(0, k - 1) : k + 1], times[-1]]
+        neighbours = [*grid[max(0, k - 1) : k + 1], times[-1]]  # on both sides in the grid, and the time added last
         if all(abs(x - y) > near + 1e-14 * x for y in neighbours):
             times.append(x)
     distinct = np.unique(times)
     counts = step_counts(distinct, step)
-    short = sum(count for count, h in counts if h < step * (1 - 1e-6))
-    return Sampling(distinct, step, sum(count for count, _ in counts), short)
+    shortened = sum(count for count, h in counts if h < step * (1 - 1e-6))
+    return Sampling(distinct, step, sum(count for count, _ in counts), shortened)
 
 
 Asked = Callable[[Model], object]  # a question for a model before it runs
@@ -117,7 +120,7 @@ Build = Callable[[Mechanism, Choice], Model]
 
 
 def nothing(model: Model) -> None:
-    """Do not ask the model anything: the default of the argument `ask`."""
+    """Do nothing with the model before its run: the default of the argument `ask`, which then returns no answer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,10 +128,11 @@ class Outcome:
     """The outcome of a run in an engine, before any check.
 
     Attributes:
-        status, message: OK, or the kind of failure and a sentence.
-        returned: the engine's samples, or those before its failure; it may be any object, because it is not checked yet.
-        answer: the result of `ask`, which was called before the run.
-        build_time, seconds: processor time of building and of running [s]; NaN for a stage that was not reached.
+        status, message: OK and an empty text, or the kind of failure and a sentence.
+        returned: the samples that the engine returned, or its samples before a failure. They are not checked yet, so that this may
+            be an object of any type.
+        answer: the result of the function `ask`, which was called with the model before the run.
+        build_time, seconds: processor time of building the model and of running it [s]; NaN if the outcome ended before.
     """
 
     status: Status
@@ -146,8 +150,8 @@ class Run:
     Attributes:
         status, message: OK and a remark, or the kind of failure and a sentence.
         trajectory: complete and finite if the status is OK, else None.
-        reached: the samples before a failure; None if there are none, or if the status is OK.
-        sampling: the samples and steps that were asked for.
+        reached: the samples before a failure; None if there are no such samples, or if the status is OK.
+        sampling: the sample times and the steps that were asked for.
         answer, build_time, seconds: as in Outcome.
     """
 
@@ -179,9 +183,9 @@ def one_run(
     """Build the mechanism in an engine and run it over the samples; a refusal or a failure becomes a status.
 
     Args:
-        ask: is called with the model before the run; its result is the run's `answer`.
+        ask: function that is called with the model before the run; its result is the run's `answer`.
         shortest: a run that takes less time [s] is repeated and timed again, because the caches are cold in the first run.
-        build: builds the model, instead of the engine's own function.
+        build: function that builds the model instead of the engine's own function `build`.
     """
     return receive(perform(engine, mechanism, choice, wanted, ask, shortest, build), wanted, mechanism.n)
 
@@ -190,10 +194,10 @@ def one_run(
 def perform(
     engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked, shortest: float, build: Build | None
 ) -> Outcome:
-    """Build a model, ask it, prepare it, run it and read its samples; a failure becomes an Outcome with the reason.
+    """Build a model, call `ask` with it, prepare and run it, and read its samples; a failure becomes an Outcome with the reason.
 
-    This is the part of `one_run` that needs the engine; `receive` checks the result. Warnings of numpy are silenced, because the
-    judge reports a motion that diverges.
+    This is the part of `one_run` that runs in the engine's process; afterwards `receive` checks the result, possibly in another
+    process. Warnings of numpy are silenced, because the judge reports a motion that diverges.
 
     Args:
         wanted: the sample times; ask: is called with the model before the run.
@@ -245,11 +249,11 @@ def _read(model: Model | None) -> object:
 
 
 def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
-    """Check the samples of n coordinates in an outcome, and return the run: complete, or with the samples that it reached."""
+    """Check an engine's samples of n coordinates, and return the run: complete, or with the samples that it reached."""
     costs = (outcome.answer, outcome.build_time, outcome.seconds)
     reached = judge.leading(outcome.returned, wanted.times, n)
     if outcome.status is not Status.OK:
-        return Run(outcome.status, outcome.message, None, reached, wanted, *costs)
+        return Run(outcome.status, outcome.message, None, reached, wanted, *costs)  # no complete trajectory
     verdict = judge.completeness(outcome.returned, wanted.times, n)
     if not verdict.valid:
         status = Status.NAN if verdict.objections[0].subject is judge.Subject.NUMBERS else Status.INCOMPLETE
@@ -257,7 +261,8 @@ def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
         return Run(status, message, None, reached, wanted, *costs)
     if reached is None:
         return Run(Status.INCOMPLETE, "the engine's count of steps is no number", None, None, wanted, *costs)
-    notes = (reached.note, wanted.note if reached.steps == wanted.count else "")  # other steps were chosen by the integrator
+    # `wanted.note` reports shortened steps; it does not apply if the integrator has chosen other steps
+    notes = (reached.note, wanted.note if reached.steps == wanted.count else "")
     whole = replace(reached, note="; ".join(filter(None, notes)))
     return Run(Status.OK, whole.note, whole, None, wanted, *costs)
 
@@ -265,7 +270,7 @@ def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
 def draw_samples(trajectory: Trajectory) -> NDArray[np.intp]:
     """Return the indices of at most JUDGED random samples.
 
-    The seed of the random numbers follows from the samples, so that no engine can foresee the indices.
+    The seed of the random numbers is computed from the samples, so that no engine can foresee which samples will be checked.
     """
     digest = hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in (trajectory.q, trajectory.v, trajectory.a)))
     random = np.random.default_rng(int.from_bytes(digest.digest()[:8], "big"))

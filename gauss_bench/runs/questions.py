@@ -1,6 +1,7 @@
-"""Questions for a model in the engine's process, before the model runs (`Request.ask`).
+"""Functions that are called with an engine's model, in the engine's process, before the model runs (`Request.ask`).
 
-They are sent by name to that process, whose environment may have numpy alone. Therefore this file imports no other package.
+Such a function asks the model for something, such as accelerations at given states. It is sent by name to the engine's process,
+whose environment may contain no package except numpy. Therefore this file imports no other package.
 """
 
 import platform
@@ -33,10 +34,10 @@ def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:
 
 
 def joint_forces(names: tuple[str, ...], t: Array, q: Array, v: Array, model: Model) -> Array:
-    """Return a model's own joint forces (k, joints, 3) at states t (k,), q, v (k, n); NaN if it reports none.
+    """Return the joint forces (k, joints, 3) that the engine's model itself reports at states t (k,), q, v (k, n).
 
-    The three numbers of a joint are the forces fx, fy [N] on its second link and the moment [N m] about its point. `names` are
-    those of all joints.
+    The three numbers of a joint are the forces fx, fy [N] on its second link and the moment [N m] about its point; they are NaN if
+    the model reports none. `names` are the names of all joints.
     """
     forces = np.full((len(t), len(names), 3), np.nan)
     for k, state in enumerate(zip(t, q, v, strict=True)):
@@ -50,7 +51,7 @@ def joint_forces(names: tuple[str, ...], t: Array, q: Array, v: Array, model: Mo
 
 @dataclass(frozen=True, eq=False)
 class ForceQuestion:
-    """The question for an engine's own joint forces at some states of a motion, and the check of the answer.
+    """Asks an engine for the joint forces that it computes at some states of a motion, and checks its answer.
 
     Attributes:
         mechanism: the linkage.
@@ -62,17 +63,20 @@ class ForceQuestion:
 
     @property
     def ask(self) -> Asked:
-        """The question, for `Request`."""
+        """The function of the model that returns the forces, for `Request.ask`."""
         names = tuple(joint.name for joint in self.mechanism.joints)
         return partial(joint_forces, names, self.states.t, self.states.q, self.states.v)
 
     @property
     def answers(self) -> int:
-        """The count of numbers in the answer."""
+        """How many numbers the engine's answer contains, for `Request.answers`."""
         return SIZE * len(self.mechanism.joints) * len(self.states.t)
 
     def compare(self, answer: object) -> tuple[float, float]:
-        """Return the largest error of the forces in an answer, and the largest force [N, N m]; NaN if the engine reports none."""
+        """Return the largest error of the joint forces that an engine has reported, and the largest correct joint force [N, N m].
+
+        Both are NaN if the engine reports no joint forces.
+        """
         shape = (len(self.states.t), len(self.mechanism.joints), 3)
         if not isinstance(answer, np.ndarray) or answer.shape != shape:
             return np.nan, np.nan
@@ -80,16 +84,16 @@ class ForceQuestion:
 
 
 def ask_along(mechanism: Mechanism, reference: Reference) -> ForceQuestion:
-    """Return the question for an engine's joint forces at FORCED states of a reference.
+    """Return the question that asks an engine for its joint forces at some states of a reference motion.
 
-    They are evenly spread over those states whose accelerations are known.
+    The states, at most FORCED, are evenly spread over those states of the reference whose accelerations are known.
     """
     known = np.flatnonzero(np.isfinite(reference.a).all(axis=1))
     return ForceQuestion(mechanism, reference.samples[known[spread_evenly(len(known), FORCED)]])
 
 
 def run_before(times: Array, model: Model) -> None:
-    """Let a model run over the times (k,) [s] before the run that counts."""
+    """Run a model over the times (k,) [s] once before its proper run, to check that a model can run again from its start."""
     model.prepare(times)
     model.run()
     model.read()

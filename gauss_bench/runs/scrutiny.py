@@ -1,8 +1,9 @@
-"""Checks of a run without a reference: a repetition, the fastest mode, and a second formulation.
+"""Checks of a run without a reference: a repeated run, the fastest vibration mode, and a second formulation.
 
 A repetition at half the step shows the error due to the step, in any engine. If the integrator chooses its steps, a repetition at a
-tighter tolerance shows the error. The eigenvalues of the linearised motion show whether the step resolves the fastest mode. Two
-formulations of the same accelerations show how many digits are lost to the condition of the linkage.
+tighter tolerance shows the error. The eigenvalues of the linearised motion show whether the step resolves the fastest vibration
+mode. The difference between two formulations of the same accelerations shows how many digits are lost to rounding because the
+equations of the linkage are ill-conditioned.
 """
 
 import re
@@ -42,25 +43,26 @@ FAILURES = (RunFailure, ArithmeticError, np.linalg.LinAlgError)
 def sample_spacing(mechanism: Mechanism, t_end: float) -> float:
     """Return the largest spacing of samples [s] with which work and rates of a run can be integrated.
 
-    A run has at least LEAST samples, and A_PERIOD samples in each period of the fastest force, of the fastest rise and fall of a
-    force given by a table, and of the fastest mode at the start. Samples closer than SAMPLING are at most MOST.
+    A run has at least LEAST samples, and at least A_PERIOD samples in each period of the fastest sinusoidal force, of the fastest
+    rise and fall of a force given by a table, and of the fastest mode (of vibration or decay) at the start. If this makes the
+    spacing smaller than SAMPLING, the run has nevertheless at most MOST samples.
     """
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
     rates = [float(np.abs(x).max(initial=0.0)) for x in modes_along(mechanism, start)]
     periods = [2 * np.pi / x for x in rates if x > 0]
     if (period := mechanism.forcing_period) is not None:
         periods.append(period)
-    periods += [2 * float(np.diff(x).min()) for x in turns(mechanism) if len(x) > 1]
+    periods += [2 * float(np.diff(x).min()) for x in reversal_times(mechanism) if len(x) > 1]
     return max(min(SAMPLING, t_end / LEAST, *(x / A_PERIOD for x in periods)), min(SAMPLING, t_end / MOST))
 
 
-def turns(mechanism: Mechanism) -> list[Array]:
-    """Return the times (k,) [s] at which each force that varies along straight lines turns from rising to falling or back."""
+def reversal_times(mechanism: Mechanism) -> list[Array]:
+    """Return, for each force that is piecewise linear in time, the times (k,) [s] at which rising becomes falling or vice versa."""
     times = []
     for factor in (factor_of(x) for x in mechanism.varying):
         if factor is not None and factor.kinks:
             slopes = np.array([0.0, *(slope for _, slope in factor.lines[1:])])  # of the lines before and after each kink
-            steep = np.flatnonzero(slopes)
+            steep = np.flatnonzero(slopes)  # lines along which the force is not constant
             turned = steep[1:][np.diff(np.sign(slopes[steep])) != 0]  # lines whose slope has the other sign than the last steep one
             times.append(np.array(factor.kinks)[turned - 1])
     return times
@@ -85,13 +87,17 @@ def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, l
 
 
 def at_samples(finer: Run, times: Array) -> Run:
-    """Return the repetition of a run, restricted to the sample times (k,) [s] of the run itself."""
+    """Return the finer repetition of a run, but only its samples at the sample times (k,) [s] of the run itself."""
     x = finer.trajectory
     return finer if x is None else replace(finer, trajectory=x[metrics.common_times(x.t, times)[0]])
 
 
 def finer_tolerance(offer: Offer, choice: Choice) -> float:
-    """Return the relative tolerance of a run divided by TIGHTER; if that is below SMALLEST_TOLERANCE, multiplied by TIGHTER."""
+    """Return a tighter relative tolerance for a repetition of a run: the tolerance of the run, divided by TIGHTER.
+
+    If the quotient is below SMALLEST_TOLERANCE, where rounding exceeds the error, the tolerance is multiplied by TIGHTER instead:
+    the repetition is then coarser. The tolerance may be given by the choice or by one of the engine's options.
+    """
     tolerance = choice.tolerance
     if tolerance is None:
         options = offer.resolve_settings(choice.settings)
@@ -102,7 +108,7 @@ def finer_tolerance(offer: Offer, choice: Choice) -> float:
 
 
 def has_sound_rates(mechanism: Mechanism, trajectory: Trajectory) -> bool:
-    """Tell whether the judge accepts velocities and accelerations as derivatives of the positions, before the run is repeated."""
+    """Tell, before a run is repeated, whether the judge accepts its velocities and accelerations as derivatives of positions."""
     evidence = examine(Evaluator(mechanism), trajectory)
     return all(x.subject is not Subject.RATES for x in judge(evidence).objections)
 
@@ -110,7 +116,8 @@ def has_sound_rates(mechanism: Mechanism, trajectory: Trajectory) -> bool:
 def is_same_run(one: Trajectory, other: Trajectory) -> bool:
     """Tell whether a repetition equals the run in all bits, and the linkage moves.
 
-    This happens if an engine ignores the tolerance or the step. If nothing moves, equal bits show nothing.
+    A repetition with another tolerance or step equals the run if the engine ignores the tolerance or the step. If the linkage does
+    not move, equal results do not show this.
     """
     k = min(len(one.t), len(other.t))
     moves = bool(np.any(one.v[:k]) or np.any(one.a[:k]))
@@ -124,7 +131,10 @@ def depends_on_steps(mechanism: Mechanism, trajectory: Trajectory) -> bool:
 
 
 def first_part(times: Array, seconds: float, longest: float) -> Array:
-    """Return the first times (k,) [s] that a repetition at half the step reaches within `longest` [s]; the run took `seconds`."""
+    """Return those first sample times (k,) [s] of a run that a repetition at half the step can be expected to reach.
+
+    The repetition may take `longest` [s], and the run itself took `seconds`.
+    """
     if not seconds > longest / 2:  # also true for NaN, the time of a failed run
         return times
     return times[: max(2, int(len(times) * longest / 2 / seconds))]
@@ -162,22 +172,26 @@ def evidence_of(
 ) -> tuple[Evidence, str]:
     """Return the evidence by which a run is judged, and a sentence if the repetition covers only a part of the run.
 
+    A repetition at half the step, or with a tighter tolerance, is needed if there is no reference, or if the reference is not
+    accurate enough to decide.
+
     Args:
-        truth: the reference, if there is one.
-        finer: the repetition of the run, if no reference decides.
-        acceleration_off: median relative error of its accelerations at given states; if None, it is computed at states of the run.
+        truth: the reference motion, or None.
+        finer: the repetition of the run, or None.
+        acceleration_off: median relative error of the engine's accelerations at given states; if None, it is computed at states of
+            the run.
         adaptive: whether the integrator chooses its own steps.
-        untried: the reason why there is no repetition.
+        untried: the reason why there is no repetition, or an empty text.
     """
     # evidence from the run alone
     off = acceleration_error(mechanism, trajectory) if acceleration_off is None else acceleration_off
     evidence = examine(Evaluator(mechanism), trajectory, truth, off)
-    # `seen`: the gain of energy as far as the samples resolve the damping
+    # `seen`: the energy gained beyond the work done, as far as the samples are close enough to resolve the damping
     if truth is not None or (finer is not None and finer.trajectory is not None):  # without either, the run stays undecided
         evidence = replace(evidence, seen=measurable_gain(mechanism, trajectory, evidence))
     if truth is None or not truth.certified:  # an uncertified reference shares equations with the run
         evidence = replace(evidence, disagreement=disagreement(mechanism, trajectory))
-    # fixed steps in a period of the fastest force
+    # how many fixed steps there are in a period of the fastest sinusoidal force
     evidence = replace(evidence, steps_a_forcing=steps_a_forcing(mechanism, choice, adaptive))
     # evidence from the repetition; `unrepeated` is the reason why there is none, which counts only without a reference
     if finer is None:
@@ -199,14 +213,16 @@ def evidence_of(
 
 
 def as_truth(trajectory: Trajectory) -> Reference:
-    """Return a second run in the form of a reference, with error bars of 0."""
+    """Return a second run as a `Reference` with error bars of 0, so that a first run can be compared with it."""
     return Reference.with_one_bar(trajectory, "half the step")
 
 
 def measurable_gain(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) -> Array | None:
-    """Return the energy (k,) [J] gained beyond the work, as far as the samples resolve it; None if the judge accepts the energy.
+    """Return the energy (k,) [J] by which a run exceeds the work done, as far as its samples show this; else None.
 
-    Samples further apart than the time constant of the fastest damping do not resolve the energy that the damping dissipates.
+    If samples are further apart than the time constant of the fastest damping, they do not show how much energy the damping
+    dissipates, and losses of energy between such samples are left out. The result is None if the judge accepts the energy of the
+    run, or if nothing is damped.
     """
     if not any(x.subject is Subject.ENERGY for x in judge(evidence).objections):
         return None
@@ -225,7 +241,8 @@ def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np
     """Return the eigenvalues (2 dof,) [1/s] of small motions about each of some states; states at which this fails are left out.
 
     At a state q, v with null space N (n, dof) of the constraint rows, a small motion N x obeys x'' = N^T a_q N x + N^T a_v N x',
-    where a_q and a_v are the derivatives of the accelerations.
+    where a_q and a_v are the derivatives of the accelerations with respect to q and v. States are chosen evenly, LOOKED_AT of them.
+    There are no eigenvalues if the linkage has more than LARGEST degrees of freedom, because they would take too long.
     """
     model, evaluator = get("gauss").build(mechanism, Choice("default", "rk4")), Evaluator(mechanism)
     modes = []
@@ -236,7 +253,7 @@ def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np
             dof = N.shape[1]
             if dof > LARGEST:
                 return []
-            # central differences along each free direction x, dof rows of n
+            # central differences along each free direction x, a column of N: lists of dof arrays (n,)
             a_q = [model.acceleration(t, q + MOVED * x, v) - model.acceleration(t, q - MOVED * x, v) for x in N.T]
             a_v = [model.acceleration(t, q, v + MOVED * x) - model.acceleration(t, q, v - MOVED * x) for x in N.T]
             by_place, by_speed = (N.T @ np.reshape(x, (dof, mechanism.n)).T / (2 * MOVED) for x in (a_q, a_v))

@@ -1,4 +1,7 @@
-"""The first model and step of an engine in a new process, whose environment may have numpy alone."""
+"""Time the first model and the first step of an engine in a new process.
+
+The environment of that process may contain no package except numpy, so that this file imports no other.
+"""
 
 import os
 from collections.abc import Callable
@@ -19,23 +22,24 @@ Start = Callable[[str, Mechanism, Choice], dict[str, Any]]
 
 
 def start_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
-    """Return the processor time until an engine has taken its first step in this process.
+    """Time an engine in this new process until it has taken its first step, and return {"seconds": processor time [s]}.
 
-    The result is that of `time_with_compilers`. The time includes the import of the engine's library. Generated code is used if an
-    earlier start has stored it.
+    If the engine fails, the result has the columns of the failure instead (`time_with_compilers`). The measured time includes the
+    import of the engine's library. Generated code is used if an earlier start has stored it.
     """
     return time_with_compilers(lambda: first_step(get(engine), mechanism, choice))
 
 
 def cold_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
-    """Return the processor time that an engine needs for its first model and first step if no generated code is stored yet.
+    """Time an engine's first model and first step if no generated code is stored yet, and return {"seconds": processor time [s]}.
 
-    The result is that of `time_with_compilers`. The time does not include the import of the engine's library.
+    If the engine fails, the result has the columns of the failure instead (`time_with_compilers`). The measured time does not
+    include the import of the engine's library.
     """
     adapter = get(engine)
-    adapter.version()
+    adapter.version()  # imports the engine's library, so that the import is not timed
     with TemporaryDirectory() as empty:
-        os.environ["XDG_CACHE_HOME"] = empty
+        os.environ["XDG_CACHE_HOME"] = empty  # of this process alone, which runs nothing else
         return time_with_compilers(lambda: first_step(adapter, mechanism, choice))
 
 
@@ -76,8 +80,8 @@ def time_start(
 ) -> dict[str, Any]:
     """Time the first model and the first step of an engine in a new process, which may take `limit` seconds.
 
-    `start` is `start_there` or `cold_there`. Return {"seconds": processor time [s]}, or the columns of the failure for a row of a
-    table: its status and message.
+    `start` is the function that the new process calls: `start_there` or `cold_there` of this file. Return {"seconds": processor
+    time [s]}, or the columns of the failure for a row of a table: its status and message.
     """
     try:
         with Worker() as worker:

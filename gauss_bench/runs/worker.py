@@ -1,19 +1,20 @@
 """A worker process for code that may crash or hang: it calls functions and returns their results, or the reason of a failure.
 
-Tasks are pickled for the worker. Answers are never unpickled, because a task may run code of others. An answer is JSON, in which
-type and shape stand for an array, followed by the bytes of the arrays. The arrays that are made of an answer are never larger than
-the bytes of the answer.
+Tasks are pickled for the worker. Answers are never unpickled, because a task may run code of others. An answer of a worker is JSON,
+in which each array is replaced by its type and shape, followed by the bytes of the arrays. The arrays that the parent decodes from
+an answer never take more memory than the bytes of the answer.
 
 The worker's standard output is redirected to its error stream, so that a library that prints cannot write into the answers. The
 error stream is a file, whose last line is quoted when the worker dies. The pipe of the answers has a high file descriptor, so that
-a library that uses or closes low descriptors does not hit it. Each answer begins with the random token of its task. An answer with
-another token is refused, and so is an answer larger than the caller expects. The parent stops a task that exceeds its limit; if the
-parent is gone, the task is stopped by an alarm signal that no library can block. Waits for a processor do not count, so that
-engines do not fail because the machine is busy.
+a library that uses or closes low descriptors does not hit it. Each task has a random token, with which the worker's answer must
+begin. The parent refuses an answer with another token, and an answer that is larger than the caller expects. The parent stops a
+task that exceeds its limit; if the parent is gone, the task is stopped by an alarm signal that no library can block. The time
+during which a task waits for a processor does not count towards the limit, so that engines do not fail because the machine is busy.
 
-The processes that a task starts end with its worker. They are found by a mark in their environment and, on Linux, as descendants of
-the worker, which becomes the parent of orphans. A process that has removed the mark from its environment survives if its worker
-crashes or is killed first. No process may use more memory than its `Interpreter` allows, by default MEMORY.
+The processes that a task starts end with its worker. These processes are found by a mark, an environment variable that they inherit
+from the worker. On Linux they are also found as descendants of the worker, which becomes the parent of orphaned processes. A
+process that has removed the mark from its environment survives if the worker crashes or is killed before it can look for its
+descendants. No process may use more memory than its `Interpreter` allows, by default MEMORY.
 
 A worker runs under the interpreter of this process, or under that of an engine's environment (`elsewhere.py`).
 """
@@ -73,11 +74,11 @@ class WorkerFailure(Failure):
 
 @dataclass(frozen=True)
 class Interpreter:
-    """The Python under which a worker runs.
+    """The Python interpreter that runs a worker process.
 
     Attributes:
         python: path of the program.
-        memory: bytes that each of its processes may use.
+        memory: bytes that each process of such a worker may use.
     """
 
     python: str = sys.executable
@@ -92,10 +93,13 @@ class Interpreter:
 
 
 class Worker:
-    """One process, started when first needed and again after it has died."""
+    """One worker process, which is started when it is first needed, and again after it has died."""
 
     def __init__(self) -> None:
-        """Prepare a worker without a process yet; the processes of its tasks will be found by its random mark."""
+        """Create a worker that has not started a process yet.
+
+        Its random mark, an environment variable, will identify the processes that its tasks start.
+        """
         self.process: subprocess.Popen[bytes] | None = None
         self.interpreter = Interpreter()
         # the mark of a worker within a worker begins with that of the outer one, so that both end together
@@ -110,7 +114,7 @@ class Worker:
         self.log.close()
 
     def under(self, interpreter: Interpreter) -> "Worker":
-        """Return this worker, whose next task runs under an interpreter; a process under another interpreter is ended."""
+        """Set the Python interpreter for the next task, and return this worker; a process of another interpreter is ended."""
         if interpreter != self.interpreter:
             self.stop()
             self.interpreter = interpreter
@@ -164,16 +168,16 @@ class Worker:
         largest: int = LARGEST,
         longest: float = math.inf,
     ) -> Any:
-        """Return the result of function(*arguments) in the worker, as plain data with lists for tuples.
+        """Call function(*arguments) in the worker process, and return the result as plain data, in which tuples have become lists.
 
         Args:
-            limit: [s] after which the worker is stopped; waits for a processor do not count.
-            largest: most bytes of the result.
-            longest: [s] of elapsed time after which the worker is stopped too.
+            limit: time [s] after which the worker is stopped; the time during which it waits for a processor is not counted.
+            largest: largest size of the result [bytes].
+            longest: elapsed time [s] after which the worker is stopped too.
 
         Raises:
-            WorkerFailure: the worker crashed, exceeded a limit or was stopped by another thread, the function raised, or the
-                interpreter is unfit.
+            WorkerFailure: the worker crashed, exceeded a limit or was stopped by another thread, the function raised an error, or
+                the worker's Python interpreter cannot be used.
         """
         process = self.start()
         assert process.stdin is not None
@@ -256,10 +260,11 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
     assert process.stdout is not None
     descriptor = process.stdout.fileno()
     buffer = bytearray()
-    needed, headed = HEADER.size, False
+    needed, header_read = HEADER.size, False
     while len(buffer) < needed:
         left = clock.remaining()
         if not select.select([descriptor], [], [], min(POLL, max(0.0, left)))[0]:
+            # nothing has come: has the process ended, with nothing left in the pipe?
             if process.poll() is not None and not select.select([descriptor], [], [], 0.0)[0]:
                 raise EOFError
             if left <= 0:
@@ -269,13 +274,14 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
         if not part:
             raise EOFError
         buffer += part
-        if not headed and len(buffer) >= HEADER.size:
+        # the header has the token of the task, and the number of bytes that follow
+        if not header_read and len(buffer) >= HEADER.size:
             received, length = HEADER.unpack(buffer[: HEADER.size])
             if received != token:
                 raise NoAnswer(f"{bytes(buffer[:40])!r}")
             if length > largest:
                 raise NoAnswer(f"an answer of {length} bytes where {largest} are the most that is expected")
-            needed, headed = HEADER.size + length, True
+            needed, header_read = HEADER.size + length, True
     if len(buffer) > needed:
         raise NoAnswer(f"{len(buffer) - needed} bytes too many")
     return unpack_answer(bytes(memoryview(buffer)[HEADER.size :]))
@@ -294,25 +300,26 @@ def read_waits(pid: int) -> dict[int, float]:
 class _Clock:
     """The remaining time of a task, which begins when the object is made.
 
-    Waits for a processor do not count for `limit` [s], if the system reports them. They count for `longest` [s].
+    The time during which the process waits for a processor does not count towards `limit` [s], if the system reports it. All
+    elapsed time counts towards `longest` [s].
     """
 
     def __init__(self, pid: int, limit: float, longest: float = math.inf):
-        """Start the clock of the process with this number."""
+        """Start the clock of a task in the process with the ID `pid`."""
         self.pid, self.limit, self.longest = pid, limit, min(longest, BACKSTOP * limit)
         self.start, self.before = time.monotonic(), read_waits(pid)
 
     def _waiting_time(self) -> float:
-        """Return the seconds for which the process has waited for a processor since the start.
+        """Return the time [s] for which the process has waited for a processor since the task began.
 
-        The first thread may sleep until another thread is done, such as a compiler's. Therefore the longest wait of the others is
-        added.
+        The first thread of the process may sleep until another thread has finished, for example a thread that compiles code.
+        Therefore the longest wait of the other threads is added to the wait of the first thread.
         """
         waited = {thread: x - self.before.get(thread, 0.0) for thread, x in read_waits(self.pid).items()}
         return waited.pop(self.pid, 0.0) + max(waited.values(), default=0.0)
 
     def remaining(self) -> float:
-        """Return the seconds that are left."""
+        """Return the time [s] that the task has left before it exceeds `limit` or `longest`."""
         passed = time.monotonic() - self.start
         # the system counts waits by another clock: they may seem to be negative, or longer than the elapsed time
         waited = min(max(0.0, self._waiting_time()), passed)
@@ -320,7 +327,9 @@ class _Clock:
 
 
 def _end_all(mark: str) -> None:
-    """Kill every process whose environment has the mark of a worker, or of a worker that this worker has started.
+    """Kill every process whose environment has the mark of a worker, or the mark of a worker that this worker has started.
+
+    A mark is an environment variable, random for each worker, which its child processes inherit.
 
     To kill the process group would not be enough: it does not include processes in sessions of their own.
     """
@@ -345,7 +354,7 @@ def _end_each(find: Callable[[], list[int]]) -> None:
 
 
 def _processes() -> list[int]:
-    """Return the numbers of all processes of this machine, or none if the system does not list them."""
+    """Return the IDs of all processes on this machine, or an empty list if the system does not list them."""
     with contextlib.suppress(OSError):
         return [int(name) for name in os.listdir("/proc") if name.isdigit()]
     return []
@@ -368,9 +377,9 @@ def _descendants(root: int) -> list[int]:
 
 
 def _has(pid: int, sign: bytes) -> bool:
-    """Tell whether the environment of a process contains `sign`, which is "NAME=mark" of a worker.
+    """Tell whether the environment variables of a process contain `sign`, the text "NAME=mark" that identifies a worker.
 
-    The mark of a worker that was started within this worker counts too: it is this mark, a slash and more.
+    If a worker was started within this worker, its mark is accepted too: it is this worker's mark, a slash and more.
     """
     try:
         with open(f"/proc/{pid}/environ", "rb") as file:
@@ -451,7 +460,7 @@ def unpack_answer(content: bytes) -> Any:
         raise NoAnswer(f"its text should have {length} bytes")
 
     def restore(table: dict[str, Any]) -> Any:
-        """Return the array that a JSON object stands for, from the bytes that are left, or the object itself."""
+        """Return the array that a JSON object describes, read from the bytes that are left; return any other object unchanged."""
         nonlocal left
         if table.keys() != {ARRAY}:
             return table
@@ -470,10 +479,10 @@ def unpack_answer(content: bytes) -> Any:
 
 
 def _read_type(form: object) -> tuple[np.dtype[Any], list[int]]:
-    """Return type and shape of an array, as an answer gives them: [kind, shape].
+    """Return type and shape of an array from their description in an answer, a list [kind, shape].
 
     Raises:
-        NoAnswer: they have another form.
+        NoAnswer: the description is not such a list.
     """
     match form:
         case [str(kind), [*shape]] if kind in KINDS and len(shape) <= MOST:
@@ -515,7 +524,7 @@ def main() -> None:
 
 
 def _refuse(sentence: str) -> None:
-    """Raise an error, in place of a task that cannot be read."""
+    """Raise an error with this sentence: the worker calls this function instead of a task that it cannot read."""
     raise ValueError(sentence)
 
 

@@ -1,4 +1,7 @@
-"""Read suites by name or path, join them with the suites that they build on, and restrict them to what a user asks for."""
+"""Read suites by name or path, join them with the suites that they build on, and restrict them to what a user asks for.
+
+A suite is a TOML file that lists measurements. Each of its tables is called a part of the suite, for example a table `accuracy`.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,7 +13,7 @@ from gauss_bench.suites.schema import OnLinkages, Suite
 from gauss_bench.untrusted import BadInput, parse_toml, read_bytes
 
 FOLDER = Path(__file__).parent
-MAX_BYTES = 1_048_576  # of a suite; the longest built-in suite has 4,000
+MAX_BYTES = 1_048_576  # largest size of a suite's file; the longest built-in suite has 4,000 bytes
 SECTIONS = tuple(name for name in Suite.model_fields if name not in ("format", "title", "hours", "parts"))
 
 
@@ -24,7 +27,7 @@ def names() -> list[str]:
 
 
 def read_suite(name: str) -> Suite:
-    """Return the suite of that name, or in the file of that path, joined with the suites that it builds on.
+    """Return a suite, joined with the suites that it builds on; `name` is that of a built-in suite, or the path of a .toml file.
 
     Raises:
         SuiteError: there is no such suite, it is no TOML, it does not fit the schema, or it builds on itself.
@@ -33,7 +36,12 @@ def read_suite(name: str) -> Suite:
 
 
 def _read(name: str, above: tuple[str, ...]) -> Suite:
-    """Return the same as `read_suite`; `above` are the names of the suites that build on this one."""
+    """Read a suite and, recursively, the suites that it builds on; return all of them as one suite.
+
+    Args:
+        name: name of a built-in suite, or path of a .toml file.
+        above: names of the suites that are being read and build on this one; a name that occurs again is an error.
+    """
     path = Path(name) if name.endswith(".toml") else FOLDER / f"{name}.toml"
     if name in above:
         raise SuiteError(f"{path}: builds on itself: {' with '.join([*above, name])}")
@@ -58,7 +66,7 @@ def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
     """Return the suite with absolute paths of the linkage files that lie in its folder."""
 
     def locate(part: Any) -> Any:
-        """Return a part with paths for the linkages that are files in the folder."""
+        """Return a part of the suite in which linkages that are files in the folder have absolute paths."""
         if not isinstance(part, OnLinkages):
             return part
         paths = {x: folder / x for x in part.linkages if x.endswith(".toml") and (folder / x).is_file()}
@@ -68,7 +76,7 @@ def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
 
 
 def join_entries(suites: Sequence[Suite]) -> Suite:
-    """Return one suite with the parts of all suites, each once, and the title of the last suite."""
+    """Return one suite that has the parts of all suites, without repetitions, and the title of the last suite."""
     content: dict[str, Any] = {}
     for name in SECTIONS:
         distinct: list[Any] = []
@@ -84,7 +92,10 @@ def parts_on_linkages(suite: Suite) -> list[OnLinkages]:
 
 
 def scenario_of(suite: Suite, linkage: str) -> str | None:
-    """Return the scenario in which a suite runs a linkage, or None; only parts of the suite that take any linkage are looked at."""
+    """Return the scenario in which a suite runs a linkage, or None if the suite does not list the linkage.
+
+    Only those parts of the suite are considered that can be run for any linkage (`any_linkage`).
+    """
     parts = (x for x in parts_on_linkages(suite) if x.any_linkage)
     return next((x.linkages[linkage] for x in parts if linkage in x.linkages), None)
 
@@ -95,10 +106,13 @@ def linkages_of(suite: Suite) -> tuple[str, ...]:
 
 
 def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
-    """Return the suite with only these engines in its accuracy, cost, search and field parts; parts without any are left out."""
+    """Return the suite with only these engines in its parts `accuracy`, `cost`, `search` and `field`.
+
+    Of these parts, those in which no engine remains are left out. The other parts of the suite are unchanged.
+    """
 
     def select(parts: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Return the parts with the chosen engines alone; a part that names no engines gets all of them."""
+        """Return the parts restricted to the given engines; a part that names no engines gets all given engines."""
         chosen = [(x, tuple(e for e in engines if not x.engines or e in x.engines)) for x in parts]
         return tuple(x.model_copy(update={"engines": names}) for x, names in chosen if names)
 
@@ -108,8 +122,9 @@ def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
 def restrict(suite: Suite, linkages: Mapping[str, str]) -> Suite:
     """Return the suite restricted to the given linkages (name or path -> scenario).
 
-    A part of the suite with `any_linkage` gets all given linkages. Another part keeps the given linkages that it lists, each in the
-    scenario that it names. Parts without linkages are left out, except those that are computed from the times of other parts.
+    A part of the suite with `any_linkage` is run for all given linkages, in the given scenarios. A part without `any_linkage` keeps
+    those of its linkages that are given, each in the scenario that the part names. Parts that list no linkages are left out, except
+    `left_out` and those parts whose results are computed from the times of other parts.
     """
     content: dict[str, tuple[Any, ...]] = {}
     for name in SECTIONS:

@@ -1,4 +1,7 @@
-"""The sections and fields of a suite file: one class for each section."""
+"""The sections and fields of a suite file: one class for each kind of section.
+
+A suite file is a TOML file that lists measurements; each section describes one measurement.
+"""
 
 from collections.abc import Mapping
 from typing import Annotated, Literal
@@ -22,11 +25,11 @@ class Section(BaseModel):
 
 
 class OnLinkages(Section):
-    """A part of a suite that lists linkages.
+    """A section of a suite that lists the linkages on which it is run.
 
     Attributes:
         linkages: name of a linkage, or path of its file relative to the suite's folder -> scenario.
-        any_linkage: whether the part is run for any linkage that a user names; else it is run for the listed ones alone.
+        any_linkage: whether the section can be run for any linkage that a user names; if not, it is run for the listed ones only.
     """
 
     linkages: Linkages
@@ -37,10 +40,10 @@ class Accuracy(OnLinkages):
     """Runs whose trajectories are judged: engines with their settings, integrators and stabilisations, at several steps.
 
     Attributes:
-        engines: names; empty for all engines.
-        integrators: a number n for the first n integrators of each engine, or names of integrators; None for all.
-        plain: engines that are run with their defaults only.
-        steps: [s], from large to small.
+        engines: names of engines; empty for all engines.
+        integrators: a number n for the first n integrators of each engine, or names of integrators; None for all integrators.
+        plain: names of engines that are run with their default settings only.
+        steps: integration steps [s], from large to small.
         until: end of the runs [s].
     """
 
@@ -52,13 +55,13 @@ class Accuracy(OnLinkages):
 
 
 class LeftOut(Section):
-    """Cases of the suite's accuracy parts that are not run, with the reason that the report gives.
+    """Cases of the suite's sections `accuracy` that are not run, with the reason that the report gives.
 
-    A case matches if each field here is empty or contains the case's own value.
+    A case is not run if each field here is empty or contains the value that the case has for this field.
 
     Attributes:
-        linkages, engines, settings, integrators, stabilizations: names that match.
-        steps: steps [s] that match.
+        linkages, engines, settings, integrators, stabilizations: names of cases that are not run.
+        steps: integration steps [s] of cases that are not run.
         why: the reason, in a sentence.
     """
 
@@ -72,18 +75,18 @@ class LeftOut(Section):
 
 
 class Cost(OnLinkages):
-    """The race of a linkage, which times all its engines interleaved.
+    """The timed comparison of engines on a linkage, in which engines take turns, so that disturbances affect all of them alike.
 
     Attributes:
-        engines: names; empty for all engines.
-        integrators: a number n for the first n integrators of each engine; None for all.
-        plain: engines that are timed with their defaults only.
+        engines: names of engines; empty for all engines.
+        integrators: a number n for the first n integrators of each engine; None for all integrators.
+        plain: names of engines that are timed with their default settings only.
         step: length of the timed steps [s].
-        processes: number of processes that race, one after the other.
-        rounds: number of rounds in each process.
-        batch: engines whose steps of many trajectories at once are timed too.
-        bare: engines whose bare library call and empty call are timed too.
-        processor: whether the processor's latency and rate are timed too.
+        processes: number of processes that time all engines, one process after the other.
+        rounds: number of rounds in each process; in a round, every engine is timed once.
+        batch: names of engines whose steps of many trajectories at once are timed too.
+        bare: names of engines for which a call of the library alone, and an empty call, are timed too.
+        processor: whether the latency and the rate of the processor's arithmetic are timed too.
     """
 
     engines: tuple[str, ...] = ()
@@ -98,10 +101,10 @@ class Cost(OnLinkages):
 
 
 class ColdBuilds(OnLinkages):
-    """Cold builds: the first model of an engine in a new process, and its first step.
+    """Times to build the first model of an engine in a new process, and to compute its first step (cold builds).
 
     Attributes:
-        engines: names.
+        engines: names of engines.
         step: length of the step [s].
     """
 
@@ -110,14 +113,14 @@ class ColdBuilds(OnLinkages):
 
 
 class Steps(Section):
-    """Ratios of the times of a step, each engine in its own loop: compiled formulations against a rival, timed side by side.
+    """Ratios of the times of one step: a competing engine, the rival, to compiled formulations of the suite, timed side by side.
 
     Attributes:
-        own: formulation -> engine.
+        own: name of a formulation -> name of the engine that runs the formulation compiled.
         stabilizations: names of the compiled formulations' stabilisations.
-        rival: the engine that they are compared with.
+        rival: name of the engine with which the compiled formulations are compared.
         settings: names of the rival's settings.
-        targets: stabilisation -> linkage -> least ratio, for the first formulation of `own`.
+        targets: name of a stabilisation -> linkage -> smallest ratio of times that the first formulation of `own` should reach.
     """
 
     own: Mapping[str, str]
@@ -128,13 +131,13 @@ class Steps(Section):
 
 
 class Claim(OnLinkages):
-    """The claim that n - m unknowns are cheaper than n + m.
+    """The claim that equations with n - m unknowns are cheaper than with n + m, for n coordinates and m constraints.
 
     Attributes:
-        compiled: the engines with n - m and with n + m unknowns.
+        compiled: names of two engines, which solve equations with n - m and with n + m unknowns.
         step: length of the timed steps [s].
         rounds: number of rounds in each process.
-        processes: number of processes, each with a race on every linkage.
+        processes: number of processes, each of which times both engines on every linkage.
     """
 
     compiled: tuple[str, str]
@@ -144,13 +147,13 @@ class Claim(OnLinkages):
 
 
 class RightHandSide(Section):
-    """Ratios of the times of one right-hand side, from engines that are timed side by side.
+    """Ratios of the times of one evaluation of the right-hand side (the accelerations at a state), timed side by side.
 
     Attributes:
-        own, rival: the compiled engine and its rival.
+        own, rival: name of the suite's compiled engine, and name of the engine with which it is compared.
         settings: names of the rival's settings.
-        target: least ratio of the rival's time to that of the compiled engine, if each calls it in its own loop.
-        target_of: names of the linkages with this target.
+        target: smallest required ratio of the rival's time to the time of `own`, if each evaluates in its own loop.
+        target_of: names of the linkages for which this ratio is required.
     """
 
     own: str
@@ -161,10 +164,10 @@ class RightHandSide(Section):
 
 
 class Bounds(Section):
-    """The time of an engine's steps compared with the processor's limits, computed from the races.
+    """The time of an engine's steps compared with the processor's limits; it is computed from the times in the sections `cost`.
 
     Attributes:
-        own: the engine.
+        own: name of the engine.
     """
 
     own: str
@@ -175,7 +178,7 @@ class Agreement(OnLinkages):
 
     Attributes:
         states: number of random states.
-        target: largest relative difference.
+        target: largest allowed relative difference between the accelerations.
     """
 
     states: Count
@@ -186,7 +189,7 @@ class Method(Section):
     """An engine with its settings, integrator and stabilisation.
 
     Attributes:
-        engine, settings, integrator, stabilization: names, as on the command line.
+        engine, settings, integrator, stabilization: names as on the command line.
     """
 
     engine: str
@@ -196,24 +199,25 @@ class Method(Section):
 
 
 class Search(OnLinkages):
-    """The search, among all variants of each engine, for the cheapest setting that holds a requirement over the whole run.
+    """The search, among all variants of each engine, for the cheapest setting that meets a required accuracy in the whole run.
 
     Attributes:
-        engines: names; empty for all engines except the formulations in numpy.
-        own: engines whose cheapest setting is the denominator of ratios.
-        until: end of the runs [s]; a shorter scenario ends earlier.
-        position, angle, force: requirements, each a largest error [m], [rad], [N].
-        end: requirements on the error of positions at the last sample [m].
-        budget: most evaluations of one variant on one linkage.
-        most_steps: most steps of a run.
-        steps_of: engine -> most steps of a run, for engines whose methods have a low order.
-        processes: number of processes that race, one after the other.
+        engines: names of engines; empty for all engines except the formulations in numpy.
+        own: names of the suite's engines whose cheapest setting is the denominator of ratios.
+        until: end of the runs [s]; a run ends earlier if the scenario is shorter.
+        position, angle, force: largest allowed errors [m], [rad], [N]; each number is one requirement.
+        end: largest allowed errors of positions at the last sample [m]; each number is one requirement.
+        budget: largest number of runs of one variant on one linkage.
+        most_steps: largest number of steps of a run.
+        steps_of: name of an engine -> largest number of steps of a run, for engines whose methods have a low order.
+        processes: number of processes that time the settings, one process after the other.
         rounds: number of rounds in each process.
-        lead: time of a run at equal steps that is timed [s]; the time of a longer run is extrapolated.
-        aims: engine -> least ratio of the time of its cheapest setting to that of the cheapest own setting.
-        aimed: requirements on positions [m] at which `aims` count.
-        authors: paths of files of settings by engines' authors, besides those in the engines' folders.
-        brief: whether only the variants that an engine tries first are searched, and the formulations in numpy too.
+        lead: duration of the part of a run with equal steps that is timed [s]; the time of a longer run is extrapolated.
+        aims: name of an engine -> smallest wanted ratio of the time of its cheapest setting to that of the cheapest setting of
+            `own`.
+        aimed: required errors of positions [m] for which the ratios in `aims` count.
+        authors: paths of files with settings that engines' authors contributed, besides those in the engines' folders.
+        brief: whether only the variants that an engine tries first are searched, but those of the formulations in numpy too.
     """
 
     engines: tuple[str, ...] = ()
@@ -236,14 +240,14 @@ class Search(OnLinkages):
 
 
 class SameQuestions(OnLinkages):
-    """The same questions to every engine: whether a run repeats bit by bit, joint forces, start and size.
+    """The same measurements of every engine: whether a run repeats bit by bit, joint forces, start-up time, and installed size.
 
     Attributes:
-        engines: names; empty for all engines, including those that can be installed and are not.
-        redundant: linkages with redundant rows, whose accuracy cases the table shows too.
-        step, until: step and end of the runs [s].
-        processes: number of starts of each engine.
-        position: requirements [m] at which the table shows the cost of each engine's cheapest setting.
+        engines: names of engines; empty for all engines, including those that can be installed and are not.
+        redundant: linkages with redundant constraint rows; the table also shows the results of their cases in sections `accuracy`.
+        step, until: integration step and end of the runs [s].
+        processes: number of times that each engine is started in a new process.
+        position: required errors of positions [m] for which the table shows the cost of each engine's cheapest setting.
     """
 
     engines: tuple[str, ...] = ()
@@ -255,18 +259,19 @@ class SameQuestions(OnLinkages):
 
 
 class Batch(OnLinkages):
-    """Times of many trajectories that are computed at once.
+    """Computing times of many trajectories that are simulated together.
 
     Attributes:
         states: number of trajectories.
         step: length of a step [s].
         step_count: number of steps of each trajectory.
-        own, rival: the compiled engine and its rival.
-        settings: the rival's settings.
-        rival_step_count: number of steps of the rival's trajectories, which may be fewer because the time of one step counts.
-        processes: number of processes that race, one after the other.
+        own, rival: name of the suite's compiled engine, and name of the engine with which it is compared.
+        settings: name of the rival's settings.
+        rival_step_count: number of steps of the rival's trajectories, which may be smaller because the time of one step is
+            compared.
+        processes: number of processes that time both engines, one process after the other.
         rounds: number of rounds in each process.
-        targets: linkage -> least ratio.
+        targets: linkage -> smallest required ratio of the rival's time of one step to that of `own`.
     """
 
     states: Count
@@ -282,13 +287,13 @@ class Batch(OnLinkages):
 
 
 class Growth(Section):
-    """Times of right-hand sides against the number of loops.
+    """Times of the right-hand side (the accelerations at a state) against the number of loops of a linkage.
 
     Attributes:
-        sizes: numbers of windows of the N-four-bar.
-        rounds: number of rounds of a race.
-        processes: number of processes; each races once at every size.
-        large: least size to which exponents are fitted.
+        sizes: numbers of loops of the N-four-bar.
+        rounds: number of rounds of a timed comparison.
+        processes: number of processes, each of which times all engines once at every size.
+        large: smallest size that is used to fit the exponents with which the times grow with the size.
     """
 
     sizes: tuple[Count, ...]
@@ -301,10 +306,10 @@ class LongRuns(OnLinkages):
     """Drift and energy of long runs with projection.
 
     Attributes:
-        duration: of the runs [s].
-        step: of the first run [s]; a second run takes half the step.
-        drift: largest residual of positions [m, rad] and velocities [m/s, rad/s].
-        order, margin: least order of the energy's error is order - margin.
+        duration: duration of the runs [s].
+        step: integration step of the first run [s]; a second run takes half of this step.
+        drift: largest allowed constraint residual of positions [m, rad] and of velocities [m/s, rad/s].
+        order, margin: the energy error must decrease with the step at least with the order `order - margin`.
     """
 
     duration: Positive
@@ -315,14 +320,14 @@ class LongRuns(OnLinkages):
 
 
 class Turns(OnLinkages):
-    """Times of compiled kinematics over a turn.
+    """Times of compiled kinematics (positions, velocities and accelerations) over one full turn of the crank.
 
     Attributes:
-        samples: number of positions of a turn.
-        rounds: number of rounds of a race.
-        processes: number of processes that race, one after the other.
-        targets: linkage -> least number of positions per second.
-        error: largest relative error.
+        samples: number of positions in one turn.
+        rounds: number of rounds of the timing.
+        processes: number of processes that time the kinematics, one process after the other.
+        targets: linkage -> smallest required number of positions per second of computing time.
+        error: largest allowed relative error.
     """
 
     samples: Count
@@ -333,21 +338,21 @@ class Turns(OnLinkages):
 
 
 class Geometry(OnLinkages):
-    """Comparison of three independent methods of kinematics, and searches for the assembly.
+    """Comparison of three independent methods of kinematics, and of searches that find the assembled position of a linkage.
 
     Attributes:
-        searched: names of the linkages whose assembly is searched for.
+        searched: names of the linkages whose assembled position is searched for.
     """
 
     searched: tuple[str, ...] = ()
 
 
 class Driving(OnLinkages):
-    """Errors of the torque that drives a linkage through a turn.
+    """Errors of the torque that drives a linkage through one full turn of the crank.
 
     Attributes:
-        step: of the runs [s].
-        ways: engines with their settings.
+        step: integration step of the runs [s].
+        ways: engines with their settings that are run.
     """
 
     step: Positive
@@ -358,7 +363,7 @@ class Papers(Section):
     """Tables about the papers and published values.
 
     Attributes:
-        tables: their names.
+        tables: names of the tables.
     """
 
     tables: tuple[Literal["audit", "reproduction", "published", "paper_motion"], ...]
@@ -368,7 +373,7 @@ class Certificates(Section):
     """The table of certificates.
 
     Attributes:
-        table: its name.
+        table: name of the table.
     """
 
     table: Literal["certificates"] = "certificates"
@@ -378,10 +383,10 @@ class Suite(Section):
     """A whole suite. A section may occur several times; the sections of the suites named in `with` come first.
 
     Attributes:
-        format: edition of the grammar of suites.
-        title: for the report.
-        parts: names of suites to build on, or paths of their files; the key in a file is `with`.
-        hours: within which the suite ends on two idle cores; an interrupted run can be resumed.
+        format: edition of the grammar of suite files.
+        title: title of the report.
+        parts: names of suites on which this one builds, or paths of their files; the key in a file is `with`.
+        hours: time [h] within which the suite ends on two idle cores; an interrupted run can be resumed.
     """
 
     format: Literal["gauss-bench-suite/1"]

@@ -118,12 +118,12 @@ class Description:
     Attributes:
         name, title: name and title of the linkage; source: path of the file.
         dof: degrees of freedom; redundant: number of redundant constraint rows; loops: number of loops.
-        links: name -> rigid link; links that are welded together count as one.
-        joints: name -> kind of joint.
+        links: name of a rigid link -> the link; links that are welded together count as one.
+        joints: name of a joint -> kind of joint.
         knife_edges: names of the knife edges.
-        welds: name of a weld -> names of the links beyond it.
+        welds: name of a weld -> names of the links that the weld carries: its welded link, and all links welded onto that link.
         warnings: the loader's warnings on the file.
-        scenarios: name -> scenario.
+        scenarios: name of a scenario -> scenario.
     """
 
     name: str

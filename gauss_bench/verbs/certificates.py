@@ -1,4 +1,4 @@
-"""Commands that make certificates and verify them."""
+"""Commands that make and verify certificates, which are reference motions with guaranteed digits."""
 
 from argparse import Namespace
 from dataclasses import replace
@@ -30,7 +30,7 @@ Row = dict[str, Any]
 
 
 def certify(options: Namespace, told: Told) -> Answer[Annotated[Row, CERTIFIED]] | Answer[Annotated[list[Row], CERTIFIED]]:
-    """Certify one scenario of a linkage, or all scenarios of all built-in linkages."""
+    """Compute the certificate of one scenario of a linkage, or those of all scenarios of all built-in linkages."""
     if options.out is not None:
         beside = Path(options.linkage).parent / CERTIFICATES if options.linkage else None
         writable(options.out, replace=True, usual=beside, suffix=".npz", source=options.linkage or "")
@@ -44,6 +44,6 @@ def certify(options: Namespace, told: Told) -> Answer[Annotated[Row, CERTIFIED]]
 
 
 def verify(options: Namespace) -> Answer[Annotated[list[Row], VERIFIED]]:
-    """Check certificates in double precision, and return a row for each."""
+    """Check certificates (reference motions with guaranteed digits) in double precision; return a table row for each."""
     rows = certificates.verify_all(options.certificates, options.linkage, options.jobs)
     return Answer(rows, bool(rows) and all(row.get("passed", False) for row in rows))

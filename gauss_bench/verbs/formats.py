@@ -1,7 +1,8 @@
-"""JSON Schemas (draft 2020-12) of linkage files, of suite files, and of what each verb prints with --json.
+"""JSON Schemas (draft 2020-12) of linkage files, of suite files, and of what each command prints with --json.
 
-No key is named in this file. Schemas of files follow from the classes that check the files, and schemas of verbs from the types
-that the verbs' functions return. The meanings of keys are read from the docstrings of these classes, and those of columns from
+The code of this module mentions no key of these files or outputs by name. The schema of a file follows from the class that checks
+the file. The schema of a command (a "verb" of the command line) follows from the type that the command's function returns. The
+descriptions of keys are taken from the "Attributes:" in the docstrings of these classes, and the descriptions of table columns from
 `tables.toml`.
 """
 
@@ -50,10 +51,12 @@ def list_formats() -> dict[str, str]:
 
 
 def find_schema(name: str) -> Schema:
-    """Return the schema with this name.
+    """Return the schema of a file format (`name` is a key of FILES), or of what the command `name` prints with --json.
+
+    The schema of a command follows from the return type of the command's function.
 
     Raises:
-        ChoiceError: there is none.
+        ChoiceError: there is no schema with this name.
     """
     if name in FILES:
         return describe_file(FILES[name], f"A {name} file of gauss-bench")
@@ -66,7 +69,7 @@ def find_schema(name: str) -> Schema:
 
 
 def find_data(answer: Any) -> Iterator[Any]:
-    """Yield the types of data that a verb's function may return; `answer` is its return type, often `Answer[...]` or a union."""
+    """Yield the types of data that a command's function may return; `answer` is its return type, as `Answer[...]` or a union."""
     if get_origin(answer) in (Union, UnionType):
         for option in get_args(answer):
             yield from find_data(option)
@@ -75,25 +78,29 @@ def find_data(answer: Any) -> Iterator[Any]:
 
 
 class FileSchema(GenerateJsonSchema):
-    """Pydantic's schema without a title for every key."""
+    """Pydantic's generator of schemas, which here gives no title to the keys."""
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False
 
 
 def describe_file(kind: type[BaseModel], title: str) -> Schema:
-    """Return the schema of a file; `kind` is the class that checks the file, whose docstrings give the meanings of keys."""
+    """Return the schema of a file.
+
+    `kind` is the class that checks the file. Its docstring, and the docstrings of the classes of nested tables, describe the keys.
+    """
     schema = kind.model_json_schema(schema_generator=FileSchema)
-    classes = {x.__name__: x for x in list_subclasses(kind.__mro__[1])}  # all tables derive from the same class as the file's
-    parts = {kind.__name__: schema} | schema["$defs"]
-    for name, part in parts.items():
-        part.pop("title", None)
+    # kind.__mro__[1], the direct base of `kind`, is the common base of the classes of all tables in the file
+    classes = {x.__name__: x for x in list_subclasses(kind.__mro__[1])}
+    schemas = {kind.__name__: schema} | schema["$defs"]  # name of a class -> schema; "$defs" has those of nested tables
+    for name, table in schemas.items():
+        table.pop("title", None)
         meanings = list_meanings(classes[name])
         for field, info in classes[name].model_fields.items():
             if field in meanings:
-                part["properties"][info.alias or field]["description"] = meanings[field]
-        if "description" in part:
-            part["description"] = first_sentence(classes[name])
+                table["properties"][info.alias or field]["description"] = meanings[field]
+        if "description" in table:
+            table["description"] = first_sentence(classes[name])
     return DRAFT | {"title": title} | schema
 
 
@@ -120,7 +127,7 @@ class Writer:
         """Return the schema of a type.
 
         Raises:
-            TypeError: it has none.
+            TypeError: values of this type cannot be written as JSON.
         """
         origin, arguments = get_origin(kind), get_args(kind)
         if origin is Annotated:
@@ -181,8 +188,8 @@ def describe_rows(kind: Any, columns: Table | Mapping[str, Table]) -> Schema:
     """Return the schema of one row, a list of rows, or a dictionary from a table's name to its rows; every column may be absent.
 
     Args:
-        kind: type of the data: a list or list[...] for rows, otherwise one row.
-        columns: table with the columns, or name -> table for a dictionary.
+        kind: type of the data: list or list[...] means several rows, and any other type means a single row.
+        columns: the table that describes the columns; or name of a table -> table, if the data is a dictionary of tables.
     """
     if not isinstance(columns, Table):
         return close("rows by table", {name: describe_rows(list, table) for name, table in columns.items()})
@@ -205,7 +212,7 @@ def join(options: list[Schema]) -> Schema:
 def list_meanings(kind: type) -> dict[str, str]:
     """Return name of a field -> its meaning, read under "Attributes:" in the docstrings of a class and its bases.
 
-    An entry may explain several fields, as in "a, b: first and second number; c: third number".
+    An entry of the docstring may explain several fields, as in "a, b: first and second number; c: third number".
     """
     meanings: dict[str, str] = {}
     for base in reversed(kind.__mro__):
@@ -220,5 +227,5 @@ def list_meanings(kind: type) -> dict[str, str]:
 
 
 def first_sentence(kind: object) -> str:
-    """Return the first line of a docstring."""
+    """Return the first line of the docstring of a class or property, without the full stop."""
     return (inspect.getdoc(kind) or "").partition("\n")[0].rstrip(".")

@@ -1,4 +1,7 @@
-"""Write plots, animations and tables of a linkage, a run or a motion; no file is written unless all contents can be made."""
+"""Write plots, animations and tables of a linkage, a run or a motion.
+
+All contents are made first, so that either all files are written or none.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -52,10 +55,14 @@ def draw_run(result: Simulation, files: Files) -> None:
 
 
 def draw_motion(result: Kinematics, files: Files) -> None:
-    """Write the plot, the animation and the table of a motion; a table with the name "csv" is printed on stdout."""
+    """Write the plot, the animation and the table of a motion.
+
+    `files` maps the name of an option ("plot", "animate" or "out") to a path. If the path of `out` is "csv", without an ending, the
+    table is printed on stdout.
+    """
     whole, x, points = result.model.whole, result.trajectory, result.shown
     contents: dict[Path, str | bytes] = {}
-    if "out" in files:  # for one release
+    if "out" in files:  # this notice is printed in one release only, after which it is removed
         tell("columns of the table now name their units, as in `crank.theta [rad]`, formerly `crank.theta`")
     if "plot" in files and not points:
         raise ChoiceError("--plot: the file observes no point; name some with --point link.point")
@@ -64,7 +71,7 @@ def draw_motion(result: Kinematics, files: Files) -> None:
             contents[path] = curves(whole, x.t, x.q, x.v, x.a, points)
         elif name == "animate":
             contents[path] = animate(whole, x.t, x.q, points)
-        elif path.suffix:
+        elif path.suffix:  # the option `out` with the path of a file; the last branch is `--out csv`, for stdout
             contents[path] = motion_table(result).to_csv(index=False, lineterminator="\n")
         else:
             print(motion_table(result).to_csv(index=False, lineterminator="\n"), end="")

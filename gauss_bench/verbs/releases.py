@@ -1,4 +1,4 @@
-"""The verb `releases`, which compares an engine over the releases of its library."""
+"""The command `releases`, which compares the results and times of several releases of an engine's library."""
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
@@ -25,7 +25,7 @@ LOCAL = Path("reports/local")
 PAGE = "what_changed.md"
 RUN = ".run"  # folder of journals in the folder of a run
 QUESTIONS = ("releases/asking.py", "releases/cases.py", "releases/probes.py", "releases/linkages")
-ASKED = ("engines", "runs", "mechanism", "integrate", *QUESTIONS)  # source files on which answers depend
+ASKED = ("engines", "runs", "mechanism", "integrate", *QUESTIONS)  # source files on which the results of a release depend
 Rows = Annotated[Mapping[str, Sequence[Mapping[str, Any]]], SCHEMAS]
 
 
@@ -40,7 +40,21 @@ def releases(
     no_costs: bool,
     told: Told,
 ) -> Answer[Rows]:
-    """Install releases of an engine's library, ask each the same questions, and write what changed between neighbours."""
+    """Install several releases of an engine's library, run the same computations with each, and write what changed.
+
+    The changes are those of results and of times from each release to the next. Files are the tables and a page in the folder
+    `out`.
+
+    Args:
+        engine: name of the engine.
+        first, last: first and last release of a range.
+        only: the releases that are compared; None for the range, or for those that `releases.toml` lists by default.
+        new: compare the newest release that is listed in `releases.toml` with all later ones that the index of packages offers.
+        out: folder for tables and page.
+        budget: time [s] for the computations with one release.
+        no_costs: leave out the timing.
+        told: function that is called with each sentence of progress.
+    """
     library = read_library(engine)
     if new and (first or last or only):
         raise ReleaseFault(
@@ -51,7 +65,7 @@ def releases(
     refuse_foreign({out / PAGE: TITLE})
     seconds = check_budget(budget, BUDGET)
     found = [install_release(library, version, told) for version in wanted]
-    if new and found[0].python:
+    if new and found[0].python:  # the newest listed release is installed, so that its pip can list the later ones
         later = [x for x in list_available(found[0], library) if order(x) > order(wanted[0])]
         found += [install_release(library, version, told) for version in sorted(later, key=order)]
     installed = [x for x in found if x.python]

@@ -1,4 +1,7 @@
-"""Verbs that run many cases: `recommend` searches settings, `sweep` varies numbers, and `atlas` finds limits of engines."""
+"""Commands that run many cases.
+
+`recommend` searches for settings, `sweep` varies numbers of a linkage, and `atlas` finds the limits of engines.
+"""
 
 from argparse import Namespace
 from typing import Annotated, Any
@@ -12,7 +15,7 @@ from gauss_bench.atlas import chart, survey, table
 from gauss_bench.atomic import write_text
 from gauss_bench.bench.provenance import environment
 from gauss_bench.runs.offers import check_budget
-from gauss_bench.sweep.halving import text as half
+from gauss_bench.sweep.halving import text as describe_half_step_check
 from gauss_bench.sweep.run import Backend, Options, SweepSummary
 from gauss_bench.sweep.run import sweep as run_sweep
 from gauss_bench.sweep.summary import text
@@ -20,19 +23,21 @@ from gauss_bench.tables import TABLES, refuse_foreign, write_table
 
 
 def recommend(options: Namespace, told: Told) -> Recommendation | Answer[None]:
-    """Find each engine's cheapest setting that meets the requirement, and write a program for each of them."""
+    """Find each engine's cheapest setting that meets the required accuracy, and write a program for each of these settings."""
     engines, files = options.engines or [], {}
     if options.out is not None:
         usable_folder(options.out)
         asked = engines or order_kinds()
+        # the settings that an engine's authors contributed get a program of their own, ENGINE-authors
         for name in [*asked, *(f"{x}-authors" for x in list_owned(asked, options.authors))]:
             files[name] = writable(options.out / program_name(name), options.replace, "--out", options.out, ".py", options.linkage)
-    wanted = (options.position, options.angle, options.force, options.until)
+    names = ("position", "angle", "force", "until", "scenario", "settings", "budget", "authors")
     try:
-        named = (engines, options.scenario, options.settings, options.budget)
-        result = recommend_settings(options.linkage, *wanted, *named, told=told, authors=options.authors)
+        arguments = {x: getattr(options, x) for x in names}
+        result = recommend_settings(options.linkage, engines=engines, told=told, **arguments)
     except NoTruth as reason:
-        return Answer(None, False, "", (f"{options.linkage}: nothing can be recommended: {reason}",))
+        notices = (f"{options.linkage}: nothing can be recommended: {reason}",)
+        return Answer(None, succeeded=False, text="", notices=notices)
     for answer in result.answers:
         name = f"{answer.engine}-authors" if answer.owner else answer.engine
         if answer.snippet and name in files:
@@ -45,8 +50,8 @@ def recommend(options: Namespace, told: Told) -> Recommendation | Answer[None]:
 def program_name(engine: str) -> str:
     """Return the file name of an engine's program.
 
-    Python puts a program's folder first in its search path. The hyphen, which no module's name can have, prevents a program from
-    being imported in place of the engine's library.
+    Python puts a program's folder first in its search path. The hyphen in the file name, which is not allowed in the name of a
+    module, prevents the program from being imported in place of the engine's library.
     """
     return f"run-{engine}.py"
 
@@ -54,21 +59,23 @@ def program_name(engine: str) -> str:
 def sweep(options: Namespace, told: Told) -> Answer[SweepSummary]:
     """Run one linkage with many values of some numbers, and report how much the results change at half the step."""
     names = ("scenario", "settings", "integrator", "stabilization", "step", "until", "budget")
+    # in the order of the fields of `Options`; the option --budget is its field `limit`
     how, where = Options(*(getattr(options, x) for x in names)), Backend(options.backend, options.scheduler, options.jobs)
     planned = (options.samples, options.sampling, options.seed)
     engines = options.engines or ["gauss-native"]
     summary = run_sweep(options.linkage, options.vary, options.out, engines, *planned, how, where, told)
     ended = summary["engines"].values()
-    sound = all(x["half_the_step"] is None or x["half_the_step"]["ok"] for x in ended)
-    sound = sound and all(set(x["status"]) <= {"ok", "not_assembled"} for x in ended)
-    remarks = tuple(f"{name}: {half(x['half_the_step'])}" for name, x in summary["engines"].items())
-    return Answer(summary, sound, text(summary["engines"]), remarks)
+    all_ok = all(x["half_the_step"] is None or x["half_the_step"]["ok"] for x in ended)
+    all_ok = all_ok and all(set(x["status"]) <= {"ok", "not_assembled"} for x in ended)
+    remarks = tuple(f"{name}: {describe_half_step_check(x['half_the_step'])}" for name, x in summary["engines"].items())
+    return Answer(summary, all_ok, text(summary["engines"]), remarks)
 
 
 def atlas(options: Namespace, told: Told) -> Answer[Annotated[list[dict[str, Any]], TABLES["atlas"]]]:
-    """Find how far engines pass along the axes of the atlas (linkages that become harder with one number).
+    """For each axis of the atlas and each engine, find the hardest value on the axis at which the engine still passes.
 
-    The folder `out` gets the table, the chart and the page, the folder `into` the table alone.
+    An axis is a family of linkages that becomes harder to simulate with one number. The folder `options.out` gets the table, the
+    chart and the page, and the folder `options.into` gets the table alone. `told` is called with each sentence of progress.
     """
     for folder in filter(None, (options.out, options.into)):
         usable_folder(folder)

@@ -1,4 +1,4 @@
-"""The verb `check-settings`, which checks a file of settings by an engine's authors."""
+"""The command `check-settings`, which checks a file of settings that the authors of an engine contributed."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,12 +10,12 @@ from gauss_bench.engines.authors import read_settings
 
 @dataclass(frozen=True)
 class CheckedSetting:
-    """A setting by an engine's authors.
+    """A setting that an engine's authors contributed.
 
     Attributes:
-        settings: text of the setting, as `simulate --settings` takes it.
-        integrator, stabilization: names that the engine offers.
-        options: name of a knob -> value, for every knob of the engine.
+        settings: text of the setting, in the form that `simulate --settings` accepts.
+        integrator, stabilization: names as the engine offers them.
+        options: name of a knob (an option of the engine) -> value, for every knob of the engine.
     """
 
     settings: str
@@ -31,8 +31,8 @@ class CheckedSettings:
     Attributes:
         engine: name of the engine; authors, contact: owners of the settings, and their address; date: date of the file.
         most: largest number of settings, equal to the number of variants in the suite's own search.
-        knobs: name of a knob -> address of its documentation.
-        settings: name in the file -> setting.
+        knobs: name of a knob (an option of the engine) -> address of the knob's documentation.
+        settings: name of a setting in the file -> setting.
     """
 
     engine: str
@@ -45,7 +45,7 @@ class CheckedSettings:
 
 
 def check_settings(file: Path) -> Answer[CheckedSettings]:
-    """Check a file of settings by an engine's authors."""
+    """Check a file of settings that the authors of an engine contributed; return the settings that it lists."""
     read = read_settings(file)
     settings = {name: CheckedSetting(x.name, x.integrator, x.stabilization, dict(x.options)) for name, x in read.candidates.items()}
     knobs = {name: x.source for name, x in read.knobs.items()}

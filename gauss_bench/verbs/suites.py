@@ -1,4 +1,4 @@
-"""Verbs that run suites, write their reports, and compare them with the committed baseline."""
+"""Commands that run suites (files that list measurements), write their reports, and compare them with the committed baseline."""
 
 import shlex
 import sys
@@ -41,9 +41,9 @@ class Changes:
     """The differences between two runs.
 
     Attributes:
-        accuracy: differences of accuracy figures.
-        compared: number of ratios, targets and claims that both runs have.
-        times: ratios, targets and claims that differ.
+        accuracy: differences of the figures of accuracy.
+        compared: number of ratios of times, targets and claims that both runs have.
+        times: ratios of times, targets and claims that differ.
         where: content of `environment.json` of this run and of the other run.
     """
 
@@ -55,10 +55,10 @@ class Changes:
 
 @dataclass(frozen=True)
 class Checked:
-    """The comparison with the baseline.
+    """The comparison of the accuracy cases with the baseline.
 
     Attributes:
-        passed: whether no figure fails.
+        passed: true if every figure (a number that is compared) passes.
         verdicts: one verdict for each figure.
     """
 
@@ -95,11 +95,11 @@ def choose_suite(options: Namespace, names: Sequence[str]) -> Any:
 
 
 def with_authors(suite: Suite, files: Sequence[Path]) -> Suite:
-    """Return a suite whose searches also race the settings in files by engines' authors.
+    """Return a suite whose searches also time the settings in files that engines' authors contributed.
 
     Raises:
         SettingsFault: a file has a fault.
-        ChoiceError: the suite does not search settings of a file's engine.
+        ChoiceError: a file is for an engine whose settings the suite does not search.
     """
     searched = {x.name for part in suite.search for x in engines_of(part)}
     for path in files:
@@ -111,7 +111,10 @@ def with_authors(suite: Suite, files: Sequence[Path]) -> Suite:
 
 
 def run(options: Namespace, told: Told) -> Answer[Annotated[Tables, TABLES]]:
-    """Run suites, and write their tables and pages."""
+    """Run suites, and write their tables and pages.
+
+    All options are checked first, so that an error appears before hours of computing; the results of these checks are not needed.
+    """
     usable_folder(options.out, LOCAL)
     if options.report:
         refuse_pages_of_others(options.out)
@@ -137,7 +140,7 @@ def run(options: Namespace, told: Told) -> Answer[Annotated[Tables, TABLES]]:
 
 
 def format_run(tables: Tables, folder: Path) -> str:
-    """Return the summary of a run in words: how its cases ended, and which targets were missed."""
+    """Return the summary of a run as text: how its cases ended, and which targets were missed."""
     results, targets, missed = tables.get("results", ()), 0, []
     for name, rows in tables.items():
         keys = [c.name for c in TABLES[name].columns[: TABLES[name].keys] if c.kind == "text"]
@@ -150,7 +153,10 @@ def format_run(tables: Tables, folder: Path) -> str:
 
 
 def report(options: Namespace, told: Told) -> Answer[list[Path]] | Answer[Changes]:
-    """Write the report of a run, or list its differences from another run."""
+    """Write the pages of a run's report; with `--against`, list the differences from another run instead.
+
+    With `--publish`, first check that the commit and the machine of the run are known, so that the run may be published.
+    """
     if options.publish:
         for folder in folders_of(options.out):
             check_publishable(folder)
@@ -158,19 +164,20 @@ def report(options: Namespace, told: Told) -> Answer[list[Path]] | Answer[Change
         folders = options.out, options.against
         accuracy, (compared, moved) = differences(*folders), compare_times(*folders)
         changes = Changes(accuracy, compared, moved, tuple(read_environment(x) for x in folders))
-        rows = {True: [x.row for x in moved if x.matters], False: [x.row for x in moved if not x.matters]}
-        return Answer(changes, text=render("changes", changes, matters=rows[True], rest=rows[False]))
+        matters, rest = [x.row for x in moved if x.matters], [x.row for x in moved if not x.matters]
+        return Answer(changes, text=render("changes", changes, matters=matters, rest=rest))
     return Answer(build_report(options.out, programs, told))
 
 
 def check(options: Namespace, told: Told) -> Answer[Checked] | Answer[Accepted]:
-    """Compare the accuracy cases with the baseline, or accept them as a new baseline."""
+    """Compare the figures of the accuracy cases with the baseline, or accept them as a new baseline with `--accept`."""
     asked = cases.cases(choose_suite(options, ["gate"]))
     chosen = asked
     if not options.accept and not options.baseline.exists():
         raise ChoiceError(f"{options.baseline}: no baseline there; write one with --accept REASON")
     baseline = None if options.accept else gate.read_baseline(options.baseline)
-    if baseline is not None and (options.linkages or options.engines):  # of a part of the cases, run those in the baseline
+    # if only some linkages or engines were asked for, run only the cases that the baseline contains
+    if baseline is not None and (options.linkages or options.engines):
         chosen = gate.known_cases(asked, baseline)
         if not chosen:
             named = " by ".join(", ".join(x) for x in (options.linkages, options.engines) if x)
@@ -185,6 +192,7 @@ def check(options: Namespace, told: Told) -> Answer[Checked] | Answer[Accepted]:
         remarks = tuple(f"not accepted, because it failed: {reason}" for reason in refused)
         text = f"{options.baseline}: {changed} figures new or changed"
         return Answer(Accepted(changed, tuple(refused)), not refused, text, remarks)
+    # restrict: figures of the baseline whose linkage or engine was not asked for are not compared
     verdicts = gate.compare(figures, gate.restrict(baseline, set(rows["mechanism"]), {x.engine for x in asked}))
     failed = [*gate.failures(verdicts)]
     # the command that repeats this check

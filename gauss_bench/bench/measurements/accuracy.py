@@ -1,4 +1,4 @@
-"""Run the accuracy cases and judge them against references, which have rows of their own."""
+"""Run the accuracy cases and compare their motions with reference motions, which are stored in rows of their own."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import asdict
@@ -28,17 +28,20 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def tasks(chosen: Sequence[Case], context: Context, posed: Collection[Case] = ()) -> list[Task]:
-    """Return the tasks of cases and of their references; poses are kept for the cases in `posed`."""
-    tasks = []
+    """Return the tasks that compute the references and those that run the cases.
+
+    The poses of the links are stored only for the cases in `posed`.
+    """
+    listed = []
     for linkage, scenario, t_end in sorted({(c.linkage, c.scenario, c.t_end) for c in chosen}):
         arguments: tuple[Any, ...] = (linkage, scenario, t_end, context.store)
-        tasks.append(context.task("references", reference, arguments, linkage, scenario, t_end=t_end))
+        listed.append(context.task("references", reference, arguments, linkage, scenario, t_end=t_end))
     for case in chosen:
         names = {k: x for k, x in asdict(case).items() if k not in ("linkage", "scenario")}
         arguments = (case, context.store, context.alter, context.limit, case in posed)
         task = context.task("results", accuracy, arguments, case.linkage, case.scenario, **names)
-        tasks.append(task._replace(limit=task.limit + JUDGING) if is_isolated(case.engine) else task)
-    return tasks
+        listed.append(task._replace(limit=task.limit + JUDGING) if is_isolated(case.engine) else task)
+    return listed
 
 
 def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
@@ -59,7 +62,14 @@ def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
 
 
 def accuracy(case: Case, store: str, alter: Alteration, limit: float, posed: bool = False) -> Tables:
-    """Return the row of a case, and the rows of its curves and poses for the report; the arguments are those of `measure`."""
+    """Measure a case; return its row of results, and the rows of the report's curves and of the poses that the report plays.
+
+    Args:
+        store: the folder of the references.
+        alter: function that plants a fault in the mechanism that the engine is given, or changes nothing.
+        limit: [s] after which an engine that runs in a process of its own is stopped.
+        posed: whether poses are computed.
+    """
     key = {k: x for k, x in asdict(case).items() if k in KEY} | place_of(mechanism_of(case.linkage, case.scenario))
     measured = measure(case, store, alter, limit, posed)
     series, poses = ([key | row for row in rows] for rows in (measured.series, measured.poses))
@@ -67,7 +77,7 @@ def accuracy(case: Case, store: str, alter: Alteration, limit: float, posed: boo
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Sort the rows by their key, fill in the observed orders, and keep the poses that are played."""
+    """Sort the rows of results, fill in the observed orders of convergence, and keep only those poses that the report plays."""
     tables["results"] = with_orders(sorted(tables.get("results", []), key=in_order))
     tables["poses"] = keep(tables["results"], tables.get("poses", []))
 

@@ -3,7 +3,7 @@
 The states are random, or close to positions at which a choice of independent coordinates fails: dead centres, where a link or slide
 reverses, and the change points of a parallelogram, where all bars lie in one line and the constraint rows lose rank. Near a change
 point every formulation loses digits, because the condition number grows like the inverse of the distance. The difference between
-two formulations in numpy shows how many digits are left.
+two formulations in numpy shows how many digits rounding leaves.
 """
 
 from collections.abc import Iterator
@@ -41,7 +41,10 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def agreement(linkage: str, scenario: str, part: Agreement) -> Tables:
-    """Return one row for each kind of state and formulation, with the largest relative difference."""
+    """Compare a linkage's kernels (compiled formulations) with numpy; return one row for each kind of states and formulation.
+
+    A row has the largest relative difference between the kernel's accelerations and those of the formulation in numpy.
+    """
     mechanism = load(linkage, scenario or None)
     rows = []
     for place, q, v in places(mechanism, part.states):
@@ -52,7 +55,11 @@ def agreement(linkage: str, scenario: str, part: Agreement) -> Tables:
 
 
 def places(mechanism: Mechanism, count: int) -> Iterator[tuple[str, Array, Array]]:
-    """Yield the name of each kind of states, and consistent states q, v (k, n) of that kind; `count` of them are random."""
+    """Yield the name of each kind of states, and states q, v (k, n) of that kind, which obey the constraints.
+
+    The first kind are `count` random states. The other kinds are near singular positions: one kind for each distance of the crank
+    in OFFSETS, on both sides of every position, at the crank speed SPEED.
+    """
     states = random_states(mechanism, count)
     yield RANDOM, states.q, states.v
     motion = MinimalCoordinate(mechanism)
@@ -64,7 +71,7 @@ def places(mechanism: Mechanism, count: int) -> Iterator[tuple[str, Array, Array
 
 
 def _singular(mechanism: Mechanism) -> tuple[str, list[float]]:
-    """Return the name of a kind of singular positions and their crank angles [rad], of which there may be none."""
+    """Return the linkage's kind of singular positions, a key of OFFSETS, and the crank angles [rad] there, possibly none."""
     if mechanism.name in FOLDED:
         return "change points", list(FOLDED[mechanism.name])
     try:
@@ -75,11 +82,11 @@ def _singular(mechanism: Mechanism) -> tuple[str, list[float]]:
 
 
 def differences(mechanism: Mechanism, formulation: str, q: Array, v: Array) -> Row:
-    """Return the columns `error`, `numpy_error` and `against` of a kernel.
+    """Return the columns `error`, `numpy_error` and `against`, which compare a kernel with formulations in numpy.
 
-    The accelerations of a formulation in numpy, named by `against`, are taken as true. `error` is the largest relative error of the
-    kernel's accelerations: the kernel is called for one state and for all at once, and the larger error counts. `numpy_error` is
-    that of a second formulation in numpy.
+    `against` is the name of the formulation in numpy whose accelerations are taken as true. `error` is the largest relative error
+    of the kernel's accelerations. The kernel is called once for each state and once for all states together, and the larger error
+    is reported. `numpy_error` is the largest relative error of a second formulation in numpy.
 
     Args:
         q, v: (k, n) states.
@@ -87,7 +94,7 @@ def differences(mechanism: Mechanism, formulation: str, q: Array, v: Array) -> R
     Raises:
         Missing, RunFailure: the kernel or a formulation has no accelerations.
     """
-    reference, second = judges(mechanism, formulation)
+    reference, second = reference_formulations(mechanism, formulation)
     try:
         kernel = compile_kernel(mechanism, formulation)
     except KernelError as error:
@@ -103,10 +110,11 @@ def differences(mechanism: Mechanism, formulation: str, q: Array, v: Array) -> R
     return errors | {"numpy_error": worst(_accelerations(mechanism, second, q, v)), "against": reference}
 
 
-def judges(mechanism: Mechanism, formulation: str) -> tuple[str, str]:
+def reference_formulations(mechanism: Mechanism, formulation: str) -> tuple[str, str]:
     """Return two formulations in numpy: the one whose accelerations are taken as true for a kernel, and a second one.
 
-    The first is the kernel's own formulation. If the linkage has redundant rows, they are the two that accept redundant rows.
+    The first is the formulation of the kernel itself, the second is the other one of "gauss" and "lagrange". If the linkage has
+    redundant constraint rows, the result is the two formulations that accept such rows, whatever the kernel's formulation is.
     """
     if mechanism.redundant:
         return "gauss", "udwadia_kalaba"

@@ -1,8 +1,9 @@
-"""Time thousands of trajectories on one core: the vector lanes of the kernel against a rival's loop on one thread.
+"""Time thousands of trajectories on one core: this package's kernel against another library's loop on one thread.
 
-The trajectories start at random states on the constraints, with crank speeds up to 30 rad/s in either direction. The rival takes
-fewer steps from the same states, which does not change the time of a step. Some trajectories are run again by the kernel for a
-single trajectory, to check that lanes do not affect each other.
+The kernel computes several trajectories at once, each in one lane (element) of the processor's vectors. The trajectories start at
+random states on the constraints, with crank speeds up to 30 rad/s in either direction. The other library, the rival, takes fewer
+steps from the same states, which does not change the time of a step. Some trajectories are computed again by the kernel for a
+single trajectory, to check that the lanes do not affect each other.
 """
 
 from collections.abc import Callable, Iterator
@@ -34,10 +35,11 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def race_batch(linkage: str, scenario: str, part: Batch, race: Callable[..., Any] = race_survivors) -> Tables:
-    """Race the suite's batch of trajectories against a rival's in several processes, and return the row of the linkage.
+    """Time our own batch of trajectories and a rival engine's in turn, in several processes, and return the linkage's row.
 
-    A time is that of one step of one trajectory. If an engine crashes or hangs in a process, the row has that reason instead of
-    times. `race` is `race_survivors`, or `race_here` in tests.
+    Each time in the row is the time of one step of one trajectory. If an engine crashes or hangs in a process, the row has the
+    reason of this failure instead of times. `part` is the suite's section on batches, which names both engines. `race` is
+    `race_survivors`, or `race_here` in tests.
     """
     mechanism = load(linkage, scenario or None)
     start: Row = place_of(mechanism) | {"states": part.states, "steps": part.step_count}
@@ -45,20 +47,20 @@ def race_batch(linkage: str, scenario: str, part: Batch, race: Callable[..., Any
     own, rival = list_keys(part)
     arguments = (linkage, scenario, part)
     measured = race_processes(race, entries, arguments, part.rounds, [own.engine, rival.engine], part.processes)
-    found = row(start, lambda: measured.compare(own, rival) | measured.facts.get(own, {}))
-    return {"kernel_batch": [at_least(found, "ratio", part.targets.get(mechanism.name))]}
+    result = row(start, lambda: measured.compare(own, rival) | measured.facts.get(own, {}))
+    return {"kernel_batch": [at_least(result, "ratio", part.targets.get(mechanism.name))]}
 
 
 def list_keys(part: Batch) -> tuple[Key, Key]:
-    """Return the keys of the suite's own engine and of its rival."""
+    """Return the keys of two entries of the race: our own engine (`part.own`), and the engine it is compared with."""
     return Key(QUANTITY, part.own), Key(QUANTITY, part.rival, part.settings)
 
 
 def entries(linkage: str, scenario: str, part: Batch) -> Iterator[tuple[Key, Callable[[], Block]]]:
     """Yield the key of our own engine and that of its rival, each with the function that makes its timing block.
 
-    Both start at the same states. The states have a fixed random order: in the order of the crank's angle, adjacent lanes would be
-    alike.
+    Both engines start at the same states. The states are in a fixed random order: if they were sorted by the crank's angle,
+    adjacent lanes would hold nearly equal states.
     """
     mechanism = load(linkage, scenario or None)
     states = random_states(mechanism, part.states)
@@ -70,8 +72,8 @@ def entries(linkage: str, scenario: str, part: Batch) -> Iterator[tuple[Key, Cal
 def make_block(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, steps: int) -> Block:
     """Return the timing block of one engine: `steps` steps of each trajectory from the states q, v (k, n).
 
-    Its time is that of one step of one trajectory. The block of our own engine (`part.own`) also has facts: columns about its
-    vector lanes, from a check after the race.
+    The time of the block is the time of one step of one trajectory. The block of our own engine (`part.own`) also has a function
+    `facts`: after the race it checks the vector lanes, and returns further columns of the row.
     """
     model: Any = get(key.engine).build(mechanism, Choice(key.settings, "rk4", "none", part.step))
     block = lasting(key, ask(model, "batch")(q, v, steps), steps * len(q))
@@ -81,8 +83,9 @@ def make_block(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, 
 def check_lanes(model: Any, q: Array, v: Array, steps: int) -> Row:
     """Run all trajectories in vector lanes and some again one by one, and return the columns `lanes`, `lanes_error` and `lost`.
 
-    They are the number of lanes, the largest difference of the trajectories' ends between lanes and single runs [m, rad], and the
-    number of trajectories that failed in lanes. The model runs `steps` steps from the states q, v (k, n).
+    `lanes` is the number of trajectories that are computed at once. `lanes_error` is the largest difference [m, rad] between the
+    end of a trajectory in a lane and its end in a run by itself. `lost` is the number of trajectories that failed in lanes. The
+    model runs `steps` steps from the states q, v (k, n).
     """
     ends = ask(model, "batch")(q, v, steps)()
     lost = model.kernel.lost  # read before the single runs overwrite it

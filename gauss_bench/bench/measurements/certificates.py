@@ -1,4 +1,7 @@
-"""Make and verify the certificates of all built-in scenarios in workers, and describe each in a row of a table."""
+"""Make and verify the certificates of all built-in scenarios in workers, and describe each in a row of a table.
+
+A certificate is a reference motion with guaranteed digits, stored in a file.
+"""
 
 import hashlib
 import sys
@@ -38,16 +41,16 @@ def certify_one(
     """Certify a linkage, write the file `out`, and return the row of the certificate, with status "ok" or "failed" and a message.
 
     Args:
-        linkage, scenario: name or path of the linkage, and one of its scenarios; the first one that has a start if not given.
-        digits: digits that the certificate should guarantee.
-        until: end of the motion [s]; that of the scenario if not given.
-        out: no file is written if not given.
+        linkage, scenario: name or path of the linkage, and one of its scenarios; by default the first scenario that has a start.
+        digits: number of digits that the certificate should guarantee.
+        until: end of the motion [s]; by default the end of the scenario.
+        out: the file to be written; None writes no file.
         told: called with a sentence at the start and, if stderr is no terminal, with the time reached every PAUSE seconds.
 
     Raises:
         LinkageError: the linkage file has faults.
-        CertificateError: the digits or the end cannot be used.
-        ChoiceError: the end is too far away.
+        CertificateError: the number of digits or the end time of the motion is not valid.
+        ChoiceError: the end time of the motion is too late.
     """
     if not 1 <= digits <= 16:
         raise CertificateError(f"--digits must be from 1 to 16, the digits of a double, not {digits}")
@@ -81,7 +84,7 @@ def certify_one(
 
 
 def describe(certificate: Certificate, mechanism: Mechanism) -> dict[str, Any]:
-    """Return the row of a certificate: its guaranteed digits, its error bars at the end, and how it was computed."""
+    """Return the row of a certificate: its guaranteed digits, its error bars at the end of the motion, and how it was computed."""
     c = certificate
     row: dict[str, Any] = {"status": "ok", "message": c.stopped, "mechanism": c.name, "scenario": c.scenario}
     row |= {"digits": c.digits, "until": c.until, "duration": c.duration, "complete": c.until >= c.duration * (1 - 1e-12)}
@@ -107,8 +110,8 @@ def describe(certificate: Certificate, mechanism: Mechanism) -> dict[str, Any]:
 def scenarios_to_certify() -> list[tuple[str, str]]:
     """Return linkage and scenario of every certificate of the suite.
 
-    These are all scenarios of the built-in linkages, and those scenarios of CLOSED_FORMS that have a closed form. Dry friction
-    cannot be certified.
+    The suite has a certificate for every scenario of the built-in linkages, and for every scenario with a closed-form solution of
+    the generated linkages in CLOSED_FORMS. Scenarios with dry friction are left out, because their motions cannot be certified.
     """
     pairs = [(name, scenario) for name in (*built_in(), *CLOSED_FORMS) for scenario in document_of(name)[0]["scenarios"]]
     # a generated linkage with a driver has no closed form
@@ -117,24 +120,24 @@ def scenarios_to_certify() -> list[tuple[str, str]]:
 
 
 def certify_built_in(jobs: int = 2) -> list[dict[str, Any]]:
-    """Make every certificate of the suite anew, in its place; return a row for each."""
+    """Compute every certificate of the suite again and overwrite its file; return one table row for each certificate."""
     return _rows([_task(x, _certify_in_place, x) for x in scenarios_to_certify()], jobs)
 
 
 def _task(place: tuple[str, str], function: Callable[..., Tables], arguments: tuple[str, ...]) -> Task:
-    """Return the task function(*arguments), whose rows are those of a certificate; `place` is its linkage and scenario."""
+    """Return the task function(*arguments), which returns the row of a certificate; `place` is the linkage and the scenario."""
     start = dict(zip(("mechanism", "scenario"), place, strict=True))
     return Task("|".join((*place, *arguments)), function, arguments, "", TABLE, start, LIMIT)
 
 
 def _certify_in_place(name: str, scenario: str) -> Tables:
-    """Make the certificate of a built-in linkage in the folder where the suite reads it; return its row."""
+    """Compute the certificate of a built-in linkage, and write it where the suite reads it; return the certificate's row."""
     path = certificate_path(load(name, scenario))
     return {TABLE: [certify_one(name, scenario, until=LONGER.get((name, scenario)), out=path)]}
 
 
 def verify_all(files: list[Path], linkage: str | None = None, jobs: int = 2) -> list[dict[str, Any]]:
-    """Verify certificate files, or those of the suite if there are none; return a row for each.
+    """Verify certificate files, or those of the suite if `files` is empty; return a row for each.
 
     Args:
         linkage: name or path of the linkage of all files; if not given, each file belongs to the linkage that it names.
@@ -172,12 +175,12 @@ def certificates_digest() -> str:
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for the whole table, because reading certificates takes little time."""
+    """Return one task for the whole table of certificates, because reading certificates takes little time."""
     return [context.task(part.table, certificate_table, ()) for part in suite.certificates]
 
 
 def certificate_table() -> Tables:
-    """Return a row for every scenario of `scenarios_to_certify`: its certificate, or why it has none."""
+    """Return a row for every scenario of `scenarios_to_certify`: its certificate, or the reason why it has none."""
     rows = []
     for name, scenario in scenarios_to_certify():
         mechanism = load(name, scenario)

@@ -1,7 +1,8 @@
-"""Test the papers' claim that n - m unknowns are cheaper than n + m, with all else equal.
+"""Test the papers' claim that a step costs less if n - m unknowns are solved for instead of n + m, with all else equal.
 
-Both formulations use the same elimination, the same search for pivots and the same code generator, and they race in one process: a
-step of one trajectory, a step with projection, and a step in a batch. Every race is repeated in several processes, because the
+Gauss's formulation has n - m unknowns, Lagrange's has n + m. Both formulations use the same elimination, the same search for pivots
+and the same code generator. They are timed alternately in one process (a race). Three quantities are timed: a step of one
+trajectory, a step with projection, and a step in a batch of trajectories. Every race is repeated in several processes, because the
 memory addresses of code and data change the ratio by a few per cent and are fixed within a process. The ratio is the median over
 the processes. Its spread is an interval that also contains, with a probability of 99 %, the ratio that a repeated race would give
 (`clock.foreseen`). The verdict is "open" if the spread covers 1.
@@ -39,9 +40,10 @@ QUANTITIES = {STEP: (NATIVE, "none"), PROJECTED: (NATIVE, "projection"), LANES: 
 
 
 def pairs(part: Claim) -> dict[str, list[Key]]:
-    """Return, for each of QUANTITIES, the keys of the two entries that are compared.
+    """Return, for each of QUANTITIES, the keys of the two entries of a race that are compared.
 
-    The first is that of the engine with n - m unknowns, the second that of the engine with n + m (`part.compiled`).
+    The first key belongs to the engine with n - m unknowns, the second to the engine with n + m unknowns; `part.compiled` names
+    both engines.
     """
     return {
         what: [Key(quantity, engine, stabilization=stabilization) for engine in part.compiled]
@@ -52,18 +54,19 @@ def pairs(part: Claim) -> dict[str, list[Key]]:
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """Return the tasks that count operations, one for each linkage of the races."""
     places = [x for part in suite.claim for x in part.linkages.items()]
-    return [context.task("kernel_claim", count, place, *place) for place in dict.fromkeys(places)]
+    return [context.task("kernel_claim", count_operations, place, *place) for place in dict.fromkeys(places)]
 
 
-def count(linkage: str, scenario: str) -> Tables:
-    """Return one row with the counts of unknowns and operations of both formulations.
+def count_operations(linkage: str, scenario: str) -> Tables:
+    """Return one row with the numbers of unknowns and of arithmetic operations of Gauss's and Lagrange's formulation.
 
-    A formulation that cannot be compiled has no count of operations.
+    Of the operations of one acceleration, the row has the number of all, the number of divisions, and the length of the longest
+    chain of dependent operations ("critical"). A formulation that cannot be compiled has no such counts.
     """
     mechanism = load(linkage, scenario or None)
-    rows = mechanism.n - mechanism.dof
-    start: Row = place_of(mechanism) | {"n": mechanism.n, "rows": rows}
-    start |= {"unknowns_gauss": mechanism.dof, "unknowns_lagrange": mechanism.n + rows}
+    constraint_rows = mechanism.n - mechanism.dof
+    start: Row = place_of(mechanism) | {"n": mechanism.n, "rows": constraint_rows}
+    start |= {"unknowns_gauss": mechanism.dof, "unknowns_lagrange": mechanism.n + constraint_rows}
     for formulation in FORMULATIONS:
         with suppress(KernelError):  # the row of the race has the reason
             counted = known_program(mechanism, formulation).acceleration.costs
@@ -72,9 +75,10 @@ def count(linkage: str, scenario: str) -> Tables:
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return a race for each linkage and process; the processes of a linkage are separated in time."""
+    """Return one task for each linkage and process of a race; processes of the same linkage do not follow each other directly."""
     tasks = []
     for part in suite.claim:
+        # without linkages, so that the task of one linkage does not depend on the others
         asked = part.model_copy(update={"linkages": {}})
         for number, place in product(range(part.processes), part.linkages.items()):
             task = context.task("claim_races", race_claim, (*place, asked, number), *place, process=number)
@@ -83,12 +87,12 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def race_claim(linkage: str, scenario: str, part: Claim, number: int, race: Callable[..., Any] = race_survivors) -> Tables:
-    """Return the rows of one race, one for each of QUANTITIES: both times of a step, and their ratio.
+    """Time both engines on a linkage in one process; return one row for each of QUANTITIES: the time of each, and their ratio.
 
-    The times are those with n - m unknowns and with n + m. The ratio is the time with n + m over the time with n - m.
+    The ratio is the time of the formulation with n + m unknowns, divided by the time of the one with n - m unknowns.
 
     Args:
-        number: of the process.
+        number: index of the process, which is written into the rows.
         race: `race_survivors`, or `race_here` in tests.
     """
     start: Row = place_of(load(linkage, scenario or None)) | {"process": number}
@@ -99,7 +103,7 @@ def race_claim(linkage: str, scenario: str, part: Claim, number: int, race: Call
 def entries(linkage: str, scenario: str, part: Claim) -> Iterator[tuple[Key, Callable[[], Block]]]:
     """Yield the key of each entry that `pairs` compares, and the function that makes its timing block.
 
-    They are entries of the race of all costs (`cost.py`), of which the others are left out.
+    `cost.entries` makes the entries of the race of all costs; those that `pairs` does not name are left out here.
     """
     wanted = [key for pair in pairs(part).values() for key in pair]
     asked = Cost(linkages={}, engines=part.compiled, integrators=1, step=part.step, rounds=part.rounds, batch=part.compiled)
@@ -107,16 +111,16 @@ def entries(linkage: str, scenario: str, part: Claim) -> Iterator[tuple[Key, Cal
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Fill in the ratios and verdicts."""
+    """Replace each row of the table `kernel_claim`, which has counts, by one that also has the ratios and verdicts of the races."""
     races = group_by(tables.get("claim_races", []), "mechanism", "scenario")
     rows = tables.get("kernel_claim", [])
     rows[:] = [claim_row(start, races.get((start["mechanism"], start["scenario"]), [])) for start in rows]
 
 
 def claim_row(start: Row, races: Rows) -> Row:
-    """Return the row of a linkage: `start`, and the median of each ratio over its races with the spread and the verdict.
+    """Return the row of a linkage: the columns `start` and, for each ratio, its median over the races, its spread and the verdict.
 
-    If the time of a step has no ratio, the status is that of a race that failed, or "skip".
+    If no race has a ratio of the times of a step, the status of the row is that of a race that failed or, if none failed, "skip".
     """
     columns: Row = {"status": str(Status.SKIP), "message": "no step was timed"}
     # a race that failed as a whole has a row that does not say what was timed
@@ -136,7 +140,10 @@ def claim_row(start: Row, races: Rows) -> Row:
 
 
 def verdict(low: float, high: float) -> str:
-    """Decide whether fewer unknowns are faster, from the ends of the spread of the ratio: time with n + m over time with n - m."""
+    """Decide whether fewer unknowns are faster: "holds", "reversed", or "open" if the spread of the ratio contains 1.
+
+    `low` and `high` are the ends of the spread of the ratio: the time with n + m unknowns over the time with n - m.
+    """
     if low > 1.0:
         return "holds"
     return "reversed" if high < 1.0 else "open"

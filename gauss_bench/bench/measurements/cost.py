@@ -1,4 +1,4 @@
-"""Measure costs on a linkage in one interleaved race, and fill in the cost columns of the results.
+"""Measure the computing times of all engines on a linkage in one race, and fill in the cost columns of the results.
 
 These quantities of each engine are timed, in each combination of settings, integrator and stabilisation:
 
@@ -53,8 +53,8 @@ Make = Callable[[], Block]
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """Return a race for each linkage and process, and the cold builds (first model and step in a new process).
 
-    Engines that crashed or hung on a linkage do not race there. The processes of a linkage are separated in time, so that a
-    disturbance of a minute affects few of them.
+    Engines that crashed or hung on a linkage are not timed there. The processes that time the same linkage do not run in
+    succession, so that a disturbance of a minute affects few of them.
     """
     lost = {(r["mechanism"], r["engine"]) for r in tables.get("results", []) if r["status"] in LOST}
     tasks = []
@@ -80,14 +80,15 @@ def task_of_first_step(context: Context, place: tuple[str, str], engine: str, st
 
 
 def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0, race: Callable[..., Any] = race_survivors) -> Tables:
-    """Race all engines on a linkage, and return two tables.
+    """Time all engines on a linkage in one process, and return two tables.
 
-    `samples` has a row with the seconds of every entry in every round. `untimed` has a row with the reason of each entry without
-    times; if an engine crashes or hangs, each of its entries has one.
+    The table `samples` has a row with the seconds of every entry (timed quantity of an engine) in every round. The table `untimed`
+    has a row for each entry without times, with the reason. If an engine crashes or hangs, `untimed` has a row for each of the
+    engine's entries.
 
     Args:
-        part: names the engines that race.
-        number: of the process.
+        part: section of the suite that names the engines to be timed.
+        number: index of the process, which is written into the rows.
         race: `race_survivors`, or `race_here` in tests.
     """
     start = place_of(load(linkage, scenario or None))
@@ -98,11 +99,11 @@ def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0, race: Ca
 
 
 def entries(linkage: str, scenario: str, part: Cost) -> Iterator[tuple[Key, Make]]:
-    """Yield the key of each entry of the race, and the function that makes its timing block."""
+    """Yield the key of each entry (timed quantity of an engine with a setting), and the function that makes its timing block."""
     mechanism = load(linkage, scenario or None)
     for name in part.engines:
         offered = offer(name)
-        for chosen in combinations(offered, part.integrators, name in part.plain):
+        for chosen in combinations(offered, part.integrators, plain=name in part.plain):  # `plain`: the defaults only
             if chosen.integrator in offered.adaptive:
                 continue  # it has no equal steps
             choice = Choice(*chosen, part.step)
@@ -112,22 +113,23 @@ def entries(linkage: str, scenario: str, part: Cost) -> Iterator[tuple[Key, Make
                 timed = quantities_elsewhere(name, mechanism, choice)
             for quantity, make in timed:
                 yield Key(quantity, name, *chosen), make
-    if part.processor:
+    if part.processor:  # two loops that measure the processor's speed
         yield from processor()
 
 
 def quantities(engine: Engine, mechanism: Mechanism, choice: Choice, part: Cost) -> Iterator[tuple[str, Make]]:
-    """Yield the name of each timed quantity of an engine under a choice, and the function that makes its timing block.
+    """Yield the name of each timed quantity of an engine with a chosen setting, and the function that makes its timing block.
 
-    Builds and accelerations do not depend on the integrator and are timed with the first one only. BARE is the library's own call,
-    and EMPTY a trivial call, which shows the cost of calling; engines in `part.bare` have both.
+    A timing block is the piece of work that is timed. Builds and accelerations do not depend on the integrator and are timed with
+    the first one only. BARE is the library's own call, and EMPTY a trivial call, which shows the cost of calling; engines in
+    `part.bare` have both.
     """
     # the model is built when the first block needs it, and shared by all blocks
     offered, model = offer(engine.name), cache(partial(build_model, engine, mechanism, choice))
     start = mechanism.q0, mechanism.v0
 
     def batch() -> Block:
-        """Return a block of steps of many trajectories, all of which begin at the start of the scenario."""
+        """Return a timing block of steps of many trajectories, all of which begin at the start of the scenario."""
         q, v = (np.tile(x, (TRAJECTORIES, 1)) for x in start)
         return lasting(NO_KEY, ask(model(), "batch")(q, v, BATCH_STEPS), BATCH_STEPS * TRAJECTORIES)
 
@@ -146,10 +148,10 @@ def quantities(engine: Engine, mechanism: Mechanism, choice: Choice, part: Cost)
 
 
 def quantities_elsewhere(name: str, mechanism: Mechanism, choice: Choice) -> Iterator[tuple[str, Make]]:
-    """Yield the name of each timed quantity of an engine with an environment of its own, and the function that makes its block.
+    """Yield the name of each timed quantity, and the function that makes its block, for an engine with its own environment.
 
-    Only accelerations and steps are timed. The work, a function of the model, is sent to a process of that environment, which
-    builds the model.
+    Only accelerations and steps are timed. The work to be timed, a function of the model, is sent to a process of the engine's
+    environment. That process builds the model and does the work.
     """
     offered, make = offer(name), partial(block_elsewhere, name, mechanism, choice)
     if (choice.integrator, choice.stabilization) == (offered.integrators[0], "none"):
@@ -163,7 +165,7 @@ def quantities_elsewhere(name: str, mechanism: Mechanism, choice: Choice) -> Ite
 def time_first_step(linkage: str, scenario: str, engine: str, step: float, quantity: str, number: int = 0) -> Tables:
     """Return the processor time of a quantity of IN_NEW_PROCESS, for an engine with its defaults, or the reason of its failure.
 
-    `number` is that of the process, for an engine that is timed in several.
+    `number` is the index of the process, if an engine is timed in several processes.
     """
     offered, mechanism = offer(engine), load(linkage, scenario or None)
     key = Key(quantity, engine, next(iter(offered.settings)), offered.integrators[0])
@@ -185,7 +187,10 @@ def gather_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Fill in the cost columns of the results, and drop repeated rows of entries without times."""
+    """Fill in the cost columns of the table `results`.
+
+    The table `untimed` has a row for each entry without times; rows that several processes repeat are dropped.
+    """
     if "untimed" in tables:
         tables["untimed"] = [dict(x) for x in dict.fromkeys(tuple(r.items()) for r in tables["untimed"])]
     with_costs(tables.get("results", []), gather_by_linkage(tables))
@@ -194,8 +199,8 @@ def complete(suite: Suite, tables: Tables) -> None:
 def with_costs(rows: Rows, races: dict[tuple[str, str], Measured]) -> None:
     """Give each row of the results the times of its engine and setting, and their ratios to those of BASELINE.
 
-    A row may have another step than the races, because the time of a step does not depend on its length. `races` are the results
-    of the races by mechanism and scenario.
+    The step of a row may differ from the step that was timed, because the time of a step does not depend on its length. `races`
+    maps mechanism and scenario to the results of their races.
     """
     columns = cache(partial(_columns, races))
     for row in rows:
@@ -203,9 +208,9 @@ def with_costs(rows: Rows, races: dict[tuple[str, str], Measured]) -> None:
 
 
 def _columns(races: dict[tuple[str, str], Measured], mechanism: str, scenario: str, key: Key) -> dict[str, float]:
-    """Return the cost columns of an engine and setting on a mechanism, of all quantities.
+    """Return the cost columns of an engine and setting on a mechanism, for all timed quantities.
 
-    `key` names engine and setting; the function sets the quantity of the key itself.
+    `key` names engine and setting; its field `quantity` is not used.
     """
     samples = races[mechanism, scenario].samples if (mechanism, scenario) in races else {}
     columns: dict[str, float] = {}

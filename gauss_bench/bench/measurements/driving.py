@@ -1,8 +1,8 @@
 """Errors of the torque that drives a linkage through one turn by a prescribed law.
 
-The reference needs no integration: positions, velocities and accelerations follow from the law, and the torque from virtual work.
-The torque and the joint forces of an engine are computed here from its accelerations. Over a turn without losses the mean torque is
-zero. If rows are redundant, the joint forces of least norm are compared.
+The reference motion needs no integration: positions, velocities and accelerations follow from the prescribed motion law, and the
+torque follows from virtual work. The torque and the joint forces of an engine are computed here from its accelerations. Over a turn
+without losses the mean torque is zero. If rows are redundant, the joint forces of least norm are compared.
 """
 
 from typing import Any
@@ -27,7 +27,10 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def driving(linkage: str, scenario: str, part: Driving) -> Tables:
-    """Return one row for each engine and setting of the part; a run that fails has a row with the reason."""
+    """Run a driven linkage in each engine and setting of the part, and compare driving torque and joint forces with the reference.
+
+    The result has one row for each engine and setting; if a run fails, its row has the reason.
+    """
     mechanism = load(linkage, scenario)
     evaluator = Evaluator(mechanism)
     reference = build_reference(mechanism, mechanism.duration)
@@ -48,7 +51,7 @@ def driving(linkage: str, scenario: str, part: Driving) -> Tables:
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             row |= {"status": str(Status.ERROR), "message": f"no joint forces: {error}"}
             continue
-        at, met = metrics.common_times(run.trajectory.t, reference.t)
+        at, met = metrics.common_times(run.trajectory.t, reference.t)  # indices of the times that both have
         errors, largest = np.abs(reactions[at] - exact[met]).max(axis=0), np.abs(exact).max(axis=0)  # (m,)
         row["torque_error"] = float(errors[driver] / largest[driver])
         row["mean_torque"] = float(abs(reactions[:-1, driver].mean()) / largest[driver])  # the last sample repeats the first

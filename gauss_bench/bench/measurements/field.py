@@ -33,13 +33,13 @@ from gauss_bench.trajectory import Status, Trajectory
 
 
 def engines_of(part: SameQuestions) -> list[str]:
-    """Return the engines of a part that are installed."""
+    """Return those engines of a section of the suite that are installed."""
     installed = names()
     return [x for x in part.engines or installed if x in installed]
 
 
 def absent(part: SameQuestions) -> list[str]:
-    """Return the engines of a part that are not installed."""
+    """Return those engines of a section of the suite that are not installed."""
     installed = names()
     return [x for x in part.engines or ELSEWHERE if x not in installed]
 
@@ -47,12 +47,13 @@ def absent(part: SameQuestions) -> list[str]:
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """Return a task for each linkage, engine and setting, without stabilisation and with the engine's first integrator.
 
-    Engines in PLAIN differ from others in algebra alone, and are run with their default setting only.
+    The engines in PLAIN differ from other engines only in how they solve the same equations, and are run with their default setting
+    only.
     """
     tasks = []
     for part in suite.field:
         for place, name in product(part.linkages.items(), engines_of(part)):
-            for chosen in combinations(offer(name), 1, name in PLAIN):
+            for chosen in combinations(offer(name), integrators=1, plain=name in PLAIN):
                 if chosen.stabilization == "none":
                     arguments = (*place, name, chosen, part.step, part.until, context.store)
                     columns = {"engine": name, **chosen._asdict(), "step": part.step}
@@ -61,7 +62,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def compare_runs(linkage: str, scenario: str, engine: str, chosen: Sequence[str], step: float, until: float, store: str) -> Tables:
-    """Return the row of an engine: whether two runs agree bit by bit, and the errors of the joint forces.
+    """Return the row of an engine: whether two runs agree bit for bit, and the errors of the joint forces.
 
     Args:
         chosen: names of settings, integrator and stabilisation.
@@ -91,7 +92,7 @@ def compare_runs(linkage: str, scenario: str, engine: str, chosen: Sequence[str]
 
 
 def repeats(one: Trajectory, other: Trajectory) -> tuple[bool, float]:
-    """Tell whether two runs agree bit by bit, and return the largest difference of their positions [m, rad]."""
+    """Tell whether two runs agree bit for bit, and return the largest difference of their positions [m, rad]."""
     pairs = [(getattr(one, x), getattr(other, x)) for x in ("t", "q", "v", "a")]
     same = all(x.shape == y.shape and x.tobytes() == y.tobytes() for x, y in pairs)
     apart = np.abs(one.q - other.q).max() if one.q.shape == other.q.shape else np.inf
@@ -101,7 +102,8 @@ def repeats(one: Trajectory, other: Trajectory) -> tuple[bool, float]:
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """Return the tasks that time the start-up of every usable engine in a new process: import, first model and first step.
 
-    The linkage is the first one of each part. The repetitions of one engine are separated in time.
+    In each section of the suite, the first linkage that it lists is used. The repetitions of one engine do not follow each other
+    directly.
     """
     tasks = []
     for part in suite.field:
@@ -114,8 +116,8 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 def complete(suite: Suite, tables: Tables) -> None:
     """Complete the table `field`.
 
-    All rows of an engine get its start-up time, its installed size, and the name of the linkage with redundant rows. Each engine
-    that is not installed gets a row with the reason.
+    Each row gets the start-up time and the installed size of its engine, and the name of the linkage with redundant constraint rows
+    on which engines are tested too (`part.redundant`). Each engine that is not installed gets a row with the reason.
     """
     rows = tables.get("field", [])
     for part in suite.field:
@@ -124,7 +126,7 @@ def complete(suite: Suite, tables: Tables) -> None:
             place = place_of(load(linkage, scenario or None))
             missing = {"status": str(Status.SKIP), "settings": "", "integrator": "", "stabilization": "", "step": part.step}
             # the error for an unknown name says how the engine can be installed
-            rows += [place | missing | {"engine": x, "message": str(unknown(x).args[0])} for x in absent(part)]
+            rows += [place | missing | {"engine": name, "message": str(unknown(name).args[0])} for name in absent(part)]
             for row in rows:
                 if {k: row[k] for k in place} == place:
                     row["redundant"] = redundant
@@ -138,9 +140,9 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 
 def start_columns(samples: Rows, engine: str) -> dict[str, Any]:
-    """Return the columns of an engine's start-up time, over all processes in which it started; none if no start was timed.
+    """Return the columns of an engine's start-up time and its spread, over all processes in which it started.
 
-    `samples` are rows of timed quantities, of all engines.
+    There are no columns if no start was timed. `samples` are rows of timed quantities, of all engines.
     """
     seconds = [[r["seconds"]] for r in samples if r["quantity"] == START and r["engine"] == engine]
     return dict(spread("start", np.array(seconds))) if seconds else {}

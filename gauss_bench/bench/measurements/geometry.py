@@ -1,7 +1,7 @@
 """Compare three independent methods of kinematics: link units, point coordinates, and the differentiated constraints of dynamics.
 
-The methods share the linkage file and no equation, so that their agreement confirms the velocities and accelerations at the start
-of runs.
+The methods read the same linkage file but have no equation in common, so that their agreement confirms the velocities and
+accelerations at the start of runs.
 """
 
 from itertools import combinations
@@ -35,7 +35,11 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def geometry(linkage: str, scenario: str, part: Geometry) -> Tables:
-    """Return rows of the methods' agreement over one turn, of singular positions and, if wanted, of searches for the assembly."""
+    """Return the rows of three tables for a linkage: agreement of the methods, singular positions, and searches for the assembly.
+
+    The methods are compared in pairs, over one turn of the crank. The search for the assembly is only tried for the linkages that
+    `part.searched` names.
+    """
     mechanism = load(linkage, scenario)
     times = np.linspace(0.0, 1.0, POSITIONS)
     loop, basic = (solve(mechanism, times) for solve in (loop_motion, basic_motion))
@@ -63,11 +67,15 @@ def exact_motion(motion: MinimalCoordinate, angles: Array, speeds: Any = 1.0, ac
 
 
 def basin_rows(mechanism: Mechanism) -> list[dict[str, Any]]:
-    """Return one row for each form of the equations, search and distance of starts: the share of starts that find the assembly."""
+    """Return rows that tell how often a search finds the assembly: its share of successful starts.
+
+    There is one row for each form of the equations, each search method (of `basins`), and each distance of the random starts from
+    the solution.
+    """
     rows = []
-    for form, distances, make, difference in FORMS:
-        for basin in basins(mechanism, distances, STARTS, form=make, difference=difference):
-            rows.append({"mechanism": mechanism.name, "form": form, **vars(basin)})
+    for name, distances, make_equations, difference in FORMS:
+        for basin in basins(mechanism, distances, STARTS, form=make_equations, difference=difference):
+            rows.append({"mechanism": mechanism.name, "form": name, **vars(basin)})
     return rows
 
 
@@ -78,7 +86,10 @@ def differences(one: Levels, other: Levels) -> dict[str, float]:
 
 
 def singular(linkage: str) -> list[dict[str, Any]]:
-    """Return rows of limits and dead centres with crank angles [deg]; none if the curve of positions has a branch point."""
+    """Return rows of a linkage's limit positions and dead centres, with crank angles [deg].
+
+    There are no rows if the curve of all positions has a branch point (a change point of the linkage).
+    """
     mechanism = load(linkage)
     try:
         positions = singular_positions(mechanism)

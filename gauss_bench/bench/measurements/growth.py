@@ -1,15 +1,16 @@
-"""The cost of one right-hand side against the number of loops: this package's kernels against engines.
+"""How the time of one right-hand side grows with the number of loops: this package's kernels compared with engines.
 
 The linkage is the N-four-bar, a chain of N four-bars ("windows"); N is its size. A right-hand side computes the accelerations of a
-state. All contenders compute them for the same state, half a second after the start, where they are known in closed form
-(reference/exact.py). For a library, this file times the calls that an expert would make, without the translation of coordinates
-around them: the calls of the suite's adapters (CONTENDERS), and the calls that engines from outside offer, plug-ins and engines of
-other environments (`library_calls` in `engines/base.py`). A kernel of this package is timed in two ways: in its own loop, where a
-right-hand side is a quarter of a step of the fourth-order Runge-Kutta method, and called from Python for one state.
+state. A contender is a kernel or a call of a library that is timed here. All contenders compute the accelerations at the same
+state, half a second after the start, where the accelerations are known in closed form (reference/exact.py). Of a library, those
+calls are timed that an expert would make, without the conversion of coordinates around them. Some of these calls are defined by the
+suite's adapters (CONTENDERS). The others are offered by engines from outside, which are plug-ins and engines of other environments
+(`library_calls` in `engines/base.py`). A kernel of this package is timed in two ways: in its own loop, where a right-hand side is a
+quarter of a step of the fourth-order Runge-Kutta method, and called from Python for one state.
 
 All contenders for one size are timed together in a race, which is repeated in several processes. A time is the median over the
-processes. An exponent is fitted to these times. Its spread is computed from the exponents of the single processes, and is an
-interval in which the exponent of a repeated race is expected.
+processes. For each contender, the exponent p of time ~ size^p is fitted to the times at several sizes. The spread of the exponent
+is computed from the exponents of the single processes, and is an interval in which the exponent of a repeated race is expected.
 """
 
 import math
@@ -44,12 +45,12 @@ MOMENT = "0.5"  # [s] time of the state in the closed form
 STEP = 1e-6  # [s] of own kernels, so short that they stay near the state
 LOOPED = 1000  # steps in one call, so that the cost of calling is negligible
 LOOP, CALLED, IMPLICIT = "in its own loop", "called from Python", "one implicit step"
-# engine -> the largest size that is built, and why no larger one is
-TOO_LONG = {"pinocchio": (64, "building and checking the model takes more than a minute")}
+# library -> the largest size at which it is timed, and why no larger size is
+SIZE_LIMITS = {"pinocchio": (64, "building and checking the model takes more than a minute")}
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return a race for each process and size; the processes of a size are separated in time."""
+    """Return one task for each process and size of the linkage; the processes of one size do not follow each other directly."""
     calls, tasks = list_calls() if suite.growth else [], []
     for part in suite.growth:
         for number, size in product(range(part.processes), part.sizes):
@@ -59,7 +60,7 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Add the table of times over all processes, and the table of exponents."""
+    """Add the table of times over all processes, and the table of the exponents with which the times grow with the size."""
     races = tables.get("scaling_races", [])
     for part in suite.growth:  # suites have one such part; of several, the last would count
         tables["scaling"] = over_races(races)
@@ -68,7 +69,7 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 @dataclass(frozen=True, eq=False)
 class ExactState:
-    """A mechanism at a state q, v (n,) with its exact accelerations a (n,)."""
+    """A mechanism, a state q, v (n,) of it, and the exact accelerations a (n,) at this state."""
 
     mechanism: Mechanism
     q: Array
@@ -85,7 +86,7 @@ Contender = tuple[tuple[str, ...], Callable[[ExactState], list[Block]]]
 
 
 def exact_state(size: int) -> ExactState:
-    """Return the N-four-bar of a size at the time MOMENT, with its accelerations in closed form."""
+    """Return the chain of `size` four-bars in its state at the time MOMENT, with the accelerations from the closed form."""
     mechanism = load(f"n_four_bar_{size}")
     motion = closed_form(mechanism, [MOMENT])
     assert motion is not None
@@ -93,25 +94,25 @@ def exact_state(size: int) -> ExactState:
 
 
 def list_calls() -> list[tuple[str, str]]:
-    """Return engine and name of each library call that an engine from outside offers."""
+    """Return the name of the engine and the name of the call, for each library call that an engine from outside offers."""
     return [(x.name, call) for x in offers_from_outside() if x.usable for call in x.library_calls]
 
 
 def contenders(outside: Sequence[Sequence[str]]) -> dict[str, Contender]:
-    """Return name -> contender of a race: CONTENDERS, and library calls (engine, name) of engines from outside."""
+    """Return name -> contender: those in CONTENDERS, and the library calls (engine, name) of engines from outside."""
     return CONTENDERS | {f"{engine}, {call}": ((CALLED,), partial(make_offered_blocks, engine, call)) for engine, call in outside}
 
 
 def race_growth(
     size: int, rounds: int, number: int = 0, outside: Sequence[Sequence[str]] = (), race: Callable[..., Any] = race_survivors
 ) -> Tables:
-    """Return the rows of one race on the N-four-bar of a size, one for each timed quantity of each contender.
+    """Time all contenders in one process on a chain of four-bars; return one row for each timed quantity of each contender.
 
-    An entry that cannot be built, crashes or hangs has a status and a reason.
+    If a contender cannot be built, crashes or hangs, its rows have a status and the reason instead of times.
 
     Args:
         size: number of four-bars in the chain.
-        number: of the process, which is written into the rows.
+        number: index of the process, which is written into the rows.
         outside: library calls of engines from outside that take part: name of the engine and name of the call, each.
         race: `race_survivors`, or `race_here` in tests.
     """
@@ -120,7 +121,7 @@ def race_growth(
     start: Row = {"size": size, "process": number, "n": load(f"n_four_bar_{size}").n}
 
     def summarise(key: Key) -> Row:
-        """Return the columns of an entry's time and of its facts."""
+        """Return the columns with the time of an entry of the race, and the further columns that its block returned (facts)."""
         return spread("seconds", measured.of(key)) | measured.facts.get(key, {})
 
     keys = [Key(quantity, engine) for engine, (quantities, _) in entered.items() for quantity in quantities]
@@ -128,7 +129,7 @@ def race_growth(
 
 
 def entries(size: int, outside: Sequence[Sequence[str]] = ()) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Yield the key of every timed quantity of every contender, and the function that makes its timing block.
+    """Yield the key of every timed quantity of every contender, and the function that makes its block, the work to be timed.
 
     Args:
         size: number of four-bars in the chain.
@@ -138,16 +139,20 @@ def entries(size: int, outside: Sequence[Sequence[str]] = ()) -> Iterator[tuple[
 
     @cache  # all blocks of a contender are made at once, when the first of them is needed
     def make_blocks(contender: str) -> list[Block]:
-        """Return the timing blocks of a contender; raise RunFailure if the linkage is too large for it."""
+        """Return the timing blocks of a contender, one for each timed quantity.
+
+        Raises:
+            RunFailure: the linkage is too large for the contender.
+        """
         library = contender.partition(",")[0]  # the name of a contender may be "library, call"
-        most, reason = TOO_LONG.get(library, (size, ""))
+        most, reason = SIZE_LIMITS.get(library, (size, ""))
         if size > most:
             raise RunFailure(Status.SKIP, reason)
         _, make = entered[contender]
         return make(state)
 
     def pick(contender: str, k: int) -> Block:
-        """Return the timing block of quantity k of a contender."""
+        """Return the timing block of a contender for its timed quantity number k."""
         return make_blocks(contender)[k]
 
     for contender, (quantities, _) in entered.items():
@@ -162,7 +167,7 @@ def make_kernel_blocks(formulation: str, state: ExactState) -> list[Block]:
         RunFailure: the mechanism has no kernel.
     """
     try:
-        kernel = compile_kernel(state.mechanism, formulation, cache=False)
+        kernel = compile_kernel(state.mechanism, formulation, cache=False)  # not cached: its compilation is timed
     except KernelError as error:
         raise RunFailure(Status.SKIP, str(error)) from error
     facts = {"generate_seconds": kernel.generate_seconds, "compile_seconds": kernel.compile_seconds}
@@ -173,13 +178,16 @@ def make_kernel_blocks(formulation: str, state: ExactState) -> list[Block]:
     return [replace(x, facts=lambda: facts) for x in (steps, single)]
 
 
-def make_library_blocks(asked: Callable[[Mechanism, Array, Array], LibraryCall], state: ExactState) -> list[Block]:
-    """Return the timing block of a library's call in this process, as a list; asked(mechanism, q, v) prepares the call."""
-    return [with_facts(prepare_call(asked, state.mechanism, state.q, state.v), state)]
+def make_library_blocks(prepare: Callable[[Mechanism, Array, Array], LibraryCall], state: ExactState) -> list[Block]:
+    """Return a list of one timing block: a call of a library in this process.
+
+    `prepare`(mechanism, q, v) returns the call to be timed.
+    """
+    return [with_facts(prepare_call(prepare, state.mechanism, state.q, state.v), state)]
 
 
 def make_offered_blocks(engine: str, call: str, state: ExactState) -> list[Block]:
-    """Return the timing block, as a list, of a library call that a plug-in or an engine of another environment offers.
+    """Return a list of one timing block: a call of its library that a plug-in or an engine of another environment offers.
 
     Raises:
         RunFailure: the engine cannot model the mechanism, or its accelerations have another shape.
@@ -191,7 +199,10 @@ def make_offered_blocks(engine: str, call: str, state: ExactState) -> list[Block
 
 
 def with_facts(made: TimedCall, state: ExactState) -> Block:
-    """Return the timing block of a library call with its facts, columns of its row: time of preparation [s], and relative error."""
+    """Return the timing block of a library call, with a function `facts` that returns further columns of the call's row.
+
+    These columns are the time that the preparation of the call took [s], and the relative error of its accelerations.
+    """
     facts = {"generate_seconds": made.seconds, "compile_seconds": 0.0, "error": state.error(made.acceleration)}
     return replace(made.block, facts=lambda: facts)
 
@@ -228,8 +239,8 @@ def over_races(races: Rows) -> Rows:
 def exponents(races: Rows, large: int) -> Rows:
     """Return a row for each engine and quantity with the exponent p of time ~ size^p, over sizes of at least `large`.
 
-    At least two of these sizes must have been timed. An exponent is fitted to the medians over the processes; its spread follows
-    from the exponents of the single processes.
+    There is a row only if at least two of these sizes were timed. The exponent is fitted to the medians of the times over the
+    processes. The spread of the exponent follows from the exponents that are fitted to the times of each process by itself.
     """
     ended = [r for r in races if r["status"] == Status.OK and r["size"] >= large]
     summary = []

@@ -1,11 +1,12 @@
-"""Lower bounds for the time of a step on this processor, for one trajectory and for many, and the ratio of each bound to the time.
+"""Lower bounds for the time of a step on this processor, for one trajectory and for many, and the ratio bound / time.
 
-    one trajectory: cycles of the longest chain through a step * length of a cycle
-    many:           operations of a step / peak rate
+For one trajectory, the bound is the number of cycles of the longest chain through a step, times the length of a cycle. For many
+trajectories, it is the number of operations of a step, divided by the peak rate of the processor.
 
-The chain is the longest sequence of dependent operations from one turn of the compiled loop to the next, at the latencies that the
-code generator assumes. The length of a cycle and the peak rate are measured in the same race. No code reaches the peak rate: most
-operations cannot be fused, and a division, which counts as one operation here, takes the time of eight or more.
+The chain is the longest sequence of dependent operations from one iteration of the compiled loop to the next, at the latencies that
+the code generator assumes. The length of a cycle and the peak rate are measured alternately with the engines, in the same race. No
+code reaches the peak rate: most operations cannot be fused, and a division, which counts as one operation here, takes the time of
+eight or more.
 
 Source: Hennessy and Patterson, Computer Architecture, sections 1.8 and 3.10 (bounds, limits of parallelism).
 """
@@ -35,9 +36,9 @@ QUANTITIES = {ONE: (NATIVE, LATENCY_KEY, "cycles"), MANY: (BATCH, RATE_KEY, "flo
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for each linkage of the races of costs in which the processor is timed too.
+    """Return one task for each linkage on which the processor is timed together with the engines.
 
-    It finds the longest chain of dependent operations in a compiled step, and counts the operations.
+    The task finds the longest chain of dependent operations in a compiled step of the linkage, and counts its operations.
     """
     if not suite.bounds:
         return []
@@ -46,14 +47,15 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def count_operations(linkage: str, scenario: str) -> Tables:
-    """Return one row for each kind of bound, with the counts of a compiled step; `complete` adds the times.
+    """Return one row for each kind of bound (one trajectory, a batch), with the counts of cycles and operations of a compiled step.
 
-    There are no rows if the linkage cannot be compiled.
+    `complete` adds times and bounds later. There are no rows if the linkage cannot be compiled.
     """
     mechanism = load(linkage, scenario or None)
     start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
     shortest = REACHES["rk4"][:1]  # code for steps in which angles move little, which every run tries first
     try:
+        # one reach is asked for, so that one loop body is returned
         (body,) = bodies(read_code(known_program(mechanism, "gauss"), "none"), "rk4", shortest)
     except KernelError:
         return {"kernel_bounds": []}  # the row of the race has the reason
@@ -64,15 +66,15 @@ def count_operations(linkage: str, scenario: str) -> Tables:
 def complete(suite: Suite, tables: Tables) -> None:
     """Complete the rows of `kernel_bounds` and add the table `kernel_machine`.
 
-    The former get times of steps, bounds, and the share bound / time. The latter has the processor's latency and rate, over the
-    processes of all races.
+    The rows of `kernel_bounds` get the measured times of steps, the bounds, and the share bound / time. The table `kernel_machine`
+    has the processor's latency and rate, over the processes of all races.
     """
     races = gather_by_linkage(tables)
     for part in suite.bounds:
         rows = tables.get("kernel_bounds", [])
-        for number, start in enumerate(rows):
-            measured = races.get((start["mechanism"], start["scenario"]), Measured({}, {}))
-            rows[number] = row(start, compare_with_bound, start, part.own, measured)
+        for number, counted in enumerate(rows):
+            measured = races.get((counted["mechanism"], counted["scenario"]), Measured({}, {}))  # empty without a race
+            rows[number] = row(counted, compare_with_bound, counted, part.own, measured)
         samples: dict[Hashable, Array] = {}  # of all races
         for key in (LATENCY_KEY, RATE_KEY):
             processes = [rounds for race in races.values() for rounds in race.samples.get(key, ())]
@@ -81,19 +83,19 @@ def complete(suite: Suite, tables: Tables) -> None:
         tables["kernel_machine"] = processor_rows(Measured(samples, {})) + name_machine()
 
 
-def compare_with_bound(start: Row, own: str, measured: Measured) -> Row:
-    """Return the time of a step of an engine, its lower bound, and the ratio bound / time.
+def compare_with_bound(start: Row, engine: str, measured: Measured) -> Row:
+    """Return the columns of the measured time of an engine's step, its lower `bound`, and `share`, the ratio bound / time.
 
     Args:
         start: a row of `count_operations`: the kind of bound, and the counts of cycles and operations in a step.
-        own: name of the engine.
+        engine: name of the engine.
         measured: the results of the races on the linkage.
 
     Raises:
         Failure: the step or the processor was not measured.
     """
     quantity, machine, count = QUANTITIES[start["quantity"]]
-    times = spread("seconds", measured.of(Key(quantity, own)))
+    times = spread("seconds", measured.of(Key(quantity, engine)))
     # `unit` is the time of a multiply-add: a latency of CYCLES cycles, or two operations in each lane of a vector
     unit = measured.time(machine)
     bound = start[count] * unit / (CYCLES if count == "cycles" else 2 * native_code.best_lanes())
@@ -101,7 +103,7 @@ def compare_with_bound(start: Row, own: str, measured: Measured) -> Row:
 
 
 def flops(body: Body) -> int:
-    """Return the number of floating-point operations in one turn of the loop; a fused multiply-add counts twice."""
+    """Return the number of floating-point operations in one iteration of the loop over steps; a fused multiply-add counts twice."""
     g = body.step.graph
     # values that do not depend on the state or the time are computed once, before the loop
     varying = find_dependents(g, [g.leaf(name) for name in (*body.step.carried, "%t")])

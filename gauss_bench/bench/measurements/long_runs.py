@@ -32,7 +32,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def long_run(linkage: str, scenario: str, part: LongRuns) -> Tables:
-    """Return the rows of both formulations at two steps, and rows of the largest error of the energy in each window."""
+    """Return the rows of both formulations for two step sizes, and rows with the largest energy error in each time window."""
     mechanism = load(linkage, scenario)
     rows, windows = [], []
     for formulation in FORMULATIONS:
@@ -48,13 +48,13 @@ def long_run(linkage: str, scenario: str, part: LongRuns) -> Tables:
 
 
 def measure(mechanism: Mechanism, formulation: str, step: float, duration: float) -> Row:
-    """Return columns of one run: drift, and errors of the energy [J] in the first window, in the last and in all.
+    """Run a linkage once, and return columns: drift, and the largest energy errors [J] in the first window, in the last and in all.
 
-    `energy` is the largest kinetic energy [J], with which the errors can be compared. `energies` has the largest error in each
-    window.
+    `energy` is the largest kinetic energy [J], with which the errors can be compared. `energies` has the largest energy error in
+    each time window.
 
     Raises:
-        Missing: the mechanism has no kernel, or the run did not end.
+        Missing: the mechanism has no kernel, or the run did not reach its end. The row of the run then has the reason.
     """
     engine = next(name for name, x in ENGINES.items() if x == formulation)
     wanted = sampling_at(step, np.arange(round(duration / SAMPLING) + 1) * SAMPLING)
@@ -77,7 +77,9 @@ def measure(mechanism: Mechanism, formulation: str, step: float, duration: float
 
 
 def judge_row(fine: Row, coarse: Row, part: LongRuns) -> Row:
-    """Return the row of a run with its targets, and with the order of the energy's error if the run at twice the step ended.
+    """Return the row of a run with the targets for drift and order, and whether the run meets both.
+
+    The order is the convergence order of the energy error. It needs a run at twice the step that reached its end.
 
     Args:
         fine: the row of the run.

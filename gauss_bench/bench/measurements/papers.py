@@ -14,7 +14,7 @@ from gauss_bench.suites.schema import Suite
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for each table that the suite names."""
+    """Return one task for each table that the suite's section `papers` lists."""
     makers: dict[str, Callable[..., Tables]] = {"audit": audit, "reproduction": reproduction, "published": list_published}
     tasks = {name: context.task(name, make, ()) for name, make in makers.items()}
     tasks["paper_motion"] = context.task("paper_motion", example_motion, (context.store,))
@@ -22,13 +22,19 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def example_motion(store: str) -> Tables:
-    """Return the rows of the first paper's example motion; its reference is kept in the folder `store`."""
+    """Return the table rows of the example motion in the first of the two papers.
+
+    The reference of the motion is stored in the folder `store`.
+    """
     mechanism = load("crank_slider", "paper")
     return paper_motion(mechanism, load_stored(mechanism, SPAN, Path(store)))
 
 
 def list_published() -> Tables:
-    """Return one row for each published value, compared with the certified one; no rows without the certificate."""
+    """Return one row for each published value, compared with the value in the certificate of the motion.
+
+    There are no rows if the certificate is missing.
+    """
     name, scenario, t = SQUEEZER
     mechanism = load(name, scenario)
     reference = find_certified(mechanism, t)

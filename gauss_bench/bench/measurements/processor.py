@@ -1,8 +1,9 @@
-"""Measure the speed of the processor by two small compiled loops, which take part in the race of costs.
+"""Measure the speed of the processor by two small compiled loops, which are timed in turn with the engines (`cost.py`).
 
-One loop is a chain of fused multiply-adds, each of which needs the result of the one before. The time of one of them is the
-latency, which is CYCLES cycles on every x86 processor since 2015, so that the length of a cycle is known. The other loop has CHAINS
-independent chains of vectors. Its rate, at two operations for each fused multiply-add, is the peak rate.
+The first loop is a chain of fused multiply-adds, each of which needs the result of the one before. The time of one multiply-add is
+therefore its latency. The latency is CYCLES cycles on every x86 processor since 2015, so that the length of a cycle is known too.
+The second loop has CHAINS such chains, which do not depend on each other, and each multiply-add works on a vector of numbers. The
+rate of this loop, with two operations for each number in a multiply-add, is the peak rate.
 """
 
 from collections.abc import Callable, Iterator
@@ -34,7 +35,8 @@ FACTS = ("date", "commit", "dirty", "cpu", "cores", "python", "platform")  # of 
 def chain_text(chains: int, links: int, lanes: int) -> str:
     """Return the text of an LLVM module whose function `accelerate` repeats x = x / 2 + 1 for vectors x of `lanes` numbers.
 
-    There are `chains` independent vectors, and each turn of the loop has `links` repetitions.
+    There are `chains` vectors x, which do not depend on each other. Each iteration of the loop does the operation `links` times for
+    every vector.
     """
     half, one = (f"<{', '.join([f'double {x}'] * lanes)}>" for x in (0.5, 1.0))
     numbers = {"chains": chains, "links": links, "lanes": lanes, "real": f"<{lanes} x double>", "half": half, "one": one}
@@ -43,19 +45,20 @@ def chain_text(chains: int, links: int, lanes: int) -> str:
 
 
 def processor() -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Yield the keys of both loops and the functions that make their blocks; a repetition is one vector operation."""
+    """Yield the keys of both loops, and the functions that make their blocks; one repetition is one multiply-add of vectors."""
     yield LATENCY_KEY, partial(_loop, 1, 2)
     yield RATE_KEY, partial(_loop, CHAINS, None)
 
 
 def _loop(chains: int, lanes: int | None) -> Block:
-    """Return the timing block of a loop with independent chains of multiply-adds, each of which needs the one before in its chain.
+    """Return the timing block of a loop with chains of multiply-adds.
 
-    A single chain shows the latency of a multiply-add, many chains the peak rate.
+    In a chain, each multiply-add needs the result of the one before. Chains do not depend on each other. A single chain shows the
+    latency of a multiply-add, many chains show the peak rate.
 
     Args:
         chains: number of chains.
-        lanes: how many numbers a vector has; None for the widest vectors.
+        lanes: how many numbers a vector has; None for the widest vectors of the processor.
 
     Raises:
         RunFailure: there is no compiler.
@@ -68,7 +71,7 @@ def _loop(chains: int, lanes: int | None) -> Block:
     out = np.empty(width)
 
     def call() -> None:
-        """Run TURNS turns of the loop."""
+        """Run TURNS iterations of the loop."""
         code.call(None, None, None, out.ctypes.data, TURNS)  # `out` lives as long as this function
 
     return lasting(NO_KEY, call, chains * LINKS * TURNS)
@@ -82,15 +85,15 @@ def name_machine() -> Rows:
 
 
 def processor_rows(measured: Measured) -> Rows:
-    """Return one row each for latency, length of a cycle and peak rate, given the results of both loops."""
+    """Return one row each for latency, length of a cycle and peak rate, given the measured times of both loops."""
     lanes = native_code.best_lanes() if native_code.available() else 0
 
     def value(factor: float) -> Row:
-        """Return the columns of the latency [s] times a factor."""
+        """Return the columns of the latency [s] and its spread, both times a factor (1 / CYCLES for the length of a cycle)."""
         return spread("value", np.asarray(measured.of(LATENCY_KEY) * factor))
 
     def rate() -> Row:
-        """Return the columns of the operations per second: the longest time gives the lowest rate."""
+        """Return the columns of the operations per second and their spread: the longest time gives the lowest rate."""
         seconds = spread("value", measured.of(RATE_KEY))  # of one multiply-add of vectors, two operations in each lane
         pairs = (("value", "value"), ("value_low", "value_high"), ("value_high", "value_low"))
         return {name: 2 * lanes / seconds[of] for name, of in pairs}

@@ -1,13 +1,13 @@
-"""Ratios of times between this package's compiled formulations and a rival engine, from the races of `cost.py`.
+"""Ratios of times between this package's compiled formulations (kernels) and a rival engine, from the races of `cost.py`.
 
-The steps have the same length and run in each engine's own loop. Their times include forces, springs, the checks of pivots, and the
-call from Python, which is a few per cent of the kernel's time.
+All steps have the same length, and each engine takes them in its own loop over time steps. The times of steps include forces,
+springs, the checks of pivots, and the call from Python, which is a few per cent of the kernel's time.
 
 A right-hand side computes the accelerations of a state. For the rival it is the bare call of its library at a prepared state, with
-and without the cost of a call from Python. That cost is measured with a function of the same library that subtracts two vectors. It
-is about 0.1 us too small, because the bare call has more arguments. For the kernel a right-hand side is either a quarter of a
-Runge-Kutta step in its own loop, or a call from Python. Inside the loop, equal terms of different stages are computed once, which
-is part of the gain from compiling a loop.
+and without the cost of a call from Python. The cost of a call is measured with a function of the same library that only subtracts
+two vectors. The measured cost is about 0.1 us too small, because the bare call has more arguments. For the kernel a right-hand side
+is either a quarter of a Runge-Kutta step in its own loop, or a call from Python. In the kernel's loop, terms that several
+Runge-Kutta stages have in common are computed once; this is a part of the gain from compiling the whole loop.
 """
 
 from itertools import product
@@ -26,15 +26,18 @@ LEAST = 1e-9  # [s] least time of a right-hand side: noise could make the rival'
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Add rows to `kernel_steps` and `kernel_rhs` for each linkage on which the rival was timed together with our own engines."""
-    lengths = {(r["mechanism"], r["scenario"]): r["step"] for r in tables.get("samples", [])}
+    """Add rows to the tables `kernel_steps` and `kernel_rhs`, which compare our own engines with a rival engine.
+
+    There are rows for each linkage on which the rival was timed together with our own engines.
+    """
+    step_of = {(r["mechanism"], r["scenario"]): r["step"] for r in tables.get("samples", [])}
     for place, measured in gather_by_linkage(tables).items():
-        raced = {k.engine for k in (*measured.samples, *measured.failed) if isinstance(k, Key)}
+        timed_engines = {k.engine for k in (*measured.samples, *measured.failed) if isinstance(k, Key)}
         for steps in suite.steps:
-            if steps.rival in raced:
-                tables.setdefault("kernel_steps", []).extend(step_rows(place, steps, lengths.get(place), measured))
+            if steps.rival in timed_engines:
+                tables.setdefault("kernel_steps", []).extend(step_rows(place, steps, step_of.get(place), measured))
         for part in suite.right_hand_side:
-            if part.rival in raced:
+            if part.rival in timed_engines:
                 tables.setdefault("kernel_rhs", []).extend(rhs_rows(place, part, measured))
 
 
@@ -60,9 +63,10 @@ def step_rows(place: tuple[str, str], part: Steps, step: float | None, measured:
 
 
 def rhs_rows(place: tuple[str, str], part: RightHandSide, measured: Measured) -> Rows:
-    """Return a row for each setting of the rival and each pair of ways to call the kernel and the rival.
+    """Return a row for each setting of the rival engine, each way to time our kernel, and each way to time the rival.
 
-    Only one pair has a target: the kernel in its own loop, against the rival without the cost of the call.
+    The kernel is timed in its own loop or called from Python. Of the rival's time, the cost of the call from Python is subtracted
+    or not. Only one pair has a target: the kernel in its own loop, and the rival without the cost of the call.
 
     Args:
         place: mechanism and scenario.
@@ -79,14 +83,16 @@ def rhs_rows(place: tuple[str, str], part: RightHandSide, measured: Measured) ->
 
 
 def compare_sides(measured: Measured, part: RightHandSide, settings: str, own: str, rival: str) -> Row:
-    """Return the times of both right-hand sides and their ratio.
+    """Return the times of one right-hand side in our own engine and in the rival engine, and their ratio.
 
     Args:
-        own: LOOP, a share of a step in the kernel's own loop, or CALLED, one call of its function for accelerations.
-        rival: AS_CALLED, the whole call of the rival from Python, or NET, the same without the time of an empty call.
+        own: LOOP: the time of a Runge-Kutta step in the kernel's own loop, divided by the number of its right-hand sides; or
+            CALLED: the time of one call of the kernel's function from Python.
+        rival: AS_CALLED: the time of one call of the rival's function from Python; or NET: this time less the time of an empty
+            call.
 
     Raises:
-        Failure: one of them was not measured.
+        Failure: one of the timed quantities was not measured.
     """
     ours = measured.of(Key(NATIVE if own == LOOP else ACCELERATION, part.own))
     if own == LOOP:  # a Runge-Kutta step evaluates several right-hand sides

@@ -1,19 +1,23 @@
 """Find the cheapest setting of every engine on a linkage, by the rules of `../search.py`: errors first, then a race.
 
-A variant is an engine with options, an integrator and a stabilisation. A way is a variant with a size: a step, or a tolerance if
-the integrator chooses its steps. The trials of a variant at finer and finer sizes are its ladder.
+A variant is an engine with options, an integrator and a stabilisation. A size is a step, or a tolerance if the integrator chooses
+its steps. A way is a complete setting: a variant with a size. A trial is a run with its errors. The trials of a variant at finer
+and finer sizes are its ladder.
 
-First, every variant runs alone in a worker, at sizes from coarse to fine. Its errors are the largest of positions, angles and joint
-forces over the run, at the ends of 50 equal parts of the run (or of fewer, if the reference has no samples there). A run with
-longer steps is judged at those of these times that are ends of its steps. Nothing is timed in this stage.
+In the first stage, every variant runs alone in a worker process, at sizes from coarse to fine. The errors of a run are the largest
+error of a position, of an angle and of a joint force during the run. They are taken at 50 sample times at equal distances (or
+fewer, if the reference has no samples there). If some of the sample times are no ends of steps, because the steps are long, the
+errors are taken at the others. Nothing is timed in this stage.
 
-Then all engines race. A first race times one step of each variant that met a requirement; with the number of steps this gives the
-estimated cost. The cheap variants then race over whole runs, in several processes. If a run has equal steps and takes longer than
-the `lead` of the suite (a time), only its first part is timed. The processes of a linkage are separated in time, so that a
-disturbance of a minute affects few of them. Winners follow from all processes together.
+In the second stage, settings are timed alternately with each other, in races. A first race times one step of each variant that met
+a requirement. The time of a step multiplied by the number of steps is the estimated cost of a setting. Then the cheap settings are
+timed over whole runs, in several processes. If a run has equal steps and would take longer than `lead`, a time that the suite
+gives, only its first part is timed. The processes of a linkage do not follow each other directly, so that a disturbance of a minute
+affects few of them. The winners are determined from the times of all processes together.
 
 Settings that the authors of an engine sent in are further variants, with the same sizes, requirements and budget. The authors are
-their owners. The cheapest of these settings always races, even if it costs much more than the suite's: a table shows both.
+the owners of these variants. The cheapest setting of the authors is always timed, even if it costs much more than the cheapest one
+of the suite, because a table compares both.
 """
 
 import hashlib
@@ -68,9 +72,9 @@ class Racer(NamedTuple):
     """A setting that takes part in a race.
 
     Attributes:
-        way: engine, variant and size.
-        steps: number of steps of its run; None if the engine does not count them.
-        seconds: estimated time of its run [s]; 0 before any estimate.
+        way: engine, variant and size (step or tolerance).
+        steps: number of steps of a run with this setting; None if the engine does not count its steps.
+        seconds: estimated time of the run [s]; 0 before any estimate.
     """
 
     way: Way
@@ -79,21 +83,21 @@ class Racer(NamedTuple):
 
 
 def requirements(part: Search) -> list[Requirement]:
-    """Return the requirements of a part of a suite, in the order of UNITS."""
+    """Return the accuracy requirements (kind of error and its limit) of a section of the suite, in the order of UNITS."""
     return [Requirement(kind, limit) for kind in UNITS for limit in getattr(part, kind)]
 
 
 def engines_of(part: Search) -> list[Offer]:
-    """Return the offers of the engines that a part of a suite searches."""
+    """Return the descriptions of the engines among whose settings a section of the suite searches."""
     usual = names() if part.brief else [x for x in all_names() if x not in OWN]
     return [offer(x) for x in part.engines or usual]
 
 
 def space_of(engine: Offer, part: Search) -> list[Variant]:
-    """Return the variants of an engine that a part of a suite searches, without those that the engine's authors sent in.
+    """Return the variants of an engine that a section of the suite searches, without those that the engine's authors sent in.
 
-    A brief search tries the variants that the engine lists under `first`. If it lists none, it tries those of its first BRIEF
-    integrators without stabilisation.
+    A brief search tries the variants that the engine lists under `first`. If an engine lists none there, its variants with one of
+    its first BRIEF integrators and without stabilisation are tried.
     """
     every = space(engine)
     if not part.brief:
@@ -104,21 +108,24 @@ def space_of(engine: Offer, part: Search) -> list[Variant]:
 
 
 def candidates(engine: Offer, part: Search) -> list[Variant]:
-    """Return all variants of an engine that a part of a suite searches: the suite's, then those that its authors sent in."""
+    """Return all variants of an engine to be searched: those of the suite, then those that the engine's authors sent in."""
     return space_of(engine, part) + (candidates_of(engine.name, part.authors) if engine.usable else [])
 
 
 def motion_of(linkage: str, scenario: str, part: Search) -> Run:
-    """Return the motion that a part of a suite searches; it ends with the part or with the scenario, whichever is earlier."""
+    """Return the motion on which settings are searched.
+
+    It ends at the time that the section of the suite gives or at the end of the scenario, whichever is earlier.
+    """
     mechanism = load(linkage, scenario or None)
     return Run(linkage, mechanism, min(part.until, mechanism.duration))
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for each linkage, engine and variant: the ladder, which runs the variant at finer and finer sizes."""
+    """Return one task for each linkage, engine and variant: it runs the variant at finer and finer steps or tolerances."""
     tasks = []
     for part, place in _races(suite):
-        # the ladder of one variant does not depend on these fields, nor may the key of its task
+        # the trials of one variant do not depend on these fields: they are emptied, so that the key of its task does not either
         asked = part.model_copy(update={"linkages": {}, "engines": (), "authors": ()})
         for engine in engines_of(part):
             for variant in candidates(engine, part):
@@ -147,7 +154,7 @@ def second_timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[
 
 
 def _races(suite: Suite) -> list[tuple[Search, Place]]:
-    """Return each part of a suite with each of its linkages and scenarios."""
+    """Return (section, (linkage, scenario)) for each section of the suite that searches settings, and each of its linkages."""
     return [(part, place) for part in suite.search for place in part.linkages.items()]
 
 
@@ -163,22 +170,23 @@ def _rows_at(tables: Tables, table: str, place: Place) -> Rows:
 
 
 def _task(context: Context, function: Callable[..., Tables], part: Search, place: Place, tables: Tables, number: int = 0) -> Task:
-    """Return the task of one process of a race; its key includes the rows that the race depends on.
+    """Return the task of one process of a race; the key of the task includes the rows on which the race depends.
 
     Args:
         function: `first_race` or `further_race`.
-        number: of the process; all but process 0 also depend on the rows of process 0.
+        number: index of the process. The race in process 0 depends on the rows of `search_ladder`; a race in a further process also
+            depends on the rows of process 0.
     """
-    only = part.model_copy(update={"linkages": dict([place])})
-    known: list[Any] = [_rows_at(tables, "search_ladder", place)]
+    this_section = part.model_copy(update={"linkages": dict([place])})
+    key_rows: list[Any] = [_rows_at(tables, "search_ladder", place)]
     if number:
-        known += [_rows_at(tables, "search_races", place), number]
-    seen = hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
-    return context.task("search_races", function, (*place, only, *known), *place, seen, process=number)
+        key_rows += [_rows_at(tables, "search_races", place), number]
+    digest = hashlib.sha256(json.dumps(key_rows, sort_keys=True).encode()).hexdigest()
+    return context.task("search_races", function, (*place, this_section, *key_rows), *place, digest, process=number)
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Add the tables of winners and times, of the variants that were searched, and of the documentation of their options."""
+    """Add further tables to `tables`: winners and times, the variants that were searched, and what the engines' options mean."""
     for part, place in _races(suite):
         ladders, races = (_rows_at(tables, table, place) for table in ("search_ladder", "search_races"))
         found = winners_and_times(*place, part, ladders, races) if races else {}
@@ -203,43 +211,45 @@ def name_variant(engine: str, variant: Variant) -> dict[str, str]:
 
 
 def space_row(engine: Offer, variant: Variant) -> Row:
-    """Return the row of a variant in the table of variants that were searched."""
+    """Return the row of a variant in the table `search_space`, which lists the variants that were searched."""
     size = "tolerance" if variant.integrator in engine.adaptive else "step"
     options = json.dumps(dict(variant.options), sort_keys=True)
     return name_variant(engine.name, variant) | {"size": size, "options": options, "owner": variant.owner}
 
 
-# Ladders: the sizes that meet a requirement; no timing affects them
+# First stage: the steps and tolerances with which a variant meets a requirement; no timing affects them
 
 
 def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Search, store: str) -> Tables:
-    """Run a variant at finer and finer sizes, and return a row for each run; the last row has the reason why the search ended.
+    """Run a variant at finer and finer steps or tolerances; return a row for each run.
+
+    The last row also has the reason why no finer step or tolerance was tried.
 
     Args:
-        part: the part of the suite, with requirements, end of the run and budget.
-        store: the folder of the references.
+        part: the section of the suite that gives requirements, end of the run and budget.
+        store: the folder where references are stored.
     """
     run = motion_of(linkage, scenario, part)
     names = name_variant(engine, variant)
     way = Way(**names, size=0.0)
     start: Row = place_of(run.mechanism) | names | {"until": run.until, "owner": variant.owner}
     adaptive = variant.integrator in offer(engine).adaptive
-    truth = reference_of(linkage, scenario, run.until, store)
-    # number of equal parts of the run at whose ends errors are taken
-    beats = next((x for x in BEATS if has_samples(truth, run.until, x)), None)
-    if beats is None:
+    reference = reference_of(linkage, scenario, run.until, store)
+    # number of sample times, at equal distances, at which errors are taken
+    sample_count = next((x for x in BEATS if has_samples(reference, run.until, x)), None)
+    if sample_count is None:
         reason = f"the truth has no samples at every tenth of {run.until:g} s"
         return {"search_ladder": [start | {"status": str(Status.SKIP), "message": reason, "ended": reason}]}
     most_steps = part.steps_of.get(engine, part.most_steps)
-    scale = tolerances() if adaptive else equal_steps(run.until, beats, most_steps)
-    judge = Evaluator(run.mechanism)
-    limit = 0 if adaptive else most_steps  # of the number of steps; 0 stands for none
+    sizes = tolerances() if adaptive else equal_steps(run.until, sample_count, most_steps)
+    evaluator = Evaluator(run.mechanism)
+    limit = 0 if adaptive else most_steps  # largest number of steps of a run; 0 stands for no limit
 
     def evaluate(size: float) -> Trial:
-        """Run the variant at a size, and return the trial."""
-        return evaluate_run(run, judge, truth, way._replace(size=size), adaptive, beats)
+        """Run the variant with a step or tolerance `size`, and return the trial: the errors of the run, or why it failed."""
+        return evaluate_run(run, evaluator, reference, way._replace(size=size), adaptive, sample_count)
 
-    trials, ended = explore(evaluate, scale, requirements(part), part.budget, limit)
+    trials, ended = explore(evaluate, sizes, requirements(part), part.budget, limit)
     rows = []
     for trial in trials:
         errors = {f"{kind}_error": x for kind, x in trial.errors.items()}
@@ -250,20 +260,21 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
 
 
 def read_ladders(rows: Rows) -> Ladders:
-    """Return the trials of each variant on a linkage, given the rows of `search_ladder` of this linkage."""
+    """Return the trials (runs and their errors) of each variant, given the rows of the table `search_ladder` of one linkage."""
     groups = group_by(rows, *Way._fields[:-1])  # all but the size
     return {Way._make((*names, 0.0)): [trial_of(r) for r in same] for names, same in groups.items()}
 
 
 def owners_of(rows: Rows) -> Owners:
-    """Return who sent in variants, given the rows of `search_ladder`; the suite's own variants are not in it."""
+    """Return variant -> its owner, who sent it in, given rows of the table `search_ladder`; the suite's variants are left out."""
     return {variant_of(r): r["owner"] for r in rows if r.get("owner")}
 
 
 def passing_ways(ladders: Ladders, wanted: Requirement, engine: str) -> dict[Way, Trial]:
-    """Return the ways of an engine that meet a requirement, each with its trial.
+    """Return the settings of an engine that meet a requirement, each with its trial.
 
-    They are its variants that meet the requirement at any size, each with the coarsest size that does.
+    Of each variant that meets the requirement at any step or tolerance, the coarsest step or tolerance is taken with which it meets
+    the requirement.
     """
     ways: dict[Way, Trial] = {}
     for variant, trials in ladders.items():
@@ -273,12 +284,13 @@ def passing_ways(ladders: Ladders, wanted: Requirement, engine: str) -> dict[Way
 
 
 def rivals(rows: Rows, part: Search) -> list[dict[Way, Trial]]:
-    """Return groups of ways that compete with each other, way -> trial each: the cheapest of a group wins.
+    """Return groups of settings, setting -> trial each; in each group, the cheapest setting is searched.
 
-    The ways of a group meet the same requirement, and have the same engine, owner and time loop (option `loop`).
+    All settings of a group meet the same requirement, and have the same engine, the same owner (the authors who sent them in, if
+    any) and the same kind of time loop (option `loop`).
 
     Args:
-        rows: those of `search_ladder` of the linkage.
+        rows: the rows of the table `search_ladder` that belong to the linkage.
     """
     ladders, owners = read_ladders(rows), owners_of(rows)
     groups: list[dict[Way, Trial]] = []
@@ -291,24 +303,25 @@ def rivals(rows: Rows, part: Search) -> list[dict[Way, Trial]]:
     return groups
 
 
-# The race: the cheapest of the ways that meet a requirement
+# Second stage, the race: the cheapest of the settings that meet a requirement
 
 
 def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
-    """Estimate the costs of the ways that meet a requirement in one process, and race the cheap ones in another.
+    """Estimate, in one process, the cost of each setting that meets a requirement, and time the cheap settings in another.
 
-    The estimated cost of a way is the time of one step of its variant times the number of steps. The cheap ones are chosen for each
-    requirement, engine, owner and time loop.
+    The estimated cost of a setting is the time of one step of its variant times the number of steps. The cheap settings are chosen
+    separately in each group of `rivals`: for each requirement, engine, owner and kind of time loop.
 
     Args:
         rows: those of `search_ladder` of the linkage.
     """
     run, groups = motion_of(linkage, scenario, part), rivals(rows, part)
     steps = {way: trial.steps for ways in groups for way, trial in ways.items()}
-    # one step of each variant is timed, at the finest of its sizes: later entries of a dict replace earlier ones
+    # one step of each variant is timed, at the finest size that meets a requirement. A way of size 0 stands for its variant; the
+    # finest size is kept, because later entries of a dict replace earlier ones
     finest = {way._replace(size=0.0): way for way in sorted(steps, key=lambda x: -x.size)}
-    rough, lost = race_apart(rough_entries, run, part, [Racer(x, steps[x], 0.0) for x in finest.values()], ROUGH_ROUNDS)
-    seconds = {variant: time_of(x) for variant, x in gather_rounds(rough, entry_of).samples.items()}  # of one step
+    step_times, lost = race_apart(rough_entries, run, part, [Racer(x, steps[x], 0.0) for x in finest.values()], ROUGH_ROUNDS)
+    seconds = {variant: time_of(x) for variant, x in gather_rounds(step_times, entry_of).samples.items()}  # of one step
     costs = {way: seconds[way._replace(size=0.0)] * (steps[way] or 1) for way in steps if way._replace(size=0.0) in seconds}
     chosen: dict[Way, None] = {}
     for ways in groups:
@@ -319,12 +332,12 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
 
 
 def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: Rows, number: int) -> Tables:
-    """Repeat the race in a further process, with only those ways that were close to the fastest in the first process.
+    """Repeat the race in a further process, with only those settings that were close to the fastest in the first process.
 
     Args:
-        rows: those of `search_ladder` of the linkage.
-        first: the rows of the first process.
-        number: of this process.
+        rows: the rows of the table `search_ladder` that belong to the linkage.
+        first: the rows of the race in the first process.
+        number: index of this process.
     """
     run, measured = motion_of(linkage, scenario, part), gather_measured(first)
     near = {way: ways[way].steps for ways in rivals(rows, part) for way in near_ways(ways, measured)}
@@ -336,17 +349,18 @@ def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: R
 def race_apart(
     entries: Entries, run: Run, part: Search, racers: Sequence[Racer], rounds: int, lost: Collection[str] = (), *more: float
 ) -> tuple[Rows, dict[str, WorkerFailure]]:
-    """Time ways against each other in a new process.
+    """Measure the times of several settings alternately, in a new process; engines that crash or hang are left out.
 
     Args:
-        entries: `rough_entries` or `race_entries`: entries(linkage, scenario, until, racers, *more) yields each key and the
-            function that makes its timing block.
+        entries: the function `rough_entries` or `race_entries`. A call entries(linkage, scenario, until, racers, *more) yields each
+            key and the function that makes its timing block, the work to be timed.
+        racers: the settings to be timed.
         rounds: number of rounds of the race.
-        lost: engines that crashed or hung before and do not race.
+        lost: engines that crashed or hung in an earlier race; their settings are left out.
         more: further arguments of `entries`.
 
     Returns:
-        The rows of `race_here`, and engine -> failure of the engines that crashed or hung now.
+        The rows of `race_here`, and engine -> failure, for each engine that crashed or hung in this race.
     """
     engines = [x.name for x in engines_of(part) if x.name not in lost]
     arguments = (run.linkage, run.mechanism.scenario, run.until, [x for x in racers if x.way.engine not in lost], *more)
@@ -355,7 +369,10 @@ def race_apart(
 
 
 def rough_entries(linkage: str, scenario: str, until: float, racers: Sequence[Racer]) -> Iterator[tuple[Way, Callable[[], Block]]]:
-    """Yield the variant of each racer, and the function that makes the timing block of one step, for an estimate of costs."""
+    """Yield the variant of each setting to be timed (a way of size 0), and the function that makes a timing block of one step.
+
+    The time of one step is used to estimate the cost of a run.
+    """
     run = Run(linkage, load(linkage, scenario or None), until)
     for x in racers:
         variant = x.way._replace(size=0.0)
@@ -365,9 +382,10 @@ def rough_entries(linkage: str, scenario: str, until: float, racers: Sequence[Ra
 def race_entries(
     linkage: str, scenario: str, until: float, racers: Sequence[Racer], lead: float
 ) -> Iterator[tuple[Way, Callable[[], Block]]]:
-    """Yield each way, and the function that makes its timing block: a whole run, or its first part that takes `lead` [s].
+    """Yield each setting to be timed, and the function that makes its timing block.
 
-    Ways that differ in nothing but step or tolerance may share a model.
+    The block is a whole run or, if the run takes longer, its first part that takes `lead` [s]. Settings that differ only in step or
+    tolerance may share a model.
     """
     run, models = Run(linkage, load(linkage, scenario or None), until), Models()
     for x in racers:
@@ -380,14 +398,15 @@ def owner_of(way: Way, owners: Owners) -> str:
 
 
 def near_ways(ways: Iterable[Way], measured: Measured) -> list[Way]:
-    """Return the ways that may still be the fastest, judged by their times in the first process."""
+    """Return those settings that may still be the fastest, judged by their times in the first process."""
     return close({w: float(quartiles(measured.samples[w])[0]) for w in ways if w in measured.samples})
 
 
 def race_rows(run: Run, number: int, timed: Rows, lost: Mapping[str, WorkerFailure]) -> Rows:
-    """Return the rows of one process of a race, and one row for each engine that crashed or hung in it.
+    """Return the rows of one process of a race, and one row for each engine that crashed or hung in this process.
 
-    `timed` are the rows of `race_here`, and `number` is that of the process.
+    `number` is the index of the process. `timed` are the rows of `race_here`: the seconds of a setting in a round, or the status
+    and the message of a setting that failed. `lost` maps an engine that crashed or hung to its failure.
     """
     start: Row = place_of(run.mechanism) | {"process": number}
     rows = []
@@ -398,14 +417,15 @@ def race_rows(run: Run, number: int, timed: Rows, lost: Mapping[str, WorkerFailu
 
 
 def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Rows, races: Rows) -> Tables:
-    """Return two tables of a linkage, or three.
+    """Return two or three tables of results for a linkage, table -> rows.
 
-    `search_winners` has the cheapest setting of each engine for each requirement; an engine that crashed or hung in one of the
-    processes has a row with the reason instead. `search_times` has the time of each way that raced. `search_owned` compares the
-    settings that an engine's authors sent in with the suite's; it is missing if there are none.
+    The table `search_winners` has the cheapest setting of each engine for each requirement. If an engine crashed or hung in one of
+    the processes, its row has the reason instead. The table `search_times` has the time of each setting that was timed. The table
+    `search_owned` compares the settings that an engine's authors sent in with those of the suite; it is missing if no authors sent
+    in settings.
 
     Args:
-        ladder_rows: those of `search_ladder` of the linkage.
+        ladder_rows: the rows of the table `search_ladder` that belong to the linkage.
         races: the rows of all processes of the race.
     """
     if not _has_times(races):  # nothing raced: only the rows of races that failed as a whole are kept
@@ -434,10 +454,12 @@ def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Ro
 
 
 def _time_over_processes(measured: Measured, way: Way) -> Row:
-    """Return the columns of a time and its spread; the ends of the spread are NaN if only one process timed this way.
+    """Return the columns of the measured time of a setting, and of the two ends of its spread.
+
+    The ends are NaN if only one process timed this setting.
 
     Raises:
-        Failure: the way was not measured.
+        Failure: the setting was not timed.
     """
     samples = measured.of(way)
     columns: Row = spread("seconds", samples)
@@ -447,28 +469,28 @@ def _time_over_processes(measured: Measured, way: Way) -> Row:
 
 
 def list_lost(races: Rows) -> dict[str, Row]:
-    """Return engine -> status and reason, of each engine that crashed or hung in a race."""
-    lost = [r for r in races if r.get("engine") and r.get("integrator") is None]  # rows of an engine as a whole, not of a way
+    """Return engine -> status and reason, for each engine that crashed or hung in a race, given the rows of the race."""
+    lost = [r for r in races if r.get("engine") and r.get("integrator") is None]  # rows of an engine as a whole, not of one setting
     return {r["engine"]: {k: r[k] for k in ("status", "message")} for r in lost}
 
 
 def gather_measured(races: Rows) -> Measured:
-    """Return the measured times of each way in all processes of a race, given the rows of the race."""
+    """Return the measured times of each setting in all processes of a race, given the rows of the race."""
     return gather_rounds((r for r in races if r.get("integrator") is not None), way_of)
 
 
 def entry_of(r: Mapping[str, Any]) -> Way:
-    """Return the way that is named in a row of `race_here`, which has a column `size`."""
+    """Return the way (engine, settings, integrator, stabilisation, size) that a row of `race_here` names in its columns."""
     return Way(*(r[x] for x in Way._fields))
 
 
 def way_of(r: Mapping[str, Any]) -> Way:
-    """Return the way that is named in a row of a table, which has the columns `step` and `tolerance`."""
+    """Return the way that a row of a table names; the row has a column `step` and a column `tolerance`, one of which is empty."""
     return variant_of(r)._replace(size=r["step"] or r["tolerance"])
 
 
 def variant_of(r: Mapping[str, Any]) -> Way:
-    """Return the variant that is named in a row of a table, as a way whose size is not set (0)."""
+    """Return the variant that a row of a table names, as a `Way` whose size (step or tolerance) is left at 0."""
     return Way(r["engine"], r["settings"], r["integrator"], r["stabilization"], 0.0)
 
 
@@ -480,12 +502,14 @@ def name_way(way: Way) -> Row:
 
 
 def winner_row(start: Row, wanted: Requirement, engine: str, ladders: Ladders, measured: Measured, part: Search) -> Row:
-    """Return an engine's row for a requirement: its winner, or the reason why it has none and the error of its most accurate way.
+    """Return an engine's row for a requirement: its winner, the cheapest setting that meets the requirement.
+
+    If there is no winner, the row has the reason, and the error of the engine's most accurate setting.
 
     Args:
-        start: columns that name linkage and requirement.
-        ladders: the trials of all variants.
-        measured: the times of the ways that raced.
+        start: the first columns of the row, which name linkage and requirement.
+        ladders: the trials of each variant at finer and finer steps or tolerances.
+        measured: the times of the settings that were timed.
     """
     searched = {way: trials for way, trials in ladders.items() if way.engine == engine}
     passing = passing_ways(searched, wanted, engine)
@@ -505,14 +529,16 @@ def winner_row(start: Row, wanted: Requirement, engine: str, ladders: Ladders, m
 def row_of_authors(
     start: Row, wanted: Requirement, engine: str, ladders: Ladders, measured: Measured, part: Search, owners: Owners
 ) -> Row:
-    """Return the row that compares the cheapest setting that an engine's authors sent in with the cheapest of the suite's.
+    """Return the row that compares the cheapest setting of an engine's authors with the cheapest setting of the suite.
 
-    Both meet the same requirement. The columns of the suite's setting begin with `our_`, and the ratio is theirs to ours.
+    Both settings meet the same requirement. The names of the columns of the suite's setting begin with `our_`. The ratio is the
+    time of the authors' setting divided by the time of the suite's; the row has it only if both were timed.
 
     Args:
-        start: columns that name linkage and requirement.
-        ladders: the trials of all variants.
-        owners: who sent in which variants.
+        start: the first columns of the row, which name linkage and requirement.
+        ladders: the trials of each variant at finer and finer steps or tolerances.
+        measured: the times of the settings that were timed.
+        owners: variant -> the authors who sent it in.
     """
     theirs = winner_row(start, wanted, engine, {way: x for way, x in ladders.items() if way in owners}, measured, part)
     ours = winner_row(start, wanted, engine, {way: x for way, x in ladders.items() if way not in owners}, measured, part)
@@ -526,11 +552,11 @@ def row_of_authors(
 
 
 def row_without_winner(wanted: Requirement, trials: Ladders, failed: Sequence[Failure]) -> Row:
-    """Return the columns of an engine that has no timed setting for a requirement: the reason, and the way with the least error.
+    """Return the columns of an engine without a timed setting for a requirement: the reason, and its most accurate setting.
 
     Args:
-        trials: the trials of the engine's variants.
-        failed: failures of its ways in the race.
+        trials: the trials of each variant of the engine.
+        failed: the failures of the engine's settings in the race.
     """
     answer = reach(trials.values(), [wanted], str(failed[0]) if failed else "no race took it in")
     status: Status | Kind = Status.SKIP if answer.kind in SKIPPED else answer.kind
@@ -545,23 +571,26 @@ def row_without_winner(wanted: Requirement, trials: Ladders, failed: Sequence[Fa
 
 
 def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
-    """Return the winners' rows of a requirement with the ratio of each time to that of the cheapest winner of our own engines.
+    """Return the rows of all engines for a requirement, with the ratio of each winner's time to that of our own fastest winner.
 
-    Our own engines are those in `part.own`. The spread of a ratio covers all ways that tie with either of the two winners that are
-    compared, because a repeated race may name another way that ties.
+    A winner is the cheapest setting of an engine that meets the requirement. Our own engines are those in `part.own`. The spread of
+    a ratio covers all settings that tie with either of the two winners that are compared, because a repeated race may name another
+    one of those that tie. The column "own" marks the fastest winner of our own engines, the column "ours" all rows of our own
+    engines. If the suite has an aim for the ratio (`part.aims`) at this requirement, two columns tell the aim and whether it is
+    met.
 
     Args:
-        rows: one for each engine: its winner, or the reason why it has none.
-        measured: the times of all ways that raced.
+        rows: one row for each engine: its winner, or the reason why it has none.
+        measured: the times of all settings that were timed.
     """
     ours = {way_of(r): r for r in rows if r["status"] == Status.OK and r["engine"] in part.own}
     tied_own = pick_winner({way: measured.of(way) for way in ours})[1] if ours else []  # own winners that tie
-    own = min(ours, key=measured.time, default=None)  # the cheapest of them
-    fastest = [way for x in tied_own for way in ours[x]["ties"]]
+    own = min(ours, key=measured.time, default=None)  # the fastest winner of our own engines
+    tied_with_own = [way for x in tied_own for way in ours[x]["ties"]]
     completed = []
     for r in rows:
         holds = r["status"] == Status.OK
-        ratios = ratio_of(r, own, fastest, measured) if own is not None and holds else {}
+        ratios = ratio_of(r, own, tied_with_own, measured) if own is not None and holds else {}
         aimed = holds and r["required"] == "position" and r["accuracy"] in part.aimed
         columns = {k: x for k, x in r.items() if k != "ties"} | {"own": holds and way_of(r) == own, "ours": r["engine"] in part.own}
         completed.append(at_least(columns | ratios, "ratio", part.aims.get(r["engine"]) if aimed else None))
@@ -569,15 +598,16 @@ def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
 
 
 def ratio_of(r: Row, own: Way, fastest: Sequence[Way], measured: Measured) -> Row:
-    """Return the columns of a winner's time divided by the time of the cheapest winner of our own engines.
+    """Return the columns of the ratio: the time of an engine's winner, divided by the time of our own fastest winner.
 
-    The ends of the spread are those of all ratios between ways that tie with the one and ways that tie with the other.
+    The spread of the ratio reaches from the lowest to the highest end of the spreads of all ratios between a setting that ties with
+    the engine's winner and a setting that ties with `own`.
 
     Args:
-        r: the winner's row; its key `ties` has the ways that tie with the winner.
-        own: the cheapest winner of our own engines.
-        fastest: the ways that tie with `own`.
-        measured: the times of all ways.
+        r: the row of the engine's winner; its key `ties` has the settings that tie with the winner.
+        own: the fastest winner of our own engines.
+        fastest: the settings that tie with `own`.
+        measured: the times of all settings that were timed.
     """
     if way_of(r) == own:
         return {"ratio": 1.0, "ratio_low": 1.0, "ratio_high": 1.0}

@@ -1,8 +1,8 @@
-"""Time compiled kinematics: positions, velocities and accelerations of all links over whole turns of the crank.
+"""Measure the time of compiled kinematics: positions, velocities and accelerations of all links over whole turns of the crank.
 
 Errors are differences from the motion that Newton's method finds at every sample, relative to the largest position, velocity and
-acceleration. For comparison a method in numpy is timed that solves the linkage part by part, one group of links ("link unit") after
-the other.
+acceleration. For comparison, a method in numpy is timed too. It solves the linkage part by part, one group of links ("link unit")
+after the other.
 """
 
 from collections.abc import Callable, Iterator
@@ -34,9 +34,10 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def race_turns(linkage: str, scenario: str, part: Turns, race: Callable[..., Any] = race_survivors) -> Tables:
-    """Return a row for each of METHODS: the time of one position in a turn of the crank, over several processes.
+    """Return a row for each of METHODS, the two ways to compute the positions: the time per position in a turn of the crank.
 
-    If a method crashes or hangs in a process, its row has the reason. `race` is `race_survivors`, or `race_here` in tests.
+    The methods are timed in several processes. If a method crashes or hangs in one of them, its row has the reason instead of
+    times. `race` is `race_survivors`, or `race_here` in tests.
     """
     measured = race_processes(race, entries, (linkage, scenario, part), part.rounds, METHODS, part.processes)
     place = place_of(load(linkage, scenario))
@@ -44,7 +45,7 @@ def race_turns(linkage: str, scenario: str, part: Turns, race: Callable[..., Any
 
 
 def turn_row(place: Row, part: Turns, method: str, measured: Measured) -> Row:
-    """Return the row of a method: the time of a position, positions per second, and the errors.
+    """Return the row of a method: the time per position, the positions per second, and the errors.
 
     The compiled method has a target for the positions per second, which it meets only if its errors are small too.
     """
@@ -58,22 +59,22 @@ def turn_row(place: Row, part: Turns, method: str, measured: Measured) -> Row:
 
 
 def rate(times: Row) -> Row:
-    """Return the columns of the time per position [s] and, in addition, those of its inverse: positions per second."""
+    """Return the columns of the time per position [s] and its spread, and columns with their inverse, positions per second."""
     return times | {"rate": 1 / times["seconds"], "rate_low": 1 / times["seconds_high"], "rate_high": 1 / times["seconds_low"]}
 
 
 def entries(linkage: str, scenario: str, part: Turns) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Yield the key of each method, and the function that makes its timing block."""
+    """Yield the key of each of METHODS, and the function that makes its timing block, the work that is timed repeatedly."""
     mechanism, samples = load(linkage, scenario), part.samples
 
     def native() -> Block:
-        """Return the block of whole turns by compiled code, with the errors as facts."""
+        """Return a timing block that computes whole turns by compiled code; its `facts` are the columns of the errors."""
         closure = compile_closure(mechanism)
         block = lasting(NO_KEY, lambda: closure.turn(samples), samples)
         return replace(block, facts=lambda: errors(mechanism, closure.turn(samples)))
 
     def plain() -> Block:
-        """Return the block of the first PLAIN_SAMPLES positions of a turn, by link units in numpy."""
+        """Return a timing block that computes the first PLAIN_SAMPLES positions of a turn in numpy, by link units."""
         times = np.arange(PLAIN_SAMPLES) / samples
         return lasting(NO_KEY, lambda: loop_motion(mechanism, times), PLAIN_SAMPLES)
 
@@ -82,7 +83,10 @@ def entries(linkage: str, scenario: str, part: Turns) -> Iterator[tuple[Key, Cal
 
 
 def errors(mechanism: Mechanism, turn: Sweep) -> Row:
-    """Return the columns of the largest errors of a turn, of positions, velocities and accelerations."""
+    """Return the columns of the largest errors of positions, velocities and accelerations during one turn of the crank.
+
+    The crank turns at the constant speed 1 rad/s, which is also the default of `exact_motion`, with which the turn is compared.
+    """
     motion = MinimalCoordinate(mechanism)
     off = differences((turn.q, turn.v, turn.a), exact_motion(motion, turn.q[:, motion.crank]))
     return {f"{level}_error": x for level, x in off.items()}

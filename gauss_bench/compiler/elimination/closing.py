@@ -1,14 +1,21 @@
-"""Functions that close the loops of a linkage for one sample of its inputs, and give rates, second rates and the next guess.
+"""Generated functions that close the loops of a linkage for one sample of its inputs.
 
-The inputs u are the values of drivers, with rates w and second rates b. The constraint equations phi = 0 of joints and drivers are
-as many as the coordinates q, so that their Jacobian J is square; gamma is the right-hand side of J q'' = gamma. The next sample is
-at u + g. z is a correction of q; d and e are the first and second derivatives of q by a single input:
+They also return rates, second rates, and a first guess of the position at the next sample. The symbols are:
+
+    u, w, b      values of the inputs (the coordinates that drivers prescribe), their rates, and their second rates
+    g            change of u from this sample to the next one
+    phi = 0      constraint equations of joints and drivers: as many as there are coordinates q, so that their Jacobian J is square
+    gamma        right-hand side of J q'' = gamma
+    z            Newton's correction of q
+    d, e         first and second derivatives of q by the input, if there is only one
+
+The equations are:
 
     correction     J z = -phi(q, u)
     one input      J d = 1,  J e = gamma(q, d),     q' = d w,  q'' = d b + e w^2,     the next guess is q + g (d + g e / 2)
     several        J q' = w,  J q'' = b + gamma(q, q');     the next guess is q + q' + q'' / 2, with g for w and 0 for b
 
-The pivots of J are the guards: their product is the determinant of J, whose sign distinguishes the assembly modes of the linkage.
+The pivots of J are watched as guards: their product is the determinant of J, whose sign distinguishes the assembly modes.
 Pivots are chosen at sampled positions of the assembly mode in which the linkage starts.
 """
 
@@ -37,13 +44,14 @@ from gauss_bench.terms import Array
 
 @dataclass(frozen=True, eq=False)
 class ClosingProgram:
-    """The functions that close one linkage at given inputs, in the letters of the module's docstring.
+    """The functions that close one linkage at given inputs; the symbols are those of the module's docstring.
 
     Attributes:
         driven: the linkage, with its inputs as drivers.
-        correction: function (q, u) -> Newton's correction z (n).
-        motion: function (q, u, w, b, g) of a closed position q -> three results: the guards, which must not change their signs; the
-            step (n) from q to the guess at the next sample; q, v, a (3n).
+        correction: function (q, u) -> Newton's correction z (n) of positions q for inputs u.
+        motion: function (q, u, w, b, g) of a position q with closed loops, and of value, rate, second rate and change to the next
+            sample of each input. It has three results: the guards, which must not change their signs; the step (n) from q to the
+            guess at the next sample; positions, velocities and accelerations q, v, a (3n).
     """
 
     driven: Mechanism
@@ -52,12 +60,12 @@ class ClosingProgram:
 
     @property
     def inputs(self) -> int:
-        """Number of inputs."""
+        """Number of inputs, the coordinates that drivers prescribe."""
         return len(self.driven.drivers)
 
     @property
     def guards(self) -> int:
-        """Number of guards."""
+        """Number of guards, the pivots of J that must keep their signs."""
         return len(self.motion.outputs[0])
 
     @cached_property
@@ -87,7 +95,7 @@ class Driven(Links):
         return self.levels[int(law.name)]
 
     def rate(self, k: int) -> Node:
-        """Return the rate of coordinate k."""
+        """Return the rate of coordinate k: that in `rates` if given, else an input of the graph."""
         return super().rate(k) if self.rates is None else self.rates[k]
 
 
@@ -97,10 +105,12 @@ def closing_program(mechanism: Mechanism) -> ClosingProgram:
     Raises:
         KernelError: no usable pivots, or a start at a singular position.
     """
-    # without its driver a linkage of one degree of freedom is sampled over its whole motion, not only where its driver moves it
+    # `study` samples positions. Without its driver a linkage of one degree of freedom is sampled over its whole motion, not only
+    # where the driver moves it in this scenario.
     known = study(replace(mechanism, drivers=()) if mechanism.dof == 1 else mechanism)
     correction, motion = _Equations(mechanism, known).solve()
     n, K = mechanism.n, len(mechanism.drivers)  # u, w, b, g: value, rate, second rate and step of each input
+    # None: the code of the two functions is not merged, so that they share no instructions
     closing = function((("q", n), ("u", K)), correction, None)
     return ClosingProgram(mechanism, closing, function((("q", n), ("u", K), ("w", K), ("b", K), ("g", K)), motion, None))
 
@@ -111,15 +121,20 @@ class _Equations:
     The expressions have values at sampled positions of the assembly mode in which the linkage starts.
 
     Attributes:
-        kept: indices of the rows that are eliminated: rows of joints, then one row for each driver.
-        drop: the redundant rows that are left out, and how they are added to kept rows.
-        u, w, b, g: one node per input, for its value, rate, second rate, and step to the next sample.
+        kept: indices of the constraint rows that are eliminated: rows of joints, then one row for each driver.
+        drop: the redundant rows that are left out, and the factors by which they are added to kept rows.
+        u, w, b, g: one node per input, for its value, rate, second rate, and change to the next sample.
         zeros: the constant 0, once per input.
-        rows: the kept rows for inputs u at rest.
+        rows: the kept rows for inputs with the values u and zero rates.
     """
 
     def __init__(self, driven: Mechanism, known: Study):
-        """Write the rows of a linkage at the positions of `known`, the analysis of the linkage in which dropped rows are chosen."""
+        """Write the constraint rows of a linkage as expressions, with values at sampled positions.
+
+        Args:
+            driven: the linkage, with its inputs as drivers.
+            known: the analysis of the linkage, with sampled positions and the redundant rows to leave out.
+        """
         # a law is named by the index of its driver, so that `Driven.law` finds the given values of the driver
         numbered = (replace(d, law=MotionLaw(str(k), d.law.motion)) for k, d in enumerate(driven.drivers))
         self.driven, self.drop = replace(driven, drivers=tuple(numbered)), known.drops[0]
@@ -142,7 +157,9 @@ class _Equations:
     def _same_assembly(self, q: Array) -> Array:
         """Return the positions among q (k, n) that are not nearly singular and at which det J has the same sign as at the start.
 
-        J is made square: redundant rows are dropped, after the multiple of each that `drop.shares` names is added to a kept row.
+        J is made square: each redundant row is left out, after multiples of it by the factors in `drop.shares` are added to kept
+        rows. A position is nearly singular if its smallest singular value, relative to the largest, is far below the median over
+        positions.
 
         Raises:
             KernelError: the start is at a singular position.
@@ -160,17 +177,23 @@ class _Equations:
         return same
 
     def _links(self, rates: Sequence[Node], seconds: Sequence[Node], v: Sequence[Node] | None = None) -> Driven:
-        """Return the links for inputs of value u with these rates and second rates; v: rates (n,) of all coordinates, if known."""
+        """Return the links for inputs with the values u and the given rates and second rates.
+
+        `v` are the rates (n,) of all coordinates, if they are known already.
+        """
         links = Driven(self.graph, self.driven, self.parameters, self.state)
         links.levels, links.rates = list(zip(self.u, rates, seconds, strict=True)), v
         return links
 
     def _rows(self, rates: Sequence[Node], seconds: Sequence[Node], v: Sequence[Node] | None = None) -> list[Row]:
-        """Return the rows that are eliminated, for the same arguments as `_links`."""
+        """Return the constraint rows that are eliminated; the arguments are those of `_links`."""
         return keep_rows(self.graph, rows_of(self._links(rates, seconds, v)), self.kept, self.drop)
 
     def solve(self) -> tuple[list[list[Node]], list[list[Node]]]:
-        """Eliminate; return the results of `ClosingProgram.correction` and those of `ClosingProgram.motion`, as lists of nodes."""
+        """Solve the equations by elimination; return the results of `ClosingProgram.correction` and of `ClosingProgram.motion`.
+
+        Each result is a list of nodes: [z], and [guards, step to the next guess, (q, v, a)].
+        """
         graph, n = self.graph, self.driven.n
         jacobian = {(r, c): e for r, row in enumerate(self.rows) for c, e in row.entries.items()}
         factors = lu(graph, jacobian, range(n), range(n), Search(), squares=True)
@@ -180,12 +203,12 @@ class _Equations:
             return vector(graph, factors.solve({r: x for r, x in enumerate(right) if not x.zero}), n)
 
         def follow(rates: Sequence[Node], seconds: Sequence[Node]) -> tuple[list[Node], list[Node]]:
-            """Return rates (n) and second rates (n) of all coordinates, for those of the inputs."""
+            """Return rates (n) and second rates (n) of all coordinates, for the given rates and second rates of the inputs."""
             v = solve_rows([-row.phi_t for row in self._rows(rates, seconds)])
             return v, solve_rows([row.gamma for row in self._rows(rates, seconds, v)])
 
         w, b, g = self.w, self.b, self.g
-        if len(w) == 1:
+        if len(w) == 1:  # d and e, from one pair of solutions, give the motion and the step to the next guess
             d, e = follow((graph.constant(1.0),), self.zeros)  # first and second derivatives of q (n) by the input
             advance = [g[0] * (x + g[0] * (y * 0.5)) for x, y in zip(d, e, strict=True)]
             square = w[0] * w[0]

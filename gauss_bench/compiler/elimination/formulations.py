@@ -1,32 +1,35 @@
-"""Accelerations, corrections and multipliers of a linkage under two formulations, by the same elimination.
+"""Accelerations, corrections and multipliers of a linkage in two formulations, by the same elimination.
 
 J (m, n) is the Jacobian of the constraint rows, gamma the right-hand side of J a = gamma, M the mass matrix, Q the force.
 
-Gauss: J = [Jd Ju], where u are the n - m independent coordinates and d the others. One factorisation of Jd, which is m x m, gives
+In Gauss's formulation J = [Jd Ju], where u are the n - m independent coordinates and d the others. One factorisation of Jd, which
+is m x m, gives the accelerations
 
     a = a0 + N h,    a0 = (Jd^-1 gamma; 0),    N = (-Jd^-1 Ju; 1),    (N^T M N) h = N^T (Q - M a0)
 
-Lagrange: the n + m equations
+In Lagrange's formulation the accelerations and the multipliers lambda are the solution of the n + m equations
 
     [ M  J^T ] [   a    ]   [   Q   ]
     [ J   0  ] [ lambda ] = [ gamma ]
 
 The columns of N are the free motions: a basis of the velocities v with J v = 0.
 
-Newton's correction dx of a residual r is the shortest in metres and radians, as in the interpreted formulations. Under Gauss, first
-the dependent coordinates alone are corrected, Jd x = -r; then the part of x along the free motions is subtracted,
+Newton's correction dx for a residual r is the solution of J dx = -r with the least norm, in which a metre counts as much as a
+radian, as in the interpreted formulations. In Gauss's formulation, first the dependent coordinates alone are corrected, Jd x = -r.
+Then the component of x along the free motions is subtracted:
 
     dx = x - N (N^T N)^-1 N^T x
 
-Under Lagrange x is the solution of Lagrange's equations above with the right-hand side (0, -r). This x has the least norm in the
-mass metric, in which light links move more. If the part of x along N is subtracted as above, the result is the same dx. Under
-Lagrange the free motions are the solutions for unit forces along the independent coordinates, with right-hand sides (e_k, 0). If
-there are several free motions, Lagrange's equations with unit masses cost less and give dx directly; they can also be solved where
-an independent coordinate is at rest for a moment.
+In Lagrange's formulation, x is the solution of Lagrange's equations above with the right-hand side (0, -r). This x has the least
+norm in the mass metric, in which light links move more. If the component of x along the free motions is subtracted by the same
+formula, the result is the same dx. The free motions are solutions of Lagrange's equations too, each for a unit force along one
+independent coordinate, with the right-hand side (e_k, 0). With several free motions it costs less to solve Lagrange's equations
+with unit masses instead, which give dx directly. These equations can also be solved where the velocity of an independent coordinate
+is zero.
 
-The velocities v' nearest to v with J v' + phi_t = 0 follow from N without a residual. Let vp be any velocities that satisfy the
-rows, y the speeds along N for which vp + N y equals v in the independent coordinates, and w = v - vp - N y the error in the other
-coordinates. Then
+The velocities v' nearest to v with J v' + phi_t = 0 follow from N without a residual. Let vp be any velocities that satisfy this
+equation, y the speeds along the free motions for which vp + N y equals v in the independent coordinates, and w = v - vp - N y the
+error in the other coordinates. Then
 
     v' = vp + N (y + (N^T N)^-1 N^T w)
 
@@ -50,7 +53,7 @@ from gauss_bench.mechanism.model import Mechanism
 
 Guard = tuple[Node, float]  # a pivot, and its threshold: where its absolute value is smaller, the program must not be used
 
-REACH = 12  # number of neighbours in a long sum among which a pair with a known sum is sought
+REACH = 12  # most places between two terms of a long sum that are tried as a pair whose sum simplifies (`ExpressionGraph.total`)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +63,8 @@ class Terms:
     Attributes:
         mass: (n,) diagonal of M.
         rows: the constraint rows that are eliminated.
-        Q: generalised force, index of a coordinate -> node.
-        mixed: whether some of the rows are combinations of the file's rows, because others are redundant.
+        Q: generalised force, as a dict from the index of a coordinate to a node of the expression graph.
+        mixed: whether some of the rows are sums of several constraint rows, because redundant rows were added to them and left out.
     """
 
     graph: ExpressionGraph
@@ -72,17 +75,17 @@ class Terms:
 
     @property
     def jacobian(self) -> Matrix:
-        """Entries of J, (row, coordinate) -> node."""
+        """Entries of J, as a dict from (row, coordinate) to a node."""
         return {(r, c): e for r, row in enumerate(self.rows) for c, e in row.entries.items()}
 
     @property
     def gamma(self) -> Sparse:
-        """Right-hand side of J a = gamma, row -> node."""
+        """Right-hand side of J a = gamma, as a dict from the row to a node; zeros are left out."""
         return {r: row.gamma for r, row in enumerate(self.rows) if not row.gamma.zero}
 
     @property
     def driven(self) -> Sparse:
-        """Right-hand side -phi_t of J v = -phi_t, row -> node."""
+        """Right-hand side -phi_t of J v = -phi_t, as a dict from the row to a node; zeros are left out."""
         return {r: -row.phi_t for r, row in enumerate(self.rows) if not row.phi_t.zero}
 
 
@@ -91,8 +94,9 @@ class Motions:
     """A basis N of the free motions, which are the velocities v with J v = 0.
 
     Attributes:
-        N: the columns of the basis, each as a dict coordinate -> node; column k moves independent coordinate k and no other one.
-        lengths: factors of N^T N.
+        N: the columns of the basis, each as a dict coordinate -> node; column k moves the independent coordinate independent[k],
+            and no other independent coordinate.
+        lengths: the factorisation of N^T N.
     """
 
     graph: ExpressionGraph
@@ -102,27 +106,29 @@ class Motions:
 
     @classmethod
     def of(cls, terms: Terms, independent: tuple[int, ...], N: list[Sparse], search: Search) -> "Motions":
-        """Build the basis from its columns N, and factorise N^T N."""
+        """Create the basis from its columns N, and factorise N^T N, by which components along the columns are computed."""
         return cls(terms.graph, independent, N, _metric(terms.graph, N, [terms.graph.constant(1.0)] * len(terms.mass), search))
 
     def _amounts(self, x: Sparse) -> Sparse:
-        """Return (N^T N)^-1 N^T x, the amounts of the free motions in x, as a dict from the index of a free motion to a node."""
+        """Return (N^T N)^-1 N^T x, the components of x along the columns of N, as a dict from the index of a column to a node."""
         products = [self.graph.total([N[j] * y for j, y in x.items() if j in N]) for N in self.N]
         return self.lengths.solve(_without_zeros(enumerate(products)))
 
     def remove_free_part(self, x: Sparse) -> Sparse:
         """Return x - N (N^T N)^-1 N^T x: an increment x of the coordinates without its part along the free motions."""
-        amounts = self._amounts({j: -e for j, e in x.items()})
+        amounts = self._amounts({j: -e for j, e in x.items()})  # of -x, so that the terms N amounts are added to x
         moved = sorted(set().union(x, *self.N))
         parts = {j: [*_entry(x, j), *_summands(self.N, amounts, j)] for j in moved}
         return _without_zeros((j, self.graph.total(terms)) for j, terms in parts.items())
 
     def nearest(self, v: Sequence[Node], driven: Sparse) -> Sparse:
-        """Return the velocities nearest to v (n,) that satisfy the rows: v' = vp + N (y + (N^T N)^-1 N^T w).
+        """Return the velocities nearest to v (n,) that satisfy the constraint rows: v' = vp + N (y + (N^T N)^-1 N^T w).
+
+        vp, y and w are defined in the module's docstring.
 
         Args:
             v: velocities that need not satisfy the rows.
-            driven: any velocities vp that satisfy them, coordinate -> node.
+            driven: any velocities vp that satisfy the rows with the drivers' rates, as a dict from coordinate to node.
         """
         graph, off = self.graph, {j: x - driven[j] if j in driven else x for j, x in enumerate(v)}  # off = v - vp
         # y: motion k alone moves independent coordinate u, so that vp + N y equals v in it
@@ -130,6 +136,7 @@ class Motions:
         others = [j for j in off if j not in self.independent]
         # correction = (N^T N)^-1 N^T w, where w = v - vp - N y vanishes in the independent coordinates
         correction = self._amounts({j: graph.total([off[j], *(-x for x in _summands(self.N, speeds, j))]) for j in others})
+        # an independent coordinate begins with v[u], which vp + N y equals there, so that vp is not needed
         nearest = {u: graph.total([v[u], *_summands(self.N, correction, u)]) for u in self.independent}
         speeds = {k: y + correction[k] if k in correction else y for k, y in speeds.items()}
         nearest |= {j: graph.total([*_entry(driven, j), *_summands(self.N, speeds, j)]) for j in others}
@@ -137,15 +144,15 @@ class Motions:
 
 
 class Gauss:
-    """Elimination under Gauss's principle, with n - m unknowns.
+    """Elimination of the equations of Gauss's principle, with n - m unknowns.
 
     Attributes:
-        factors: the factors of Jd.
+        factors: the factorisation of Jd, the columns of J for the dependent coordinates.
         N: the free motions (velocities v with J v = 0), one for each independent coordinate, each a dict coordinate -> node.
-        reduced: factors of N^T M N.
+        reduced: the factorisation of N^T M N, the mass matrix of the free motions.
         guards: pivots that must not be small where the acceleration is evaluated, with their thresholds.
-        correcting: additional guards of corrections; there are none.
-        directions: the free motions, and the additional guards of their evaluation; there are none.
+        correcting: guards that corrections need besides those of the acceleration; there are none.
+        directions: the free motions, and the guards that their evaluation needs besides those of the acceleration; there are none.
     """
 
     def __init__(self, terms: Terms, independent: Sequence[int], search: Search):
@@ -153,7 +160,8 @@ class Gauss:
         self.terms, self.independent = terms, tuple(independent)
         J, n = terms.jacobian, len(terms.mass)
         dependent = [c for c in range(n) if c not in self.independent]
-        self.factors = lu(terms.graph, J, range(len(terms.rows)), dependent, search, terms.mixed)
+        # sums of rows may have no pivot of constant sign; normal equations may then be used for the rest (see `lu`)
+        self.factors = lu(terms.graph, J, range(len(terms.rows)), dependent, search, squares=terms.mixed)
         one = terms.graph.constant(1.0)
         # column k of N: independent coordinate k moves with speed 1, and the dependent ones as J N = 0 demands
         self.N = [self.factors.solve({r: -e for (r, c), e in J.items() if c == k}) | {k: one} for k in self.independent]
@@ -169,7 +177,7 @@ class Gauss:
         return Motions.of(self.terms, self.independent, self.N, self.search)
 
     def acceleration(self, gamma: Sparse) -> Sparse:
-        """Return the accelerations for a right-hand side of J a = gamma, as a dict coordinate -> node without zeros."""
+        """Return the accelerations for a given right-hand side gamma of J a = gamma, as a dict coordinate -> node without zeros."""
         graph = self.terms.graph
         # a = a0 + N h with (N^T M N) h = N^T (Q - M a0), Yuan and Ge (2016), eqs (8)-(9)
         a0 = self.factors.solve(gamma)
@@ -179,24 +187,24 @@ class Gauss:
         return _without_zeros(enumerate(a))
 
     def correction(self, residual: Sparse) -> Sparse:
-        """Return the shortest change of the coordinates that cancels a residual, row -> node."""
+        """Return the change of the coordinates of least norm that cancels a residual, which is given as a dict row -> node."""
         return self._motions.remove_free_part(self.factors.solve({r: -x for r, x in residual.items()}))
 
     def velocity(self, v: Sequence[Node]) -> Sparse:
-        """Return the nearest velocities to v (n,) that satisfy the rows."""
+        """Return the velocities nearest to v (n,) that satisfy the constraint rows."""
         return self._motions.nearest(v, self.factors.solve(self.terms.driven))
 
     def multipliers(self, gamma: Sparse) -> Sparse:
-        """Return the multipliers of the kept rows for a right-hand side of J a = gamma, as a dict row -> node."""
+        """Return the multipliers of the constraint rows in `terms`, as a dict row -> node, for a given right-hand side gamma."""
         a, terms = self.acceleration(gamma), self.terms
-        # the dependent columns determine lambda: Jd^T lambda = (Q - M a)_d
+        # the equations of the dependent coordinates determine lambda, because Jd is regular: Jd^T lambda = (Q - M a)_d
         forces: Sparse = {}
         for c in range(len(terms.mass)):
             if c not in self.independent:
                 inertial = [-(terms.mass[c] * a[c])] if c in a else []
                 forces[c] = terms.graph.total([*_entry(terms.Q, c), *inertial])
         transposed = {(c, r): e for (r, c), e in terms.jacobian.items() if c in forces}
-        return lu(terms.graph, transposed, forces, range(len(terms.rows)), Search(), terms.mixed).solve(forces)
+        return lu(terms.graph, transposed, forces, range(len(terms.rows)), Search(), squares=terms.mixed).solve(forces)
 
 
 def _without_zeros(entries: Iterable[tuple[int, Node]]) -> Sparse:
@@ -210,7 +218,7 @@ def _entry(x: Sparse, j: int) -> list[Node]:
 
 
 def _summands(motions: Sequence[Sparse], amounts: Sparse, j: int) -> list[Node]:
-    """Return the summands of coordinate j in sum_k motions_k amounts_k, without those that are zero."""
+    """Return the summands motions_k[j] amounts_k of coordinate j in the sum over all motions k, without those that are zero."""
     return [N[j] * amounts[k] for k, N in enumerate(motions) if j in N and k in amounts]
 
 
@@ -228,12 +236,13 @@ def _metric(graph: ExpressionGraph, motions: Sequence[Sparse], weights: Sequence
 def _weigh(graph: ExpressionGraph, weights: Sequence[Node], products: Sparse) -> list[Node]:
     """Return the summands of sum_j weight_j product_j, where products of equal weight are added before they are weighted.
 
-    For a link on a ground pin, for example, the products of x and y are r^2 sin^2 and r^2 cos^2. Both have the mass as weight, and
-    their sum is the constant r^2.
+    For a link on a ground pin, for example, whose centre of mass has the distance r from the pin, the products for the coordinates
+    x and y are r^2 sin^2 and r^2 cos^2 of the link's angle. Both products have the mass as weight, and their sum is the constant
+    r^2.
 
     Args:
         weights: (n,) weight of each coordinate.
-        products: coordinate -> node.
+        products: index of a coordinate -> node of the product that is weighted.
     """
     of_weight: dict[int, list[Node]] = {}  # index of the weight's node -> products with this weight
     for j, x in sorted(products.items()):
@@ -245,7 +254,8 @@ def _weigh(graph: ExpressionGraph, weights: Sequence[Node], products: Sparse) ->
 def _reduced_force(terms: Terms, N: Sparse, a0: Sparse) -> list[Node]:
     """Return the summands of N^T (Q - M a0) for one motion N.
 
-    For constant Q_j and M_j, as under gravity, M_j (Q_j / M_j - a0_j) is formed, so that `_weigh` can add what has the same mass.
+    For constant Q_j and M_j, as under gravity, M_j (Q_j / M_j - a0_j) is formed, so that `_weigh` can add terms that are multiplied
+    by the same mass.
     """
     inertial, others = {}, []
     for j, x in N.items():
@@ -261,12 +271,14 @@ def _reduced_force(terms: Terms, N: Sparse, a0: Sparse) -> list[Node]:
 
 
 class Lagrange:
-    """Elimination of Lagrange's equations, with n + m unknowns: the accelerations, and as unknown n + r the multiplier of row r.
+    """Elimination of Lagrange's equations, with n + m unknowns.
+
+    The first n unknowns are the accelerations; unknown n + r is the multiplier of constraint row r.
 
     Attributes:
-        factors: factors of [M J^T; J 0].
-        single: whether `factors` serve for corrections too. This needs at most one free motion, whose independent coordinate moves
-            at every sample; otherwise the equations with unit masses are factorised for corrections.
+        factors: the factorisation of the matrix [M J^T; J 0] (two rows of blocks, separated by the semicolon).
+        single: whether `factors` serve for corrections too. It is true if there is at most one free motion, and its independent
+            coordinate moves at every sample; otherwise the equations with unit masses are factorised for corrections.
         guards: pivots that must not be small where the acceleration is evaluated, with their thresholds.
     """
 
@@ -284,7 +296,7 @@ class Lagrange:
         self.guards = guarded(self.factors)
 
     def _factors(self, mass: Sequence[Node]) -> Factors:
-        """Factorise [M J^T; J 0] with the diagonal M of `mass` (n,)."""
+        """Factorise the matrix [M J^T; J 0], where M is the diagonal matrix of `mass` (n,)."""
         A: Matrix = {(i, i): x for i, x in enumerate(mass)}
         for (r, c), e in self.terms.jacobian.items():
             A[self.n + r, c] = A[c, self.n + r] = e
@@ -292,16 +304,16 @@ class Lagrange:
         return lu(self.terms.graph, A, range(size), range(size), self.search)
 
     def _solve(self, gamma: Sparse) -> Sparse:
-        """Return accelerations and multipliers for a right-hand side of J a = gamma, index of an unknown -> node."""
+        """Return accelerations and multipliers for a right-hand side gamma, as a dict from the index of an unknown to a node."""
         return self.factors.solve(self.terms.Q | {self.n + r: x for r, x in gamma.items()})
 
     def acceleration(self, gamma: Sparse) -> Sparse:
-        """Return the accelerations for a right-hand side of J a = gamma, as a dict coordinate -> node without zeros."""
+        """Return the accelerations for a given right-hand side gamma of J a = gamma, as a dict coordinate -> node without zeros."""
         return self._coordinates(self._solve(gamma))
 
     @cached_property
     def _units(self) -> Factors:
-        """Factors of [1 J^T; J 0], the equations with unit masses."""
+        """The factorisation of [1 J^T; J 0], the matrix of the equations with unit masses."""
         return self._factors([self.terms.graph.constant(1.0)] * self.n)
 
     @cached_property
@@ -325,18 +337,18 @@ class Lagrange:
         return Motions.of(self.terms, self.independent, self._free_motions, self.search)
 
     def _coordinates(self, unknowns: Sparse) -> Sparse:
-        """Return the unknowns without the multipliers."""
+        """Return the accelerations among the unknowns, which also have the multipliers."""
         return {k: x for k, x in unknowns.items() if k < self.n}
 
     def correction(self, residual: Sparse) -> Sparse:
-        """Return the shortest change of the coordinates that cancels a residual, row -> node."""
+        """Return the change of the coordinates of least norm that cancels a residual, which is given as a dict row -> node."""
         right = {self.n + r: -x for r, x in residual.items()}
-        if self.single:
+        if self.single:  # the solution with masses is the smallest in the mass metric: remove the free motion from it
             return self._motions.remove_free_part(self._coordinates(self.factors.solve(right)))
         return self._coordinates(self._units.solve(right))  # with unit masses the solution is the shortest by itself
 
     def velocity(self, v: Sequence[Node]) -> Sparse:
-        """Return the nearest velocities to v (n,) that satisfy the rows."""
+        """Return the velocities nearest to v (n,) that satisfy the constraint rows."""
         if self.single:
             # any velocities that satisfy the rows: J v = -phi_t stands in rows n + r
             driven = self.factors.solve({self.n + r: x for r, x in self.terms.driven.items()})
@@ -348,18 +360,19 @@ class Lagrange:
 
     @property
     def correcting(self) -> list[Guard]:
-        """Guards that corrections need besides those of the acceleration."""
+        """The pivots, with thresholds, that must not be small where corrections are evaluated, besides `guards`."""
         return guarded(self._mobility if self.single else self._units)
 
     def multipliers(self, gamma: Sparse) -> Sparse:
-        """Return the multipliers of the kept rows for a right-hand side of J a = gamma, as a dict row -> node."""
+        """Return the multipliers of the constraint rows in `terms`, as a dict row -> node, for a given right-hand side gamma."""
         return {k - self.n: x for k, x in self._solve(gamma).items() if k >= self.n}
 
     @property
     def directions(self) -> tuple[list[Sparse], list[Guard]]:
         """Free motions (coordinate -> node) that each move a single independent coordinate, and the guards they need in addition.
 
-        A single free motion is the acceleration by a unit force; of several, each moves its coordinate with speed 1.
+        If there is only one free motion, it is the acceleration by a unit force along the independent coordinate. If there are
+        several, motion k moves independent coordinate k with speed 1, and the other independent coordinates not at all.
         """
         graph, motions, factors = self.terms.graph, self._free_motions, self._mobility
         if len(motions) == 1:
@@ -376,7 +389,10 @@ class Lagrange:
 
 
 def guarded(factors: Factors) -> list[Guard]:
-    """Return the pivots that vary with the state, each once and without a constant factor, and their thresholds."""
+    """Return the pivots that must be tested at run time, with their thresholds.
+
+    Constant pivots are left out. A constant factor of a pivot is divided out, so that multiples of one node are a single guard.
+    """
     guards: dict[int, Guard] = {}  # index of a node -> guard; of two multiples of one node the larger threshold counts
     for p in factors.guarded:
         if p.node.number is None:
@@ -415,20 +431,20 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class Workspace:
-    """The equations of motion of one mechanism before elimination, for one plan.
+    """The equations of motion of one mechanism before elimination, for one plan: a formulation and choices of coordinates and rows.
 
     The expressions have values at the sampled states at which the plan's rows and coordinates can be used.
 
     Attributes:
-        plan: formulation, independent coordinates and dropped rows.
-        caution: factor on the thresholds of pivots.
+        plan: formulation, independent coordinates, and redundant rows that are left out.
+        caution: factor by which the thresholds of pivots are multiplied.
         moving: whether the plan's independent coordinates are usable at every sample.
         links: positions and velocities of the links as expressions.
         rows: all constraint rows.
-        terms: the equations of motion with the kept rows alone.
-        kept: indices of the rows that are eliminated.
-        drop: the redundant rows that are left out, and how they are added to kept rows.
-        mark: length of the graph's trail before elimination, by which an attempt is undone.
+        terms: the equations of motion with only those constraint rows that are kept.
+        kept: indices of the rows that are kept.
+        drop: the redundant rows that are left out, and the factors by which they are added to kept rows.
+        mark: number of entries in the graph's `trail` before elimination; an elimination is undone by removing later entries.
     """
 
     plan: Plan
@@ -441,32 +457,34 @@ class Workspace:
     drop: Drop
     mark: int
 
-    def algebra(self, search: Search) -> "Gauss | Lagrange":
-        """Start a new elimination with these settings; the nodes of an earlier attempt are removed from the graph."""
+    def eliminate(self, search: Search) -> "Gauss | Lagrange":
+        """Begin an elimination with given settings of the pivot search; the graph's nodes of an earlier elimination are removed."""
         self.terms.graph.forget(self.mark)
         if self.plan.formulation == "gauss":
             return Gauss(self.terms, self.plan.independent, search)
         return Lagrange(self.terms, self.plan.independent, search, self.moving)
 
     def residuals(self) -> dict[int, Node]:
-        """Return the residuals at the position to be corrected, position of a row in `kept` -> node; a knife edge has none.
+        """Return the residuals phi of a state that is to be corrected, as a dict from the index in `kept` to a node.
 
-        This position has inputs t_new, q_new of its own, because the Jacobian may be that of another position t, q.
+        Knife edges have no residual. The state to be corrected is given by the inputs t_new and q_new. They are not t and q,
+        because the Jacobian of the correction may be evaluated at another state t, q.
         """
         links = self.links
         there = replace(links.state, t="t_new", q="q_new", v="v_new")
-        # exact: two links on a slide keep separate angles, because this position may violate the slide's constraint of equal angles
+        # exact: two links on a slide keep separate angles, because this state may violate the slide's constraint of equal angles
         at_new = Links(links.graph, links.mechanism, links.parameters, there, exact=True)
         moved = keep_rows(links.graph, rows_of(at_new), self.kept, self.drop)
         return {k: row.phi for k, row in enumerate(moved) if row.phi is not None and not row.phi.zero}
 
     def spread_out(self, multipliers: Sparse) -> Sparse:
-        """Return the multipliers of all rows that are not zero, index of a row -> node.
+        """Return the multipliers of all constraint rows, as a dict from the index of a row to a node; zeros are left out.
 
-        A dropped row that was added to kept rows k with factors f_k has the multiplier sum_k f_k lambda_k, other dropped rows 0.
+        A dropped row that was added to kept rows k with factors f_k has the multiplier sum_k f_k lambda_k; other dropped rows have
+        0.
 
         Args:
-            multipliers: lambda of the kept rows, position of a row in `kept` -> node.
+            multipliers: lambda of the kept rows, as a dict from the index in `kept` to a node.
         """
         of_rows = {self.kept[k]: x for k, x in multipliers.items()}
         for dropped in self.drop.rows:
@@ -476,7 +494,7 @@ class Workspace:
         return of_rows
 
     def damped(self, alpha: float, beta: float) -> dict[int, Node]:
-        """Return Baumgarte's right-hand side gamma - 2 alpha phi' - beta^2 phi, position of a row in `kept` -> node."""
+        """Return Baumgarte's right-hand side gamma - 2 alpha phi' - beta^2 phi, as a dict from the index in `kept` to a node."""
         sides: dict[int, Node] = {}
         for k, row in enumerate(self.terms.rows):
             side = row.gamma - rate_of(self.links, row) * (2 * alpha)
@@ -484,10 +502,10 @@ class Workspace:
         return {k: x for k, x in sides.items() if not x.zero}
 
     def exact(self) -> tuple[list[Node], list[Node], Node]:
-        """Return phi of holonomic rows, phi' of all rows, and the energy, all valid off the constraints too.
+        """Return phi of holonomic rows, phi' of all rows, and the energy, also valid for states that violate the constraints.
 
-        `self.links` gives both links of a slide one angle up to a constant, which is true on the constraints only. The links used
-        here have angles of their own.
+        `self.links` cannot be used here: it gives both links of a slide the same angle up to a constant, which is true only where
+        the constraints are satisfied. The links used here have angles of their own.
         """
         links = self.links
         plain = Links(links.graph, links.mechanism, links.parameters, links.state, exact=True)
@@ -496,7 +514,7 @@ class Workspace:
 
 
 def keep_rows(graph: ExpressionGraph, rows: Sequence[Row], kept: tuple[int, ...], drop: Drop) -> list[Row]:
-    """Return the rows to eliminate: each kept row k, plus factor times row r for every (k, r, factor) of `drop.shares`."""
+    """Return the kept constraint rows: each row k in `kept`, plus factor times row r for every (k, r, factor) in `drop.shares`."""
     eliminated = []
     for k in kept:
         added = [(rows[r], factor) for kept_row, r, factor in drop.shares if kept_row == k]
@@ -505,11 +523,11 @@ def keep_rows(graph: ExpressionGraph, rows: Sequence[Row], kept: tuple[int, ...]
 
 
 def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspace:
-    """Build the workspace of a mechanism for a plan.
+    """Write the equations of motion of a mechanism as expressions, for a plan.
 
     Args:
         study: ranks, redundant rows and null spaces of the mechanism.
-        open_names: names of the mechanism's numbers that are inputs of the program, and no constants.
+        open_names: names of the mechanism's numbers that are inputs of the program instead of constants.
 
     Raises:
         KernelError: the plan's independent coordinates are usable at no sample, or the mechanism has no number of such a name.

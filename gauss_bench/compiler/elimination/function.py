@@ -35,7 +35,7 @@ class Costs:
 
     @property
     def single(self) -> float:
-        """Estimate of the cycles for one trajectory: the longest chain, a quarter for every operation, three for every division."""
+        """Estimate of the cycles for one trajectory: `critical`, plus 0.25 for every operation and 3 for every division."""
         return self.critical + 0.25 * self.operations + 3.0 * self.divisions
 
 
@@ -43,10 +43,11 @@ class Instruction(NamedTuple):
     """One value of a function.
 
     Attributes:
-        operation: INPUT; CONST; ADD, SUB, MUL, DIV, INV, NEG, SQRT, SIN, COS, FMIN, FMAX; or LE, which is 1 where the first operand
-            is at most the second, else 0.
-        operands: indices of earlier instructions; of an INPUT the index of its argument, and the component.
-        number: value of a CONST.
+        operation: INPUT; CONST; ADD, SUB, MUL, DIV, INV, NEG, SQRT, SIN, COS, FMIN, FMAX; or LE, which gives 1 where the first
+            operand is at most the second, else 0.
+        operands: indices of the instructions whose results are used; an INPUT has instead the index of the argument, and the
+            index of the component in it.
+        number: the value of a CONST.
     """
 
     operation: str
@@ -56,7 +57,7 @@ class Instruction(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Function:
-    """A function as instructions, each after those that it needs.
+    """A function as a list of instructions, each after the instructions whose results it uses.
 
     Attributes:
         sizes: number of components of each argument.
@@ -78,7 +79,7 @@ class Function:
         return sum(x.operation in ("DIV", "INV") for x in self.instructions)
 
     def angles(self, argument: int) -> set[int]:
-        """Return the components of an argument of which a sine or cosine is taken directly, and not of a sum with others.
+        """Return the components of an argument that are themselves the operand of a sine or cosine, and not only a term of it.
 
         Args:
             argument: index of the argument.
@@ -122,13 +123,14 @@ class Function:
 
         Args:
             x: the instruction that computes the result.
-            ready: the times of earlier results, by index.
-            used: number of uses of each result.
+            ready: the time at which the result of each earlier instruction is ready, in order.
+            used: how often the result of each instruction is used.
         """
-        operation, operands, _ = x
+        operation, operands, _ = x  # the number of a constant does not matter here
         begins = max([ready[k] for k in operands], default=0.0)  # when the last operand is ready
         if operation in ("ADD", "SUB"):
-            # a product that is used here alone is fused with the sum, which then waits for its factors and the other summand
+            # a product that is used here alone is fused with the sum, which then waits for its factors and the other summand; of
+            # two such products the one is fused that lets the sum begin earlier
             for k, other in (operands, operands[::-1]):
                 product = self.instructions[k]
                 if product.operation == "MUL" and used[k] == 1:
@@ -137,7 +139,7 @@ class Function:
 
 
 def _operands(node: Node) -> tuple[Node, ...]:
-    """Return the nodes from which a node is computed; an input has none, as its arguments are a name and an index."""
+    """Return the operands of a node; an input has none, because its `args` are a name and an index and not nodes."""
     return () if node.op == "INPUT" else node.args
 
 
@@ -169,7 +171,7 @@ def uses(outputs: Sequence[Node], needed: Iterable[Node] | None = None) -> dict[
 
 
 def costs_of(outputs: Sequence[Node]) -> Costs:
-    """Return the costs of a function that computes these outputs and nothing else."""
+    """Return the costs of a function that computes only the given outputs."""
     needed = reachable(outputs)
     inputs = dict.fromkeys(str(x.args[0]) for x in needed if x.op == "INPUT")
     without_sizes = [(name, 0) for name in inputs]  # numbers of components do not change the costs
@@ -179,7 +181,7 @@ def costs_of(outputs: Sequence[Node]) -> Costs:
 def _choose_instruction(node: Node, is_used_once: Callable[[Node], bool]) -> tuple[str, tuple[Node, ...]]:
     """Return operation and operands of the instruction that computes a node: x (1/y) becomes x/y, and -(x - y) becomes y - x.
 
-    The operand that is replaced in this way must have no other use.
+    The operand that is absorbed, 1/y or x - y, must have no other use.
     """
     if node.op in ("INPUT", "CONST"):
         return node.op, ()
@@ -199,13 +201,14 @@ def function(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None) ->
         inputs: names of the arguments in the graph, and their numbers of components.
         outputs: for each result the nodes of its components.
         shared: index of a node -> number of its uses in all functions whose code will be merged, so that they compute the node by
-            the same instruction. With None every node is computed by its own operation, even if a division were shorter.
+            the same instruction. If `shared` is None, every node is computed by its own operation, also
+            where a division could replace a reciprocal and a product.
     """
     ends = [x for nodes in outputs for x in nodes]
     own_uses = cache(lambda: uses(ends))  # for nodes that are not in `shared`
 
     def is_used_once(x: Node) -> bool:
-        """Tell whether a node has a single use, so that its user may absorb it; with None for `shared`, none has."""
+        """Tell whether the node that uses x may absorb x: this is its only use, and `shared` is given."""
         return shared is not None and (shared[x.index] if x.index in shared else own_uses()[x.index]) == 1
 
     chosen: dict[int, tuple[Node, str, tuple[Node, ...]]] = {}  # index of a node -> node, operation, operands

@@ -5,18 +5,19 @@ small in their row at any sampled state of the linkage. Those that have one sign
 changes its sign is zero somewhere between two samples. The code has no branches; where a pivot is smaller than its threshold, the
 code must not be used. A constant pivot +-1 needs no division.
 
-If a pivot p varies, either the entries of its column or those of its row are multiplied by 1/p, whichever are fewer. A short row
-may instead be multiplied by p before p's row is subtracted from it, as in a determinant: the next pivot then does not wait for a
-division. Entries are sums. Their summands are kept apart until the entry is needed, so that they can be added in the order in which
-they become ready.
+If a pivot p varies, either the entries of its column or those of its row are multiplied by 1/p, whichever are fewer. A row with few
+entries may instead be multiplied by p before the pivot's row is subtracted from it, as in a determinant: the next pivot then does
+not wait for a division. Entries are sums. Their summands are kept apart until the entry is needed, so that they can be added in the
+order in which they become ready.
 
-Row operations E make A upper triangular, E A = U, so that A x = b is solved by y = E b, U x = y.
+Row operations E make the matrix A upper triangular, E A = U, so that A x = b is solved by y = E b, U x = y.
 
 If no remaining entry keeps its sign, for example because each is a sine or cosine of one angle that turns, the remaining equations
-S x = y may be replaced by their normal equations S^T S x = S^T y. The diagonal of S^T S is positive wherever S is regular, but its
-condition number is the square of that of S.
+S x = y may be replaced by their normal equations S^T S x = S^T y. The diagonal of S^T S is positive wherever the matrix S is
+regular, but the condition number of S^T S is the square of that of S.
 
-A right-hand side is a dict index -> node without zeros. A solution has no entries that are zero for structural reasons.
+A right-hand side is a dict from the index of a row to a node; rows whose value is zero are left out. A solution is a dict from the
+index of a column to a node, without entries that are zero for structural reasons.
 Source: Duff, Erisman and Reid, Direct Methods for Sparse Matrices (2nd ed., 2017), chapters 5 and 7.
 """
 
@@ -41,10 +42,10 @@ class Pivot:
     """One pivot p.
 
     Attributes:
-        row, column: its place in the matrix.
-        node, inverse: p and 1/p.
-        row_divided: whether the other entries of its row were multiplied by 1/p, and not those of its column.
-        threshold: smallest |p| for which the code may be used.
+        row, column: place of the pivot in the matrix.
+        node, inverse: nodes of p and 1/p.
+        row_divided: whether the other entries of the pivot's row were multiplied by 1/p; if not, those of its column were.
+        threshold: smallest |p| for which the code is valid.
     """
 
     row: int
@@ -69,8 +70,8 @@ class Factors:
     """The factors of a matrix.
 
     Attributes:
-        pivots: in the order of elimination.
-        steps: row -> the operations on it, in their order.
+        pivots: the pivots in the order of elimination.
+        steps: index of a matrix row -> the operations of the elimination on this row, in order.
         upper: row of a pivot -> (column, entry) for the entries of U in this row besides the pivot.
         rest: the normal equations of the rows without a pivot, or None if every row has a pivot.
     """
@@ -83,7 +84,7 @@ class Factors:
 
     @property
     def guarded(self) -> tuple[Pivot, ...]:
-        """All pivots by which the code divides."""
+        """All pivots by which the code divides, also those of the normal equations."""
         return self.pivots if self.rest is None else (*self.pivots, *self.rest.factors.guarded)
 
     def solve(self, b: Sparse) -> Sparse:
@@ -105,10 +106,13 @@ class Factors:
     def _reduce(self, b: Node | None, steps: list[RowOperation], y: Sparse) -> Node | None:
         """Apply the operations on one row to the row's entry b of the right-hand side; None stands for zero.
 
+        Each operation subtracts factor * y[pivot_row]. An operation with a scale first multiplies b by it, after the products
+        collected so far have been subtracted.
+
         Args:
             y: the results for the rows of earlier pivots.
         """
-        products: list[tuple[Node, Node | None]] = []  # to be subtracted in one sum, which a scale ends
+        products: list[tuple[Node, Node | None]] = []  # to be subtracted from b in one sum
         for step in steps:
             if step.scale is not None:
                 b, products = _less(b, products), []
@@ -122,9 +126,9 @@ class NormalEquations:
     """The normal equations S^T S x = S^T y of a matrix S.
 
     Attributes:
-        rows, columns: indices of the rows and columns of S.
+        rows, columns: indices of the rows and columns of the whole matrix that make up S.
         S: (row, column) -> entry.
-        factors: the factors of S^T S.
+        factors: the factorisation of S^T S.
     """
 
     rows: tuple[int, ...]
@@ -143,7 +147,7 @@ class NormalEquations:
 
 
 def _less(b: Node | None, products: Iterable[tuple[Node, Node | None]]) -> Node | None:
-    """Return b minus the sum of the products (factor, other factor); None stands for zero in b, in factors and in the result."""
+    """Return b minus the sum of the products f x of the pairs (f, x) in `products`; None stands for zero in b, x and the result."""
     terms = [-(f * x) for f, x in products if x is not None]
     if b is not None:
         terms.append(b)
@@ -173,8 +177,8 @@ class Search:
     Attributes:
         seed: the seed of the random numbers.
         noise: largest random number that is added to the count.
-        patience: number added to the count for every 100 cycles until a pivot is ready.
-        crossing: of the pivots by which other rows may be multiplied, instead of a division, the share for which this is done.
+        patience: number added to the count for every 100 cycles until the value of a pivot is available.
+        crossing: probability that the other rows are multiplied by a pivot, where this is possible, instead of dividing by it.
     """
 
     seed: int = 0
@@ -189,9 +193,10 @@ class Search:
 
 
 class _Entry:
-    """A matrix entry during elimination, as a list of nodes whose sum is not formed yet.
+    """A matrix entry during elimination: a sum, kept as a list of nodes that are not added yet.
 
     The sum has values at the samples, which are states of the linkage, and at the graph's three random points off the constraints.
+    The random points show whether summands cancel for all states.
 
     Attributes:
         terms: the summands.
@@ -199,30 +204,30 @@ class _Entry:
         largest: largest absolute value of a summand at each random point, which bounds the rounding error of the sum.
     """
 
-    __slots__ = ("_missing", "_values", "generic", "largest", "terms")
+    __slots__ = ("_not_yet_added", "_values", "generic", "largest", "terms")
 
     def __init__(self, node: Node):
-        """Begin with one summand."""
+        """Begin a sum with one summand, a node."""
         self.terms, self.generic = [node], node.generic
         x, y, z = node.generic
         self.largest = abs(x), abs(y), abs(z)
         self._values: Array | None = None
-        self._missing = [node]  # summands that are not in _values yet
+        self._not_yet_added = [node]  # summands that are not in _values yet
 
     def add(self, node: Node) -> None:
-        """Add a summand; its values at the samples are added only when they are needed."""
+        """Add a summand; its values at the samples are added to those of the sum only when they are needed."""
         self.terms.append(node)
-        self._missing.append(node)
+        self._not_yet_added.append(node)
         self.generic = sum_of(self.generic, node.generic)
         (a, b, c), (x, y, z) = self.largest, node.generic
         self.largest = max(a, abs(x)), max(b, abs(y)), max(c, abs(z))
 
     @property
     def values(self) -> Array:
-        """Values of the sum at the samples, followed by those at the random points."""
-        for node in self._missing:
+        """Values of the sum at the samples, followed by those at the random points; new summands are added first."""
+        for node in self._not_yet_added:
             self._values = node.at if self._values is None else self._values + node.at
-        self._missing = []
+        self._not_yet_added = []
         return self._values  # type: ignore[return-value]  # at least one summand has been added
 
     @property
@@ -232,7 +237,7 @@ class _Entry:
         return abs(x) <= VANISHES * a and abs(y) <= VANISHES * b and abs(z) <= VANISHES * c
 
     def node(self) -> Node:
-        """Form the sum, and return it as one node."""
+        """Return the sum as one node of the graph; it takes the place of the summands, so that it is formed only once."""
         if len(self.terms) > 1:
             self.terms = [self.terms[0].graph.total(self.terms)]
         return self.terms[0]
@@ -256,13 +261,15 @@ class _Entry:
 
 
 class _Sizes(NamedTuple):
-    """Sizes of a row's entries at the trusted samples, with each column divided by its largest entry at the beginning.
+    """Absolute values of the entries of one row, each column divided by its largest entry at the beginning.
+
+    Only the trusted samples count, at which pivots must be usable.
 
     Attributes:
-        largest: (trusted samples,) size of the row's largest entry.
-        relative: column -> smallest size of the entry in it relative to `largest`, over the samples.
-        usable: column -> whether the entry in it is small at no sample.
-        steady: column -> whether the entry in it is usable and has the same sign at all samples.
+        largest: (trusted samples,) absolute value of the row's largest entry.
+        relative: column -> smallest ratio, over the samples, of the entry in this column to `largest`.
+        usable: column -> whether the entry in this column is small at no sample.
+        steady: column -> whether the entry in this column is usable and has the same sign at all samples.
     """
 
     largest: Array
@@ -276,11 +283,11 @@ class _Markowitz:
 
     Attributes:
         trusted: (samples,) true for the samples at which pivots must be usable.
-        rows: row -> its entries by column, for rows without a pivot.
-        columns: column -> rows with an entry in it, for columns without a pivot.
-        scale: column -> size of its largest entry at the beginning.
+        rows: row without a pivot -> the entries of the row, by column.
+        columns: column without a pivot -> the rows that have an entry in this column.
+        scale: column -> absolute value of its largest entry at any sample at the beginning.
         sizes: row -> sizes of its entries, for rows that have been examined and not changed since.
-        pivots, steps, upper: the factors so far, as in `Factors`.
+        pivots, steps, upper: the factors so far, as described at `Factors`.
     """
 
     def __init__(self, graph: ExpressionGraph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search):
@@ -301,11 +308,11 @@ class _Markowitz:
         self.upper: dict[int, list[tuple[int, Node]]] = {}
 
     def _sizes_of(self, e: _Entry) -> Array:
-        """Return the absolute values (samples,) of an entry."""
+        """Return the absolute values (samples,) of one entry of the matrix at all samples."""
         return np.abs(e.values[: self.graph.samples])
 
     def _largest_in(self, c: int) -> float:
-        """Return the size of the largest entry of a column at any sample; 1 if it has none."""
+        """Return the absolute value of the largest entry of a column at any sample; 1 if all entries of the column are zero."""
         return max((float(self._sizes_of(self.rows[r][c]).max()) for r in self.columns[c]), default=1.0) or 1.0
 
     def factors(self, squares: bool) -> Factors:
@@ -322,7 +329,7 @@ class _Markowitz:
         return Factors(self.graph, tuple(self.pivots), self.steps, self.upper, rest)
 
     def _normal_equations(self) -> NormalEquations:
-        """Form S^T S of the remaining matrix S, and factorise it."""
+        """Form S^T S of the matrix S of the rows and columns without a pivot, and factorise it, to solve S^T S x = S^T y."""
         S = {(r, c): e.node() for r, row in self.rows.items() for c, e in row.items()}
         rows, columns = tuple(self.rows), tuple(self.columns)
         normal: Matrix = {}  # S^T S
@@ -334,10 +341,10 @@ class _Markowitz:
         return NormalEquations(rows, columns, S, lu(self.graph, normal, columns, columns, Search(self.search.seed)))
 
     def _choose(self) -> tuple[int, int, Array]:
-        """Return row and column of a pivot, and the size (trusted samples,) of the largest entry of its row.
+        """Return row and column of a pivot, and the absolute value (trusted samples,) of the largest entry in its row.
 
-        The pivot is usable at all samples. If there is no such pivot, it is usable at as many samples as possible; at run time its
-        threshold excludes the other states.
+        If no pivot is usable at all samples, the pivot is one that is usable at as many samples as possible; at run time a
+        threshold excludes the states at which this pivot is too small.
         """
         chosen = self._find_pivot()
         while chosen is None:
@@ -346,12 +353,12 @@ class _Markowitz:
         return chosen
 
     def _trust_fewer(self) -> None:
-        """Trust only those samples at which one pivot is large enough, namely the pivot for which they are the most.
+        """Reduce `trusted` to the samples at which one pivot is large enough: the pivot that is so at the most samples.
 
-        At states like the other samples, programs with other pivots are used.
+        At states like those of the other samples, programs with other pivots are used.
 
         Raises:
-            KernelError: these samples are fewer than the fraction SHARE of all.
+            KernelError: these samples are fewer than the fraction SHARE of all samples.
         """
         best = np.zeros_like(self.trusted)
         for row in filter(None, self.rows.values()):
@@ -361,13 +368,14 @@ class _Markowitz:
             best = max([best, *usable], key=lambda x: int(x.sum()))
         if best.sum() < SHARE * len(best):
             raise KernelError("no pivot is usable at all samples: the dependent coordinates do not follow from the others")
-        self.trusted, self.sizes = best, {}
+        self.trusted, self.sizes = best, {}  # the stored sizes belong to the samples that were trusted before
 
     def _find_pivot(self, steady_only: bool = False) -> tuple[int, int, Array] | None:
-        """Return row and column of the cheapest pivot, and the sizes of its row's largest entry; None if none is usable.
+        """Return row and column of the cheapest pivot, and the absolute values of its row's largest entry; None if none is usable.
 
-        First a pivot that has the same sign at all trusted samples is sought among few rows and columns, then among more of them.
-        If there is none, the sign may change in a second search of this kind, unless `steady_only` excludes it.
+        First a pivot that has the same sign at all trusted samples is sought in a few rows and columns, then in more rows and
+        columns. If there is none, pivots whose sign changes are allowed in a second search of this kind, unless `steady_only`
+        excludes them.
         """
         everywhere = len(self.rows)
         rounds = ((LOOKED_AT, True), (min(everywhere, LOOKED_AT**2), True), (LOOKED_AT, False), (everywhere, False))
@@ -378,7 +386,7 @@ class _Markowitz:
         return None
 
     def _near(self, reach: int) -> list[tuple[int, int]]:
-        """Return the places (row, column) of entries in the `reach` rows and the `reach` columns with the fewest entries."""
+        """Return the places (row, column) of all entries in the rows and columns with the fewest entries, `reach` of each."""
         rows = nsmallest(reach, self.rows, lambda r: len(self.rows[r]))
         columns = nsmallest(reach, self.columns, lambda c: len(self.columns[c]))
         places = [(r, c) for r in rows for c in self.rows[r]]
@@ -388,10 +396,10 @@ class _Markowitz:
     def _cheapest(self, places: list[tuple[int, int]], steady: bool) -> tuple[int, int] | None:
         """Return the place (row, column) of the cheapest usable pivot; None if none is usable.
 
-        Among pivots of equal cost the largest is taken, relative to its row.
+        Of pivots of equal cost, the one is returned that is largest relative to the other entries of its row.
 
         Args:
-            places: the places that are examined.
+            places: the places (row, column) of the entries that are examined.
             steady: whether the pivot must have the same sign at all trusted samples.
         """
         best, place = (np.inf, 0.0), None  # (cost, minus relative size) of the pivot at `place`
@@ -408,7 +416,7 @@ class _Markowitz:
         return place
 
     def _row_sizes(self, r: int) -> _Sizes:
-        """Return the sizes of a row's entries at the trusted samples."""
+        """Return the sizes of the entries of row r at the trusted samples; they are stored until the row changes."""
         known = self.sizes.get(r)
         if known is None:
             row = self.rows[r]
@@ -424,7 +432,10 @@ class _Markowitz:
         return known
 
     def _cost(self, r: int, c: int, count: int) -> float:
-        """Return the cost of a pivot: Markowitz's count plus the penalty of its division and what the search's settings add."""
+        """Return the cost of a pivot: Markowitz's count, plus the penalty of its division, plus what the search's settings add.
+
+        `patience` adds a cost for the time until the pivot is ready, `noise` a random cost, by which repeated searches differ.
+        """
         entry = self.rows[r][c]
         cost = count + entry.penalty
         if self.search.patience:
@@ -436,11 +447,11 @@ class _Markowitz:
     def _eliminate(self, r: int, c: int, largest: Array) -> None:
         """Eliminate column c from all rows except r, with the pivot in row r and column c.
 
-        With pivot p, another row becomes (row) - (entry / p) (pivot's row), or, if it is multiplied by p instead of divided
-        (`crossed`), p (row) - entry (pivot's row). If the pivot's row is divided by p at once, entry / p is not needed.
+        With pivot p, another row becomes (row) - (entry / p) (pivot's row). If it is `crossed`, that is multiplied by p instead of
+        a division, it becomes p (row) - entry (pivot's row). If the pivot's row has been divided by p, entry / p is not needed.
 
         Args:
-            largest: (trusted samples,) size of the largest entry in row r; its median gives the pivot's threshold.
+            largest: (trusted samples,) absolute value of the largest entry in row r; its median gives the pivot's threshold.
         """
         row = {k: e.node() for k, e in self.rows.pop(r).items()}
         pivot = row.pop(c)  # `row` keeps the other entries of the pivot's row, by column
@@ -460,7 +471,8 @@ class _Markowitz:
             f = entry if row_divided or crossed else entry * inverse
             self.steps[other].append(RowOperation(r, f, pivot if crossed else None))
             self._subtract(other, f, row)
-            # to the end of the dict: a row that was changed is examined last, so that along a chain both ends meet late
+            # to the end of the dict, whose order decides between equal pivots: a changed row is examined last, so that in a chain
+            # of links the elimination proceeds from both ends
             self.rows[other] = self.rows.pop(other)
         for k in row:
             self.columns[k] = self.columns.pop(k)
@@ -469,9 +481,10 @@ class _Markowitz:
         self.upper[r] = list(row.items())
 
     def _is_crossed(self, pivot: Node, others: list[int]) -> bool:
-        """Decide at random whether the other rows are multiplied by the pivot, so that its step needs no division.
+        """Decide at random whether the other rows are multiplied by the pivot, so that their elimination needs no division.
 
-        This happens with the probability `search.crossing`, if all other rows are short and have not been multiplied before.
+        The rows are multiplied with the probability `search.crossing`, if the pivot is not constant, and all the other rows are
+        short and have not been multiplied before.
         """
         if not self.search.crossing or pivot.number is not None or not others:
             return False
@@ -479,7 +492,7 @@ class _Markowitz:
         return short and self.random.random() < self.search.crossing
 
     def _subtract(self, other: int, f: Node, row: dict[int, Node]) -> None:
-        """Subtract f times the pivot's row, column -> node, from another row; entries that cancel are removed."""
+        """Subtract f times the pivot's row `row` (a dict column -> node) from row `other`; entries that become zero are removed."""
         target = self.rows[other]
         for k, u in row.items():
             product = -(f * u)
@@ -502,9 +515,11 @@ def lu(
         A: (row, column) -> entry.
         rows, columns: the rows and columns of A that are factorised; other entries are ignored.
         search: settings by which pivots are chosen.
-        squares: whether normal equations replace the remaining rows as soon as every usable pivot changes its sign between samples.
+        squares: whether the remaining rows are solved by normal equations, as soon as every usable pivot changes its sign between
+            samples.
 
     Raises:
-        KernelError: at some step no entry is usable as a pivot at a fraction SHARE of the samples or more.
+        KernelError: at some step of the elimination there is no entry that is usable as a pivot at a fraction SHARE or more of
+            the samples.
     """
     return _Markowitz(graph, A, rows, columns, search).factors(squares)

@@ -1,19 +1,21 @@
 """Analysis of a linkage before elimination: its rank, its redundant rows, and the coordinates that may be independent.
 
 J (m, n) is the Jacobian of the constraint rows. Independent coordinates must determine the velocities at every position of the
-linkage: a coordinate that rests for a moment, while the linkage moves, does not. The null spaces of J at sampled positions decide
-this.
+linkage: a coordinate that rests for a moment, while the linkage moves, does not. Whether it does is decided by the null spaces
+of J at sampled positions.
 
-Rows to drop are chosen by bases of the left null space of J, independent coordinates by bases of the null space, and both in the
-same way (`choose_rows`). As many rows of a basis are wanted as it has columns, and they must be independent at all samples. Rows
-are chosen one after another: first that whose smallest size over all samples is the largest; then the part along this row is
-removed from all rows. This is a column-pivoted QR of the transposed bases at all samples together.
+Constraint rows to drop are chosen by a basis of the left null space of J, independent coordinates by a basis of the null space of
+J, and both in the same way (`choose_rows`). At each sample, a basis is a matrix with one row for each constraint row or coordinate.
+As many of its rows are chosen as it has columns, such that they are linearly independent at all samples. The rows are chosen one
+after another. The first one is the row whose smallest norm over all samples is the largest; then the component along this row is
+subtracted from all rows, and the next one is chosen. This method is a column-pivoted QR factorisation of the transposed bases, for
+all samples at once.
 
 The left null space may turn with the linkage, as in a parallelogram with a third crank: whichever row is dropped, the others are
-dependent at some position. Then a combination of two rows is dropped, whose coefficients are a vector w (m,). The kept combinations
-of rows are those with coefficients orthogonal to w. They are independent wherever the left null vector l has l . w != 0. To form
-them, one of the two rows is dropped after a multiple of it is added to the other one; if several combinations are dropped, each
-dropped row may be added to several kept ones.
+dependent at some position. Then a linear combination of two rows is dropped, whose coefficients are a vector w (m,). Those
+combinations of rows are kept whose coefficients are orthogonal to w. The kept combinations are independent wherever the left null
+vector l has the product l . w != 0. To form them, one of the two rows is dropped after a multiple of it is added to the other one;
+if several combinations are dropped, each dropped row may be added to several kept ones.
 """
 
 from collections.abc import Iterable
@@ -33,7 +35,10 @@ from gauss_bench.trajectory import States
 
 
 def choose_rows(bases: Array, count: int, allowed: Iterable[int], first: int | None = None) -> tuple[int, ...] | None:
-    """Return the indices, in order, of `count` rows that are independent in each of several bases, or None if there are none.
+    """Return the indices, in order, of `count` rows that are linearly independent in each of several matrices.
+
+    The rows are chosen one after another, as the module's docstring describes. Return None if a row chosen in this way depends on
+    those before.
 
     Args:
         bases: (k, n, c), at each of k samples a basis of c vectors (n,).
@@ -42,28 +47,28 @@ def choose_rows(bases: Array, count: int, allowed: Iterable[int], first: int | N
     """
     if count == 0:
         return ()
-    left, open_rows = bases.copy(), sorted(allowed)  # left: the rows without their parts along the rows picked so far
+    remainder, open_rows = bases.copy(), sorted(allowed)  # remainder: rows without their components along the rows picked so far
     picked: list[int] = []
     largest = np.maximum(np.linalg.norm(bases, axis=2).max(axis=1, keepdims=True), np.finfo(float).tiny)
     for _ in range(count):
-        sizes = np.linalg.norm(left, axis=2)  # (k, n)
-        worst = (sizes / largest).min(axis=0)  # (n,) smallest relative size of each row over all samples
-        worst[picked] = -1.0
-        best = max(open_rows, key=lambda k: float(worst[k]), default=None)
+        sizes = np.linalg.norm(remainder, axis=2)  # (k, n)
+        least_size = (sizes / largest).min(axis=0)  # (n,) smallest relative size of each row over all samples
+        least_size[picked] = -1.0
+        best = max(open_rows, key=lambda k: float(least_size[k]), default=None)
         if first is not None and not picked:
             best = first
-        if best is None or worst[best] < RANK_TOLERANCE:
+        if best is None or least_size[best] < RANK_TOLERANCE:
             return None
         picked.append(best)
-        direction = left[:, best, :] / sizes[:, best, None]  # (k, c) unit vector along the picked row
-        left = left - (left @ direction[:, :, None]) * direction[:, None, :]
+        direction = remainder[:, best, :] / sizes[:, best, None]  # (k, c) unit vector along the picked row
+        remainder = remainder - (remainder @ direction[:, :, None]) * direction[:, None, :]
     return tuple(sorted(picked))
 
 
 def least_singular_values(bases: Array, rows: tuple[int, ...]) -> Array:
-    """Return (k,) the smallest singular value of these rows of each basis (k, n, c), relative to the basis's largest row.
+    """Return, for each of k bases (n, c), the smallest singular value of the given rows, divided by the norm of the largest row.
 
-    The value is 0 where the rows are dependent.
+    The result (k,) is 0 where the given rows are linearly dependent.
     """
     if not rows:
         return np.ones(len(bases))
@@ -89,16 +94,17 @@ class Drop:
 
     Attributes:
         rows: indices of the dropped rows.
-        shares: (k, d, factor) for every kept row k to which factor times the dropped row d is added.
+        shares: (k, d, factor) for every kept row k to which factor times the dropped row d is added before d is dropped.
     """
 
     rows: tuple[int, ...]
     shares: tuple[tuple[int, int, float], ...] = ()
 
     def directions(self, count: int) -> Array:
-        """Return what is dropped, as unit vectors (dropped rows, count) of coefficients of all `count` rows.
+        """Return the combinations of constraint rows that are dropped, as unit vectors (dropped rows, count) of coefficients.
 
-        The kept row k with its shares has the coefficients e_k + factor e_d. The vectors are orthogonal to these of all kept rows.
+        `count` is the number of all constraint rows. A kept row k, to which factor times the dropped row d is added, has the
+        coefficients e_k + factor e_d (unit vectors e). The returned vectors are orthogonal to the coefficients of every kept row.
         """
         W = np.zeros((len(self.rows), count))
         W[range(len(self.rows)), list(self.rows)] = 1.0
@@ -113,10 +119,11 @@ class Study:
 
     Attributes:
         states: samples on the constraints at which J has its full rank.
-        drops: choices of redundant rows, the best first; there are several if none is regular at every sample.
+        drops: choices of redundant rows to leave out, the best first. There are several if no single choice leaves rows that are
+            well conditioned at every sample.
         free: number of degrees of freedom of the velocities.
-        left: (k, m, redundant) left null space of J at each sample.
-        bases: (k, n, free) null space of J in scaled coordinates at each sample.
+        left: (k, m, redundant) basis of the left null space of J at each sample.
+        bases: (k, n, free) basis of the null space of J in scaled coordinates at each sample.
     """
 
     mechanism: Mechanism
@@ -127,16 +134,16 @@ class Study:
     bases: Array
 
     def kept(self, choice: int) -> tuple[int, ...]:
-        """Return the indices of the rows that one of the choices keeps."""
+        """Return the indices of the constraint rows that the choice drops[choice] of redundant rows keeps."""
         return tuple(k for k in range(self.left.shape[1]) if k not in self.drops[choice].rows)
 
     def dropped(self, choice: int) -> tuple[str, ...]:
-        """Return the names of the rows that one of the choices drops."""
+        """Return the names of the constraint rows that the choice drops[choice] of redundant rows leaves out."""
         names = row_names(self.mechanism)
         return tuple(names[k] for k in self.drops[choice].rows)
 
     def soundness(self, choice: int) -> Array:
-        """Return (k,) how far the rows that one of the choices keeps are from linear dependence at each sample; 0 is dependent."""
+        """Return for each sample how far the rows kept by drops[choice] are from linear dependence (k,); 0 means dependent."""
         return _soundness(self.left, self.drops[choice])
 
 
@@ -150,7 +157,7 @@ def row_names(mechanism: Mechanism) -> list[str]:
 
 @lru_cache(maxsize=32)  # a mechanism is compiled under several formulations, and needs its study again for further programs
 def study(mechanism: Mechanism) -> Study:
-    """Compute samples, redundant rows and null spaces of a mechanism.
+    """Sample states of a mechanism on its constraints; find redundant rows and the null spaces of the Jacobian at the samples.
 
     Raises:
         KernelError: some rows are redundant and must not be dropped, for example those of two drivers of the same coordinate.
@@ -158,7 +165,7 @@ def study(mechanism: Mechanism) -> Study:
     states = manifold_states(mechanism, SAMPLES if mechanism.n <= DENSE else FEW)
     scale, constraints = scales(mechanism), Constraints(mechanism)
     jacobians = [constraints(t, q, v).J * scale for t, q, v in zip(states.t, states.q, states.v, strict=True)]
-    if mechanism.n > DENSE and mechanism.redundant == 0:
+    if mechanism.n > DENSE and mechanism.redundant == 0:  # a large linkage of full rank: no singular value decompositions
         free = mechanism.n - constraints.m
         bases = [_sparse_null_space(J, free) for J in jacobians]
         no_left = np.zeros((len(states), constraints.m, 0))
@@ -174,6 +181,7 @@ def study(mechanism: Mechanism) -> Study:
     first = choose_rows(left, left.shape[2], allowed)
     if first is None:
         raise KernelError(f"{mechanism.name}: {left.shape[2]} constraint rows are redundant, and not only among the joints")
+    # choices of rows, of which at least one is well conditioned at each sample
     drops = [Drop(rows) for rows in _covering(left, [first], allowed)]
     # if no single choice of rows is good at every sample, combinations of rows may be
     mixed = _drop_combinations(left, allowed) if len(drops) > 1 else None
@@ -182,13 +190,14 @@ def study(mechanism: Mechanism) -> Study:
 
 
 def _soundness(left: Array, drop: Drop) -> Array:
-    """Return (k,) how far the rows kept by a choice are from linear dependence at each sample; 0 is dependent.
+    """Return for each sample how far the rows that are kept are from linear dependence (k,); 0 means dependent.
 
-    The kept rows are dependent where a vector of the left null space is orthogonal to all that is dropped. So this is the smallest
-    singular value of the left null space's components along what is dropped, relative to its largest row.
+    The kept rows are linearly dependent where some vector of the left null space is orthogonal to all dropped combinations of rows.
+    So the measure is the smallest singular value of D L, divided by the norm of the largest row of L. The rows of D are the
+    coefficients of the dropped combinations, and the columns of L are the basis of the left null space.
 
     Args:
-        left: (k, m, redundant) left null spaces.
+        left: (k, m, redundant) bases L at k samples.
     """
     if not drop.rows:
         return np.ones(len(left))
@@ -197,10 +206,13 @@ def _soundness(left: Array, drop: Drop) -> Array:
 
 
 def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
-    """Choose combinations of two rows that can be dropped at every sample; return them as a `Drop`, or None if there are none.
+    """Choose linear combinations of two constraint rows that can be dropped, so that the kept rows are independent at every sample.
+
+    Return the choice as a `Drop`, or None if there is none. A combination is row i + ratio row j, with a ratio out of RATIOS. For
+    example, if row i + row j is dropped, row i is left out after it is subtracted from row j.
 
     Args:
-        left: (k, m, redundant) left null spaces.
+        left: (k, m, redundant) bases of the left null space of J at k samples.
         allowed: indices of the rows that may be dropped.
     """
     m, redundant = left.shape[1:]
@@ -226,9 +238,9 @@ def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
 
 
 def _covering(bases: Array, chosen: list[tuple[int, ...]], allowed: Iterable[int]) -> list[tuple[int, ...]]:
-    """Return the given choices of rows and further ones, until at every sample at least one choice is well conditioned.
+    """Return the given choices of rows and further choices, such that at every sample at least one choice is well conditioned.
 
-    At most MOST choices are returned, so that some samples may lack such a choice.
+    At most MOST choices are returned; some samples may then have no well conditioned choice.
 
     Args:
         bases: (k, n, c), at each of k samples a basis of c vectors (n,).
@@ -261,15 +273,17 @@ def _sparse_null_space(J: Array, free: int) -> Array:
 def candidates(study: Study) -> list[tuple[int, ...]]:
     """Return a few choices of independent coordinates, each of which is usable at every sample.
 
-    Of the well conditioned choices, sorted by their indices, a few at even spacing are returned: in a long chain of links, choices
-    near its middle make the cheapest programs. A choice with the crank's angle, and one of angles alone, come first if they are
-    usable. For a large linkage only one choice is returned. If drivers prescribe the whole motion, the only choice is ().
+    Of the well conditioned choices, sorted by the indices of their coordinates, a few at even spacing are returned: in a long chain
+    of links, choices near the middle of the chain make the cheapest programs. A choice that contains the crank's angle, and a
+    choice that consists of angles only, come first if they are usable. For a large linkage only one choice of coordinates is
+    returned. If drivers prescribe the whole motion, the only choice is the empty tuple: no coordinate is independent.
     """
     if study.free == 0:
         return [()]
     mechanism, every = study.mechanism, range(study.mechanism.n)
+    # one choice for each coordinate that comes first in it
     begun_with_each = {choose_rows(study.bases, study.free, every, first) for first in every}
-    angles = choose_rows(study.bases, study.free, every[angle_slot(0) :: SIZE])
+    angles = choose_rows(study.bases, study.free, every[angle_slot(0) :: SIZE])  # among the indices of all angles
     worst = {x: float(conditions(study, x).min()) for x in {*begun_with_each, angles} if x is not None}  # over the samples
     best = max(worst.values(), default=0.0)
     sound = sorted(chosen for chosen, condition in worst.items() if condition > max(USABLE, NEAR * best))
@@ -285,7 +299,7 @@ def candidates(study: Study) -> list[tuple[int, ...]]:
 
 
 def conditions(study: Study, independent: tuple[int, ...]) -> Array:
-    """Return (k,) the condition of independent coordinates at each sample: 0 where they do not determine the velocities."""
+    """Return the condition (k,) of independent coordinates at each sample: 0 where they do not determine the velocities."""
     return least_singular_values(study.bases, independent)
 
 

@@ -5,11 +5,12 @@
 The functions share their expressions: if several are evaluated at the same state, sines, Jacobian and factors are the same.
 
 The search tries independent coordinates and orders of pivots, and keeps those that give the cheapest acceleration. By Markowitz's
-rule for pivots many candidates are equally good. Which of them is taken decides how many terms cancel later, and how long the
-longest chain of operations is. Half of the attempts choose among equally good pivots by different rules, and the other half repeat
-the best of these rules with other seeds. The search is seeded, and its length depends on the linkage alone, so that a linkage
-always gives the same program. The chosen coordinates and rule are stored on disk, so that a later process needs a single attempt. A
-small GAUSS_BENCH_ATTEMPTS shortens the search at the price of slower steps.
+rule for pivots many candidates are equally good. The choice among them decides how many terms cancel later, and how long the
+longest chain of dependent operations is. Half of the attempts choose among equally good pivots by different rules, and the other
+half repeat the best of these rules with other seeds. The search is seeded, and its length depends on the linkage alone, so that a
+linkage always gives the same program. The chosen coordinates and the rule for pivots are stored on disk, so that a later process
+needs only one elimination, with them. A small number in the environment variable GAUSS_BENCH_ATTEMPTS shortens the search, but the
+generated code may then need more time per step.
 """
 
 import json
@@ -42,7 +43,7 @@ THOROUGH = 144  # number of attempts if the environment does not give it
 
 
 def _read_attempts() -> int:
-    """Return the number of attempts that the environment asks for, or THOROUGH if it has no positive number."""
+    """Return the number of attempts in the environment variable SHORTER, or THOROUGH if that is not a positive number."""
     text = os.environ.get(SHORTER, "")
     attempts = int(text) if text.isdecimal() else 0
     return attempts if attempts > 0 else THOROUGH
@@ -61,7 +62,7 @@ SOURCES = ("mechanism", "compiler/expressions", "compiler/equations", "compiler/
 
 @dataclass(frozen=True, eq=False)
 class Best:
-    """One attempt at an elimination.
+    """One attempt to eliminate the equations of motion, which found usable pivots.
 
     Attributes:
         work: the equations that were eliminated.
@@ -75,7 +76,7 @@ class Best:
 
 
 def attempt(work: Workspace, searches: Iterable[Search]) -> list[Best]:
-    """Eliminate under each of several search settings; return the attempts that have found usable pivots.
+    """Eliminate the equations once with each of several search settings; return the attempts that found usable pivots.
 
     Raises:
         KernelError: no attempt finds usable pivots.
@@ -84,11 +85,11 @@ def attempt(work: Workspace, searches: Iterable[Search]) -> list[Best]:
     failure = KernelError("no attempt was made")
     for search in searches:
         try:
-            algebra = work.algebra(search)
+            elimination = work.eliminate(search)
         except KernelError as error:
             failure = error
             continue
-        costs = costs_of([*algebra.acceleration(work.terms.gamma).values(), *(x for x, _ in algebra.guards)])
+        costs = costs_of([*elimination.acceleration(work.terms.gamma).values(), *(x for x, _ in elimination.guards)])
         attempts.append(Best(work, search, costs))
     if not attempts:
         raise failure
@@ -96,27 +97,29 @@ def attempt(work: Workspace, searches: Iterable[Search]) -> list[Best]:
 
 
 def pick(attempts: Sequence[Best]) -> Best:
-    """Return the attempt with the fewest operations among those whose price is at most CLOSE times the least.
+    """Return the attempt with the fewest operations among those whose price (estimated cycles) is at most CLOSE times the least.
 
-    The price of a single step cannot distinguish such attempts, while every operation costs time in a batch.
+    Timing single steps cannot distinguish attempts with prices so near to each other. But every operation costs time when many
+    trajectories are computed together.
     """
     least = min(x.costs.single for x in attempts)
     return min((x for x in attempts if x.costs.single <= CLOSE * least), key=lambda x: x.costs.operations)
 
 
 def best_of(work: Workspace, count: int) -> Best:
-    """Return the cheapest of `count` attempts: half with different search settings, half with the best of these and other seeds.
+    """Make `count` attempts to eliminate the equations, and return the cheapest one.
 
-    The plain settings are among them.
+    Half of the attempts have different search settings, among them the plain ones. The other half repeat the best of these settings
+    with other seeds of the random numbers; settings without random numbers are not repeated.
     """
     settings = [Search(0, *choice) for choice in product(NOISES, PATIENCES, CROSSINGS)]
     order = np.random.default_rng(0).permutation(len(settings))
     various = [PLAIN, *(replace(settings[k], seed=int(k)) for k in order)][: (count + 1) // 2]
     attempts = sorted(attempt(work, various), key=lambda x: x.costs.single)
     leaders = attempts[:REPEATED]
-    repeated = [(k, leaders[k % len(leaders)].search) for k in range(count - len(various))]
+    retries = [(k, leaders[k % len(leaders)].search) for k in range(count - len(various))]
     # settings without random numbers would give the same program again
-    again = [replace(search, seed=100 + k) for k, search in repeated if search.by_chance]
+    again = [replace(search, seed=100 + k) for k, search in retries if search.by_chance]
     return pick([*attempts, *(attempt(work, again) if again else [])])
 
 
@@ -131,8 +134,8 @@ def cheapest(
         known: ranks, redundant rows and null spaces of the mechanism.
         open_parameters: names of the mechanism's numbers that are inputs of the program.
         formulation: "gauss", "lagrange", or "auto" for both.
-        independent: the independent coordinates under gauss; None for all candidates.
-        drop: index in `Study.drops` of the choice of redundant rows.
+        independent: the independent coordinates in Gauss's formulation; None for all candidates.
+        drop: index in `Study.drops` of the choice of redundant rows to leave out.
 
     Raises:
         KernelError: no independent coordinates or no pivots are usable.
@@ -156,7 +159,7 @@ def cheapest(
 
 
 def _name(mechanism: Mechanism, *asked: Any) -> str | None:
-    """Return the name of a search's outcome in the cache, or None for a mechanism with numbers that cannot be hashed."""
+    """Return the file name of a search's result in the user's cache, or None for a mechanism with numbers that cannot be hashed."""
     try:
         return f"{content_digest(_sources(), mechanism, asked)}.json"
     except TypeError:
@@ -173,7 +176,7 @@ def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) ->
     """Repeat the elimination whose settings an earlier search has stored; return None if there is none, or if it no longer works.
 
     Args:
-        name: name of the outcome in the user's cache; None if it is not stored.
+        name: file name of the search's result in the user's cache; None if the result is not stored.
     """
     stored = user_cache.load(name) if name else None
     if stored is None:
@@ -190,9 +193,9 @@ def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, 
     """List the plans to try.
 
     Args:
-        formulation: "gauss" or "lagrange" if plans of one formulation are wanted, "auto" for both.
-        independent: the independent coordinates under gauss; with None there is a plan for each candidate.
-        drop: index in `Study.drops` of the choice of redundant rows.
+        formulation: "gauss" or "lagrange" to get plans of this formulation only, "auto" for both.
+        independent: the independent coordinates in Gauss's formulation; with None there is a plan for each candidate.
+        drop: index in `Study.drops` of the choice of redundant rows to leave out.
     """
     plans = [Plan("lagrange", covering(known)[0], drop)] if formulation != "gauss" else []
     if formulation != "lagrange":
@@ -204,7 +207,7 @@ def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, 
 __all__ = ["Costs", "Function", "KernelError", "Program", "generate", "known_program", "partitions"]
 
 
-NOTHING = Function((), (), ())  # stands for a function that a program lacks
+NOTHING = Function((), (), ())  # stands for a function that a program does not have
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,31 +216,34 @@ class Program:
 
     Their arguments are the time t, positions q and velocities v (n,), and parameters p (n_p,): numbers of the linkage that are set
     at run time. Guards (k,) are pivots: a function may be used at a state if abs(guard) >= threshold for all its guards. A program
-    of accelerations alone lacks the functions after `acceleration`.
+    that computes accelerations alone does not have the functions that are listed after `acceleration`.
 
     Attributes:
         name: name of the mechanism.
         formulation: "gauss" or "lagrange".
-        n, m: numbers of coordinates, and of constraint rows that are kept.
-        independent: the independent coordinates; under lagrange they only parametrise the free motions.
-        parameters: names of the parameters p: those asked for, such as "links.crank.mass" or "points.rod.A.x", then those of
-            `mechanism/lines.py`, the level and slope of forces that are piecewise linear in time.
+        n, m: numbers of coordinates, and of constraint rows without the redundant rows that are left out.
+        independent: the independent coordinates; in Lagrange's formulation they only parametrise the free motions.
+        parameters: names of the parameters p: first those that the caller has named, such as "links.crank.mass" or
+            "points.rod.A.x", then those of `mechanism/lines.py`, the level and slope of forces that are piecewise linear in time.
         values: (n_p,) values of the parameters in the linkage file, and of those of `mechanism/lines.py` at t = 0.
         dropped: names of the redundant rows that were dropped.
         acceleration: function (t, q, v, p) -> a (n,), guards.
-        thresholds: thresholds of these guards.
+        thresholds: thresholds of the guards of `acceleration`.
         position_correction: function (t_at, q_at, t, q, p) -> dq (n,), the shortest Newton correction with the Jacobian at q_at and
             the residual at q, and guards that it needs besides those of the acceleration.
-        nearest_velocity: function (t, q, v, p) -> the nearest v (n,) that the constraints allow, and the same additional guards.
+        nearest_velocity: function (t, q, v, p) -> the velocities (n,) nearest to v that the constraints allow, and the same
+            additional guards.
         correcting_thresholds: thresholds of the additional guards of both corrections.
         directions: function (t, q, v, p) -> for each independent coordinate a motion (n,) that the constraints allow and that moves
             no other independent coordinate; last, guards that it needs besides those of the acceleration.
         direction_thresholds: thresholds of the additional guards of `directions`.
-        multipliers: function (t, q, v, p) -> lambda of M a + J^T lambda = Q, for all rows in the file's order. The multiplier of a
-            dropped row is 0 or, if the row was added to kept rows k with factors f_k, sum_k f_k lambda_k.
+        multipliers: function (t, q, v, p) -> lambda of M a + J^T lambda = Q, for all constraint rows in the file's order. If a
+            redundant row was added to kept rows k with factors f_k before it was left out, its multiplier is sum_k f_k lambda_k,
+            otherwise 0.
         energy: function (q, v, p) -> kinetic plus potential energy (1,) [J].
         residual: function (t, q, v, p) -> phi of all holonomic rows, phi_dot of all rows.
-        stabilized: function as `acceleration`, with gamma - 2 alpha phi_dot - beta^2 phi in place of gamma; None if not asked for.
+        stabilized: function as `acceleration`, with gamma - 2 alpha phi_dot - beta^2 phi in place of gamma; None if the program was
+            generated without Baumgarte's terms.
     """
 
     name: str
@@ -275,15 +281,18 @@ def generate(
     drop: int = 0,
     remembered: bool = False,
 ) -> Program:
-    """Generate and check the program of a mechanism.
+    """Generate and check the program of a mechanism: straight-line functions for its accelerations, corrections and energy.
+
+    The steps are: analyse ranks and redundant rows; search the cheapest elimination, or recall the result of an earlier search;
+    write the functions; and check their results.
 
     Args:
         formulation: "gauss", "lagrange", or "auto" for the one that costs less.
         open_parameters: names of the mechanism's numbers that are inputs of the program.
-        independent: the independent coordinates under gauss; None lets the search choose.
-        baumgarte: alpha, beta [1/s] of the function `stabilized`; None for no such function.
-        drop: index of the choice of redundant rows in `Study.drops`.
-        remembered: whether the outcome of the search is read from and written to the user's cache.
+        independent: the independent coordinates in Gauss's formulation; with None the search chooses them.
+        baumgarte: alpha, beta [1/s] of the function `stabilized`; with None the program has no such function.
+        drop: index in `Study.drops` of the choice of redundant rows to leave out.
+        remembered: whether the result of the search is read from and written to the user's cache.
 
     Raises:
         KernelError: dry friction, an unknown parameter, no usable independent coordinates, or a program that fails its own check.
@@ -324,21 +333,21 @@ def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> P
 
     Args:
         known: ranks, redundant rows and null spaces of the mechanism.
-        baumgarte: alpha, beta [1/s] of the function `stabilized`; None for no such function.
+        baumgarte: alpha, beta [1/s] of the function `stabilized`; with None the program has no such function.
     """
-    work, algebra = best.work, best.work.algebra(best.search)
+    work, elimination = best.work, best.work.eliminate(best.search)
     mechanism, links, graph = known.mechanism, work.links, work.terms.graph
     n = mechanism.n
     # residuals and energy come first: later the graph may replace a product by an expression that equals it on the constraints only
     phi, phi_dot, energy = work.exact()
-    guards = algebra.guards
-    a = vector(graph, algebra.acceleration(work.terms.gamma), n)
-    dq = vector(graph, algebra.correction(work.residuals()), n)
-    correcting = algebra.correcting  # guards that corrections need in addition to `guards`
-    nearest = vector(graph, algebra.velocity([links.rate(k) for k in range(n)]), n)
-    stabilized = vector(graph, algebra.acceleration(work.damped(*baumgarte)), n) if baumgarte else []
-    multipliers = work.spread_out(algebra.multipliers(work.terms.gamma))
-    directions, direction_guards = algebra.directions  # free motions, and guards that they need in addition to `guards`
+    guards = elimination.guards
+    a = vector(graph, elimination.acceleration(work.terms.gamma), n)
+    dq = vector(graph, elimination.correction(work.residuals()), n)
+    correcting = elimination.correcting  # guards that corrections need in addition to `guards`
+    nearest = vector(graph, elimination.velocity([links.rate(k) for k in range(n)]), n)
+    stabilized = vector(graph, elimination.acceleration(work.damped(*baumgarte)), n) if baumgarte else []
+    multipliers = work.spread_out(elimination.multipliers(work.terms.gamma))
+    directions, direction_guards = elimination.directions  # free motions, and guards that they need in addition to `guards`
     pivots, correcting_pivots, direction_pivots = ([x for x, _ in group] for group in (guards, correcting, direction_guards))
     # the code of a step merges the functions of these outputs, so that all must compute a common node by the same instruction
     shared = uses([*a, *pivots, *dq, *nearest, *stabilized])
@@ -347,7 +356,7 @@ def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> P
     moved: Inputs = (("t", 1), ("q", n), ("t_new", 1), ("q_new", n), ("p", size))
 
     def thresholds(group: Sequence[Guard]) -> Array:
-        """Return the thresholds (guards,), with the factor of caution of these constraint rows."""
+        """Return the thresholds (guards,) times `caution`, which is above 1 if the kept rows are nearly dependent somewhere."""
         return work.caution * np.array([x for _, x in group])
 
     return Program(
@@ -381,12 +390,12 @@ def check(program: Program, mechanism: Mechanism) -> None:
     """
 
     def accelerate(t: Array, q: Array, v: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return a (k, n) and whether the program may be used (k,), for t (k, 1) and q, v (k, n)."""
+        """Return accelerations (k, n), and whether the program is valid at each of the k states, for t (k, 1) and q, v (k, n)."""
         a, guard = program.acceleration(t, q, v, with_lines(mechanism, program.values, t[:, 0]))
         return a, np.asarray((np.abs(guard) >= program.thresholds).all(axis=1))
 
     def evaluate(t: float, q: Array, v: Array) -> Array:
-        """Return phi of holonomic rows, phi_dot of all rows and the energy at one state, one after the other."""
+        """Return, for one state, one vector of phi of holonomic rows, phi_dot of all rows, and the energy."""
         return np.concatenate([*program.residual([t], q, v, program.values), program.energy(q, v, program.values)[0]])
 
     error, count = error_on_constraints(mechanism, accelerate)

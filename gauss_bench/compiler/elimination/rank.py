@@ -1,13 +1,14 @@
-"""Accelerations at single states, where a singular value decomposition decides the rank of J.
+"""Accelerations at single states; a singular value decomposition decides the rank of the constraint Jacobian J.
 
     a = M^-1 Q + M^-1/2 (J M^-1/2)^+ (gamma - J M^-1 Q)
 
-is the acceleration without constraints plus the correction, shortest in the mass metric, after which J a = gamma. Singular values
-give the pseudo-inverse (...)^+. At a change point J loses rank, and the constraints allow velocities in one more direction; the
-motion goes on along the velocity that it has.
+is the acceleration without constraints plus a correction: of all corrections for which J a = gamma, the smallest in the mass
+metric. Singular values give the pseudo-inverse (...)^+. At a change point J loses rank, and the constraints allow velocities in one
+more direction; the motion goes on along the velocity that it has.
 
-Programs are checked against these accelerations, and where no program can be used, these accelerations are. M, J, Q and gamma are
-evaluated by other code than in the programs, and the equations are solved by another method.
+Generated programs are checked against these accelerations. At states at which no program can be used, these accelerations are used
+instead. M, J, Q and gamma are evaluated by code that is independent of the generated programs, and the equations are solved by
+another method.
 Source: Udwadia and Kalaba, Analytical Dynamics (1996), section 3.3 and eq. (3.17).
 """
 
@@ -25,7 +26,7 @@ from gauss_bench.terms import Array, Terms
 from gauss_bench.trajectory import States
 
 CHECKS, FEW = 9, 2  # numbers of states at which a program is checked: of a usual linkage, and of a large one
-OFF = 0.1  # [rad, lengths] distance from the constraints at which residuals and energy are checked
+OFF = 0.1  # [rad, typical lengths] size of the change of coordinates to a state at which residuals and energy are checked
 CHECKED = 1e-9  # largest relative error of a program: right ones reach 1e-12, and a wrong sign or a lost term gives far more
 
 Accelerate = Callable[[Array, Array, Array], tuple[Array, NDArray[np.bool_]]]  # t (k, 1), q, v (k, n) -> a (k, n), usable (k,)
@@ -46,14 +47,14 @@ def _constrain(terms: Terms, mass: Array, gamma: Array, solve: Callable[[Array, 
         passes: how often the correction is repeated for the remaining residual; a second pass reduces rounding errors.
     """
     root = np.sqrt(mass)
-    K, weighted = terms.J / root, terms.Q / root  # J M^-1/2, and M^1/2 times the acceleration
+    K, weighted = terms.J / root, terms.Q / root  # J M^-1/2, and M^1/2 a, which begins with the acceleration a without constraints
     for _ in range(passes):
         weighted = weighted + solve(K, gamma - K @ weighted)
     return np.asarray(weighted / root)
 
 
 class RankDecision:
-    """Accelerations, multipliers and steps of a mechanism at single states, whatever the rank of its Jacobian is there."""
+    """Accelerations, multipliers and integration steps of a mechanism, for one state at a time, whatever the rank of J is there."""
 
     def __init__(self, mechanism: Mechanism, baumgarte: tuple[float, float] | None = None):
         """Set up a mechanism; `baumgarte` are alpha and beta [1/s] of its damped accelerations, None without such terms."""
@@ -83,7 +84,7 @@ class RankDecision:
         return _constrain(terms, self.evaluator.mass, gamma, solve=_by_singular_values, passes=1)
 
     def multipliers(self, t: float, q: Array, v: Array) -> Array:
-        """Return the shortest multipliers (m,) of M a + J^T lambda = Q."""
+        """Return the multipliers (m,) of least norm that satisfy M a + J^T lambda = Q."""
         terms = self.evaluator.terms(t, q, v)
         return _by_singular_values(terms.J.T, terms.Q - self.evaluator.mass * self.acceleration(t, q, v))
 
@@ -112,7 +113,8 @@ class RankDecision:
 def acceleration_error(evaluator: Evaluator, t: float, q: Array, v: Array, a: Array) -> float:
     """Return the error of an acceleration a (n,), relative to the larger of the true acceleration and that without constraints.
 
-    Sizes are largest components. The true acceleration alone is no measure, because it may vanish, as at rest in equilibrium.
+    Each size is that of the largest component. The error is not divided by the true acceleration alone, because this may vanish, as
+    at rest in equilibrium. The true acceleration is computed with two passes, which reduce rounding errors.
     """
     terms = evaluator.terms(t, q, v)
     truth = _constrain(terms, evaluator.mass, terms.gamma, shortest, passes=2)
@@ -130,8 +132,8 @@ def _check_at(mechanism: Mechanism) -> States:
 def error_on_constraints(mechanism: Mechanism, accelerate: Accelerate) -> tuple[float, int]:
     """Check accelerations at states on the constraints.
 
-    Return the largest relative error over the states where `accelerate` is usable, NaN if one error is NaN, and the number of these
-    states.
+    Return the largest relative error over the states at which the routine `accelerate` is valid, and the number of these states.
+    The error is NaN if it is NaN at one state.
     """
     evaluator, states = Evaluator(mechanism), _check_at(mechanism)
     a, sound = accelerate(states.t[:, None], states.q, states.v)
@@ -140,7 +142,7 @@ def error_on_constraints(mechanism: Mechanism, accelerate: Accelerate) -> tuple[
 
 
 def error_off_constraints(mechanism: Mechanism, evaluate: Callable[[float, Array, Array], Array]) -> float:
-    """Return the largest error of residuals, their rates and the energy at a state off the constraints.
+    """Return the largest error of residuals, their rates and the energy at a state that violates the constraints.
 
     Each error is relative to the larger of the quantity's magnitude and 1 in SI units.
 

@@ -1,9 +1,10 @@
-"""Constraint rows of a linkage as expressions: the rows of `mechanism/equations.py` with nodes as numbers.
+"""Constraint rows of a linkage as expressions: the code of `mechanism/equations.py` is called with nodes instead of numbers.
 
 Where the constraints hold, a driven distance equals the value L(t) of its law, and L(t) is used instead of the distance. This saves
-a square root and several products. At states that violate the constraints it changes the acceleration in proportion to the
-violation, but no residual. For slides the actual distance is used: their constant offset would save three operations in each stage
-of a step, but steps would have other errors, because stages violate the constraints by the order of the squared step size.
+a square root and several products. At states that violate the constraints, the replacement changes the acceleration in proportion
+to the violation, but it changes no residual. For slides the actual distance from the axis is used. The constant offset in its place
+would save three operations in each stage of a step. But it would change the errors of steps, because stages violate the constraints
+by amounts of the order of the squared step size.
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,8 @@ from gauss_bench.mechanism.equations import Row
 def rows_of(links: Links) -> list[Row]:
     """Return all constraint rows: joints, couplings, drivers, knife edges, each in the file's order.
 
-    The entries of J are dicts without zeros. If `links.exact` holds, the rows are valid at states off the constraints too.
+    The entries of a row of J are a dict from column to node, without zeros. If `links.exact` is true, the rows are also valid at
+    states that violate the constraints.
     """
     node, rows = links.graph.node, []
     for x in equations.rows(links.mechanism, links, on_constraints=not links.exact):
@@ -32,7 +34,8 @@ def rows_of(links: Links) -> list[Row]:
 def combine(graph: ExpressionGraph, parts: Sequence[tuple[Row, float]]) -> Row:
     """Return the sum of factor times row over the pairs (row, factor); it has the name of the first row.
 
-    A row of velocities alone, as of a knife edge, has no residual phi and adds nothing to the residual of the sum.
+    A row that constrains velocities only, as that of a knife edge, has no residual phi, and adds nothing to the residual of the
+    summed row.
     """
     entries: dict[int, list[Node]] = {}
     for row, factor in parts:
@@ -46,6 +49,6 @@ def combine(graph: ExpressionGraph, parts: Sequence[tuple[Row, float]]) -> Row:
 
 
 def rate_of(links: Links, row: Row) -> Node:
-    """Return the rate of a row's residual, J v + dphi/dt."""
+    """Return the rate of a row's residual phi: J v plus the partial derivative of phi with respect to time."""
     products = [e * links.rate(k) for k, e in row.entries.items()]
     return links.graph.total([*products, row.phi_t])

@@ -1,16 +1,17 @@
 """Applied forces and energy as expressions: laws on coordinates and forces at points, as in `mechanism/equations.py`.
 
-A spring with a rest length has no finite value where its two points coincide; the interpreted evaluation gives zero there.
+The force of a spring with a rest length is not finite where its two points coincide; the interpreted evaluation returns zero there.
 
-A force that varies is a steady force times a factor (`mechanism/motion_laws.py`), which is the product of two parts. The part that
-depends on time is a sine, or a line level + slope t, whose level and slope are parameters that are set at run time
-(`mechanism/lines.py`). The part that depends on direction differs between motion along the force and against it, with a smooth
-transition by the hyperbolic tangent of the speed:
+A force that varies is a steady force times a factor (`mechanism/motion_laws.py`), which is the product of two factors. The factor
+of time is a sine, or a straight line level + slope t, whose level and slope are parameters that are set at run time
+(`mechanism/lines.py`). The factor of direction differs between motion along the force and motion against it, with a smooth
+transition by the hyperbolic tangent of the speed x along the force, divided by the speed of the transition:
 
     tanh(x) = u / (u + 2),    u = exp(2 x) - 1
 
-A short series gives exp(y) - 1 at y = 2 x / 2^D. Then the formula exp(2 y) - 1 = (exp(y) - 1) (exp(y) + 1) doubles y, and after D
-doublings the result is u. Beyond |x| = FLAT the tangent equals 1 or -1 to rounding, and x is limited to that range.
+A short series gives exp(y) - 1 at y = 2 x / 2^D, with D = DOUBLINGS. Then the identity exp(2 y) - 1 = (exp(y) - 1) (exp(y) + 1)
+doubles the argument y; after D doublings y = 2 x, and the result is u. Beyond |x| = FLAT the hyperbolic tangent equals 1 or -1 to
+rounding, and x is limited to that range.
 """
 
 from collections.abc import Iterable
@@ -30,7 +31,7 @@ SMALLEST = 1e-300  # [N, N m] smallest divisor, for a force of size zero
 
 
 def generalised_force(links: Links) -> dict[int, Node]:
-    """Return Q, index of a coordinate -> node, without entries that are zero."""
+    """Return the generalised force Q of weights and forces, as a dict from the index of a coordinate to a node, without zeros."""
     terms: dict[int, list[Node]] = {}
     steady = (equations.generalise(links, load) for load in links.loads())
     varying = (_vary(links, *force) for force in links.varying())
@@ -42,7 +43,7 @@ def generalised_force(links: Links) -> dict[int, Node]:
 
 
 def _weights(links: Links) -> Iterable[dict[int, Node]]:
-    """Yield the generalised weight of every link, index of a coordinate -> node."""
+    """Yield the generalised force of every link's weight, as a dict from the index of a coordinate to a node."""
     for i, link in enumerate(links.mechanism.links):
         mass = links.number(f"links.{link.name}.mass")
         x = slots(i).start  # index of the link's coordinate x; that of y is the next
@@ -50,13 +51,14 @@ def _weights(links: Links) -> Iterable[dict[int, Node]]:
 
 
 def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
-    """Return the generalised force of a varying force, index of a coordinate -> node.
+    """Return the generalised force of a force that varies, as a dict from the index of a coordinate to a node.
 
-    It is that of the steady force, times the factor's part of time and its part of direction. The latter is 1 for motion along the
-    force and `factor.share` for motion against it, with a smooth transition of the width `factor.speed`.
+    It is Q f(t) d(w), with Q the generalised force of the steady force, f the factor of time, d the factor of direction, and w the
+    speed along the force. d is 1 for motion along the force and `factor.share` for motion against it, with a smooth transition of
+    the width `factor.speed`.
 
     Args:
-        force: the steady force.
+        force: the steady force, without its factor.
     """
     (load,) = force.to_loads()
     graph = links.graph
@@ -64,6 +66,7 @@ def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int,
     value: Any = force.value
     square = dot(value, value) if isinstance(value, Vec) else value * value
     size = maximum(graph.sqrt(square), graph.constant(SMALLEST))
+    # only piecewise linear factors with kinks have level and slope as parameters of the program
     level, slope = (links.number(f"forces.{force.name}.{key}") if factor.kinks else links.zero for key in ("level", "slope"))
     depends_on_direction = factor.share != 1.0
     speed = links.zero
@@ -88,19 +91,20 @@ def tanh(graph: ExpressionGraph, x: Node) -> Node:
         series = series * y + 1 / factorial(k)
     u: Node = series * y  # exp(y) - 1
     for _ in range(DOUBLINGS):
-        u = u * (u + 2.0)
+        u = u * (u + 2.0)  # exp(2 y) - 1 from u = exp(y) - 1
     return u / (u + 2.0)
 
 
 def energy(links: Links) -> Node:
-    """Return kinetic plus potential energy [J]; forces that vary have no potential and are left out."""
+    """Return kinetic plus potential energy [J]; forces that vary with time or direction have no potential and are left out."""
     terms: list[Node] = []
     for i, link in enumerate(links.mechanism.links):
         mass, inertia = links.number(f"links.{link.name}.mass"), links.number(f"links.{link.name}.inertia")
-        frame = links.frame(i)
+        frame = links.frame(i)  # position z and velocity u of the centre of mass
         gravity = Vec(links.number("gravity.x"), links.number("gravity.y"))
         omega = links.rate(angle_slot(i))
         terms += [mass * 0.5 * dot(frame.u, frame.u), inertia * 0.5 * (omega * omega)]
         terms.append(-(mass * dot(gravity, frame.z)))
+    # `energies` returns the potential energy, and the power of forces without a potential
     potentials = (links.graph.node(equations.energies(links, load)[0]) for load in links.loads())
     return links.graph.total([*terms, *potentials])

@@ -4,14 +4,16 @@ Each number of a linkage is a constant of the program or, if the caller names it
 time. The names are links.LINK.mass, .inertia, .com.x, .com.y; points.LINK.POINT.x, .y, in the link's own frame, where LINK may be
 "ground"; forces.NAME.value, .value.x, .value.y, .k, .c, .rest; joints.NAME.offset of slides; gravity.x, .y.
 
-A link has at most one sine and one cosine. An arm r = exp(i theta) s has constant components s in the link's frame. A slide keeps
-the angle between its two links constant, theta_b = theta_g + turn, and the constant part is moved into s:
+For each link, the sine and cosine of its angle theta are computed at most once. An arm r, the vector in world axes from the centre
+of mass of a link to one of its points, has constant components s in the link's frame: as complex numbers, r = exp(i theta) s. A
+slide keeps the angle between its two links, block b and guide g, constant: theta_b = theta_g + turn. A vector s on the block is
+therefore rotated by the constant angle `turn` when code is generated:
 
     r = exp(i theta_b) s = exp(i theta_g) (exp(i turn) s)
 
-So links that slides connect share one sine and cosine, and a link that slides connect with the ground needs none. This changes
-nothing where the angles satisfy theta_b = theta_g + turn, and motions never violate these constraints because they are linear. The
-argument of a sine is always a coordinate itself, so that a loop over steps can update the sine by a rotation.
+So links that slides connect share one sine and cosine, and a link that slides connect with the ground needs none. The replacement
+changes nothing where the angles satisfy theta_b = theta_g + turn, and motions never violate these constraints because they are
+linear. The argument of a sine is always a coordinate itself, so that a loop over steps can update the sine by a rotation.
 """
 
 from collections.abc import Mapping
@@ -48,10 +50,10 @@ def parameter_values(mechanism: Mechanism) -> dict[str, float]:
     """Return name -> value of every number that can be a parameter of a program; a vector counts as two numbers, .x and .y.
 
     Raises:
-        KernelError: a force that cannot be expressed by laws on coordinates and forces at points.
+        KernelError: a force cannot be expressed by laws on coordinates and forces at points.
     """
     try:
-        loads(f for f in mechanism.forces if not factor_of(f))
+        loads(f for f in mechanism.forces if not factor_of(f))  # called only to raise for a force of an unknown type
     except TypeError as error:
         raise KernelError(str(error)) from None
     values: dict[str, float] = {}
@@ -67,24 +69,24 @@ def force_numbers(force: Force) -> dict[str, float | Array]:
 
 
 def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechanism:
-    """Return the mechanism with other numbers; arrays (k,) of numbers describe k linkages at once.
+    """Return the mechanism with some of its numbers replaced; arrays (k,) of numbers describe k linkages at once.
 
     Args:
-        numbers: name, as in `parameter_values`, -> number or array (k,).
+        numbers: name, such as "links.crank.mass" (see `parameter_values`) -> new number, or array (k,) of numbers.
     """
     if not numbers:
         return mechanism
-    # zeros: 0 or zeros (k,), by which a number that is not given gets the shape of the given ones
-    zeros, known = 0.0 * next(iter(numbers.values())), named_numbers(mechanism)
+    # zeros: 0 or zeros (k,), by which a number that is not replaced gets the shape of the new ones
+    zeros, named = 0.0 * next(iter(numbers.values())), named_numbers(mechanism)
 
     def find(name: str, old: Any) -> Any:
-        """Return the number, or the vector with components (2, ...), of this name; `old` is its value if it is not given."""
+        """Return the number, or the vector (2, ...), called `name`; where `numbers` has no new value, it is the value `old`."""
         if np.ndim(old) == 0:
             return numbers.get(name, old + zeros)
         return np.stack([find(f"{name}.{axis}", x) for axis, x in zip("xy", old, strict=True)])
 
     def find_points(owner: str, points: Mapping[str, Array]) -> dict[str, Array]:
-        """Return name -> point for the points of a link or of the ground."""
+        """Return name -> new position for the points of a link or of the ground."""
         return {name: find(f"points.{owner}.{name}", xy) for name, xy in points.items()}
 
     ground, links = find_points("ground", mechanism.ground_points), []
@@ -93,9 +95,9 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
         links.append(replace(link, points=find_points(link.name, link.points), **masses))
 
     def change(x: Any) -> Any:
-        """Return a copy of a part of the mechanism, such as a joint, force or point, with the new numbers.
+        """Return a copy of a component of the mechanism, such as a joint, force or point, with its numbers in `numbers` replaced.
 
-        Parts inside a part are copied in the same way: tuples and dataclasses. Motion laws and factors have no named numbers.
+        Tuples and dataclasses inside the component are copied in the same way. Motion laws and factors have no named numbers.
         """
         if isinstance(x, tuple):
             return tuple(map(change, x))
@@ -109,7 +111,7 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
         changes = {}
         for field in fields(x):
             old, label = getattr(x, field.name), f"{getattr(x, 'name', '')}.{field.name}"
-            key = next((name for name in (f"forces.{label}", f"joints.{label}") if name in known), None)
+            key = next((name for name in (f"forces.{label}", f"joints.{label}") if name in named), None)
             changes[field.name] = find(key, old) if key else change(old)
         return replace(x, **changes)
 
@@ -136,15 +138,16 @@ class Parameters:
         return np.array([self.all[name] for name in self.names])
 
     def node(self, graph: ExpressionGraph, name: str) -> Node:
-        """Return the number of this name as a node: an entry of the input p if it is a parameter, else a constant."""
+        """Return the linkage's number called `name` as a node: an entry of the input p if it is a parameter, else a constant."""
         value = self.all[name]
         if name not in self.names:
             return graph.constant(value)
+        # the last argument is the typical size of the input, by which the graph varies the value at its random points
         return graph.input("p", self.names.index(name), np.full(graph.samples, value), abs(value) or 1.0)
 
 
 def open_parameters(mechanism: Mechanism, names: tuple[str, ...]) -> Parameters:
-    """Return the numbers of a mechanism, of which those in `names` become parameters.
+    """Return the numbers of a mechanism; those whose names are in `names` are parameters of the program, all others are constants.
 
     Raises:
         KernelError: the mechanism has no number of one of these names in this scenario, or a name is given twice.
@@ -170,9 +173,10 @@ class Tie:
 
 
 def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
-    """Return for every link how its angle follows from that of another one, if slides connect the two.
+    """Return for every link how its angle follows from the angle of another link, its root, if slides connect the two.
 
-    The root is the ground if slides connect the link with it; else one link of those that slides connect; else the link itself.
+    The root is the ground if slides connect the link with the ground. Of other links that slides connect, one is the root of all. A
+    link without slides is its own root.
     """
     ties = list(free_angles(mechanism))
     for slide in mechanism.slides:
@@ -187,17 +191,17 @@ def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
 
 
 def free_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
-    """Return ties in which every link has its own angle, so that expressions are valid where slides are violated too."""
+    """Return a `Tie` for every link that makes it its own root, so that expressions are valid also where slides are violated."""
     return tuple(Tie(i, 0.0) for i in range(len(mechanism.links)))
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The inputs of a graph for a state, and their values at samples.
+    """The input nodes of an expression graph that represent a state of the linkage, and their values at k sampled states.
 
     Attributes:
         t, q, v: names of the inputs for time, positions and velocities.
-        times, positions, velocities: values (k,), (k, n), (k, n) of these inputs at k samples.
+        times, positions, velocities: values (k,), (k, n), (k, n) of these inputs at the samples.
     """
 
     t: str
@@ -209,14 +213,15 @@ class State:
 
 
 class Links(Given):
-    """The links of one mechanism at one state, with nodes as numbers, as `mechanism/equations.py` asks for them.
+    """The links of one mechanism at one state, with nodes in place of numbers, in the form that `mechanism/equations.py` needs.
 
     Attributes:
         graph: the graph that the nodes belong to; it also does their arithmetic.
         parameters: the numbers of the mechanism.
         state: the inputs for time, positions and velocities.
-        exact: whether expressions must be valid off the constraints too, so that no angle is replaced by that of another link.
-        ties: for each link, from the angle of which link its own one follows.
+        exact: whether expressions must be valid also where constraints are violated, so that no angle is replaced by that of
+            another link.
+        ties: for each link, the link from whose angle the link's own angle follows.
         scale: unit of each coordinate, as `sampling.scales` returns it.
     """
 
@@ -231,24 +236,24 @@ class Links(Given):
 
     @property
     def time(self) -> Node:
-        """The input t."""
+        """The time t [s], an input of the graph."""
         return self.graph.input(self.state.t, 0, self.state.times, 1.0)
 
     def coordinate(self, k: int) -> Node:
-        """Return coordinate k, an input."""
+        """Return coordinate k as a node, an input of the graph."""
         return self.graph.input(self.state.q, k, self.state.positions[:, k], self.scale[k])
 
     def rate(self, k: int) -> Node:
-        """Return the rate of coordinate k, an input."""
+        """Return the rate of coordinate k as a node, an input of the graph."""
         return self.graph.input(self.state.v, k, self.state.velocities[:, k], SPEED * self.scale[k])
 
     def omega(self, link: int) -> Node:
-        """Return the angular speed of a link, which equals that of the link from whose angle its own one follows."""
+        """Return the angular speed of a link, which equals that of the link from whose angle the link's own angle follows."""
         root = GROUND if link == GROUND else self.ties[link].root
         return self.zero if root == GROUND else self.rate(angle_slot(root))
 
     def frame(self, link: int) -> Frame:
-        """Return position, velocity, angular speed and angle of a link; they are made once."""
+        """Return position, velocity, angular speed and angle of a link as nodes; they are created on the first call and stored."""
         if link not in self._frames:
             if link == GROUND:
                 origin = Vec(self.zero, self.zero)
@@ -261,7 +266,7 @@ class Links(Given):
         return self._frames[link]
 
     def number(self, name: str) -> Node:
-        """Return the number of this name: a constant, or an input if it is a parameter."""
+        """Return the linkage's number called `name` as a node: a constant, or an input if it is a parameter."""
         return self.parameters.node(self.graph, name)
 
     def held(self, joint: str, index: int, value: float) -> Node:
@@ -288,8 +293,9 @@ class Links(Given):
 
     def local(self, point: Point) -> Vec:
         """Return the vector from the centre of mass of a point's link to the point, in the link's frame."""
-        if f"points.{point.name}.x" not in self.parameters.all:
+        if f"points.{point.name}.x" not in self.parameters.all:  # no named coordinates: for example the world's origin
             return self.constant_vector(*point.local)
+        # named coordinates are given from the origin of the link's frame, and not from its centre of mass
         owner = point.name.split(".", 1)[0]
         place: Vec = self.quantity(f"points.{point.name}")
         return place if point.link == GROUND else place - self.quantity(f"links.{owner}.com")
@@ -300,7 +306,7 @@ class Links(Given):
 
     def rotate(self, link: int, s: Vec) -> Vec:
         """Return a vector s, which is fixed in a link and given in its axes, in world axes."""
-        tie = Tie(GROUND, 0.0) if link == GROUND else self.ties[link]  # first by the constant offset, then by the angle of the root
+        tie = Tie(GROUND, 0.0) if link == GROUND else self.ties[link]  # the link's angle is that of its root plus tie.offset
         s = rotate_vec(self._unit(tie.offset), s)
         if tie.root == GROUND:
             return s
@@ -312,7 +318,7 @@ class Links(Given):
         return self.constant_vector(*(0.0 if abs(x) < AXIS else x for x in unit(theta, across)))
 
     def direction(self, link: int, angle: float, across: bool = False) -> Direction:
-        """Return in world axes the direction at an angle [rad] in a link's frame; with `across`, a quarter turn further."""
+        """Return, in world axes, the unit vector at an angle [rad] in a link's frame; with `across`, a quarter turn further."""
         return Direction(self.frame(link), self.rotate(link, self._unit(angle, across)))
 
     def vector(self, link: int, value: Vec) -> Direction:
@@ -320,14 +326,14 @@ class Links(Given):
         return Direction(self.frame(link), self.rotate(link, value))
 
     def end(self, point: Point) -> End:
-        """Return the frame of a point's link, and the arm from the centre of mass to the point in world axes; it is made once."""
-        key = (point.name, *point.local.tolist())
+        """Return the frame of a point's link, and the arm from its centre of mass to the point in world axes; both are stored."""
+        key = (point.name, *point.local.tolist())  # the name contains that of the link
         if key not in self._ends:
             self._ends[key] = End(self.frame(point.link), self.rotate(point.link, self.local(point)))
         return self._ends[key]
 
     def loads(self) -> tuple[Load, ...]:
-        """Convert the steady forces to loads (laws on coordinates, forces at points) whose numbers are nodes."""
+        """Convert the steady forces to loads (laws on coordinates, forces at points) whose numbers are nodes of the graph."""
         return loads([replace(force, **self._numbers(force)) for force in self.mechanism.forces if not factor_of(force)])
 
     def varying(self) -> list[tuple[Torque | PointForce, Factor]]:
@@ -335,5 +341,5 @@ class Links(Given):
         return [(replace(force, factor=None, **self._numbers(force)), factor) for force, factor in self.mechanism.factors]
 
     def _numbers(self, force: Force) -> dict[str, Any]:
-        """Return field of a force -> its number as a node, or its vector of nodes."""
+        """Return a dict from the name of each field of a force to the field's number as a node, or to its vector of nodes."""
         return {key: self.quantity(f"forces.{force.name}.{key}") for key in force_numbers(force)}

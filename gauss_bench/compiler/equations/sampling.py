@@ -45,7 +45,8 @@ def scales(mechanism: Mechanism) -> Array:
     return np.tile([*[length] * DIMENSION, 1.0], len(mechanism.links))
 
 
-@lru_cache(maxsize=64)  # a walk takes longer than most searches for pivots, and several stages need the same states
+# `_walk` takes longer than most searches for pivots, and several stages of the compiler need the same states
+@lru_cache(maxsize=64)
 def manifold_states(mechanism: Mechanism, count: int, seed: int = 0) -> States:
     """Return at most `count` states that satisfy the constraints and are spread over the motion.
 
@@ -54,28 +55,30 @@ def manifold_states(mechanism: Mechanism, count: int, seed: int = 0) -> States:
     """
     rng = np.random.default_rng(seed)
     constraints, scale = Constraints(mechanism), scales(mechanism)
+    # a driven linkage is moved by its drivers in time, another one along its free motion
     path = _in_time(mechanism, constraints) if mechanism.drivers else _walk(mechanism, constraints, scale, count, rng)
     which = np.unique(np.linspace(0, len(path) - 1, count).round().astype(int))
     t, q = np.array([path[k][0] for k in which]), np.array([path[k][1] for k in which])
     v = np.array([_velocity(constraints, scale, path[k], rng) for k in which])
-    if mechanism.varying and not mechanism.drivers:  # forces that vary may be zero at t = 0
+    if mechanism.varying and not mechanism.drivers:  # at random times, because forces that vary may be zero at t = 0
         t = rng.uniform(0.0, mechanism.duration, len(q))
     return States(t, q, v)
 
 
 Pose = tuple[float, Array]  # time [s], and coordinates q (n,)
-Path = list[Pose]
+Path = list[Pose]  # along a motion, in order
 
 
 def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: int, rng: np.random.Generator) -> Path:
-    """Return poses along the free motion, in order: forwards from the start and, if that ends early, also backwards.
+    """Return poses along the motion that the joints of an undriven linkage allow, in order; their time is 0.
 
-    Directions and distances are compared in the units `scale` (n,): q / scale has comparable components, and J scale is the
-    Jacobian for them.
+    The linkage is moved forwards from its start and, if that motion ends before all steps are done, also backwards. Directions and
+    distances are compared in the units `scale` (n,): q / scale has comparable components, and J scale is the Jacobian for them.
     """
     heading = scale * rng.normal(size=mechanism.n)
     # with several degrees of freedom the heading drifts at random, and both directions are explored
     wanders = mechanism.dof > 1
+    # each step of a large linkage takes long: no more steps than states are asked for
     steps = int(WALK / STEP) if mechanism.n <= DENSE else count
     forwards: Path = [(0.0, mechanism.q0)]
     backwards: Path = []
@@ -131,7 +134,11 @@ def _close(constraints: Constraints, t: float, q: Array, scale: Array) -> Array 
 
 
 def _velocity(constraints: Constraints, scale: Array, pose: Pose, rng: np.random.Generator) -> Array:
-    """Return a random velocity (n,) that satisfies all constraint rows; its part by free motions is at most SPEED."""
+    """Return a random velocity (n,) that satisfies all constraint rows.
+
+    It is the sum of the velocity of least norm that the drivers demand, and a random free velocity, whose fastest coordinate has
+    between 0.3 and 1 times SPEED.
+    """
     t, q = pose
     rows = constraints(t, q, np.zeros_like(q))
     J = rows.J * scale

@@ -1,7 +1,8 @@
-"""The routine that computes the positions of a linkage at one sample of its inputs after the other.
+"""The routine that computes the positions of a linkage for one sample of its inputs after the other.
 
-Several sequences of samples, the lanes, are computed side by side: one in each lane of a vector register. A linkage is closed where
-its constraint equations are satisfied. Guards are pivots of its constraint Jacobian, which must not become small.
+Several sequences of samples are computed side by side, each in its own lane: an element of a vector register, or of an array in
+numpy. A linkage is closed where its constraint equations are satisfied. Guards are pivots of its constraint Jacobian, which must
+not become small.
 
     follow(q, least, inputs, out, report; samples, shift, block, last)
 
@@ -15,12 +16,12 @@ number for each lane:
     report   1 + G                 number of samples closed before the first that could not be, and the guards at the last sample
 
 A sample is closed if the last correction was shorter than SETTLED, no correction was longer than REACH, the guess was near the
-previous sample, and no guard is below its bound. What is stored after the first sample that is not closed is invalid. `tracker.py`
-decides how such a lane continues.
+previous sample, and no guard is below its bound. The numbers that a lane stores from its first sample on that is not closed are
+invalid. `tracker.py` decides how the motion is computed from there on.
 
 Newton's method starts at a guess whose sines are computed from scratch, so that no rounding is carried from sample to sample. A
-correction adds z to q, and sines and cosines of q + z follow from those of q by a rotation. The rotation is a series of two terms,
-which is exact to rounding if z is at most REACH.
+correction adds z to q, and sines and cosines of q + z follow from those of q by a rotation through z. Sine and cosine of z are
+computed by series of two terms, which are exact up to rounding errors if |z| is at most REACH.
 """
 
 from collections.abc import Sequence
@@ -49,18 +50,18 @@ LIMIT = 8  # largest number of corrections; from the farthest guess that is acce
 
 @dataclass(frozen=True, eq=False)
 class _Sample:
-    """The values that are computed at one sample, as values of the routine's graph.
+    """The values that are computed at one sample; each is given by its index in the routine's expression graph.
 
-    One correction leads from the position q to q + z; the angles are the coordinates whose sines are needed.
+    One Newton correction leads from a position q to q + z. Its angles are the coordinates whose sines are needed.
 
     Attributes:
-        start: sine and cosine of each angle of the guess, one after the other.
-        end: sine and cosine of each angle of the corrected position q + z.
-        closed: (n,) the corrected position.
+        start: sine, cosine, sine, ... of the angles of the guess, the position before the first correction.
+        end: sine, cosine, sine, ... of the angles of the corrected position q + z.
+        closed: (n,) the corrected position q + z.
         guards: (G,) the pivots of the constraint Jacobian at the corrected position.
         following: (n,) the guess at the next sample.
         stored: (R,) the numbers to be stored: positions, velocities and accelerations.
-        norms: two squared norms over the angles: of the correction z, and of the step from q + z to the next guess.
+        norms: two squared norms over the angles: of the correction z, and of the step from q + z to the guess at the next sample.
     """
 
     start: list[int]
@@ -78,11 +79,15 @@ def _leaves(g: Graph, name: str, count: int) -> list[int]:
 
 
 def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, _Sample]:
-    """Write one correction of a sample into a new graph, and what is computed at the corrected position; return both.
+    """Write one Newton correction, and the values that are computed at the corrected position, into a new graph.
+
+    Return the graph, and the indices of these values in it. The leaves (inputs) of the graph are q with its sines s and cosines c,
+    the guess, and of each input the value u, rate w, second rate b, and the value n at the next sample.
 
     Args:
-        plain: whether sines are calls of a library's function, and sums and products are left as they are. Otherwise sines are
-            polynomials and rotations, and the arithmetic is regrouped for speed.
+        plain: whether sines and cosines are calls of a library's function, and sums and products are left as they are. Otherwise
+            sines and cosines are computed by polynomials, or by a rotation of previous values, and the arithmetic is regrouped for
+            speed.
     """
     g, n, K, angles = Graph(), program.driven.n, program.inputs, program.angles
 
@@ -93,18 +98,19 @@ def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, _Sample]
     q, guess = _leaves(g, "q", n), _leaves(g, "guess", n)
     u, w, b, next_u = (_leaves(g, letter, K) for letter in "uwbn")  # values, rates, second rates, values at the next sample
     at_q = {q[k]: (g.leaf(f"%s{k}"), g.leaf(f"%c{k}")) for k in angles}  # angle -> its sine and cosine, which are leaves too
-    ((*z,),) = inline(g, program.correction, (q, u), at_q.__getitem__)  # the only result of the function
+    ((*z,),) = inline(g, program.correction, (q, u), at_q.__getitem__)  # Newton's correction, the only result of the function
     closed = [g.add(x, change) for x, change in zip(q, z, strict=True)]
     start = [sincos(guess[k]) for k in angles]
     end = [sincos(closed[k]) if plain else trigonometry.rotate(g, at_q[q[k]], z[k], REACH) for k in angles]
     at_closed = {closed[k]: pair for k, pair in zip(angles, end, strict=True)}
+    # at the corrected position: the guards, the step to the guess at the next sample, and the numbers to be stored
     step = [g.sub(after, before) for before, after in zip(u, next_u, strict=True)]
     guards, advance, stored = inline(g, program.motion, (closed, u, w, b, step), at_closed.__getitem__)
     following = [g.add(x, change) for x, change in zip(closed, advance, strict=True)]
     norms = [g.squares([x[k] for k in angles]) for x in (z, advance)]
     flat_start, flat_end = ([x for pair in pairs for x in pair] for pairs in (start, end))
     parts = [flat_start, flat_end, closed, guards, following, stored, norms]  # in the order of the fields of `_Sample`
-    if not plain:  # regroup the arithmetic; the same parts are then other values of another graph
+    if not plain:  # regroup the arithmetic; the parts are then found under other indices, in a new graph
         g, rewritten = rewrite(g, [x for part in parts for x in part])
         values = iter(rewritten)
         parts = [[next(values) for _ in part] for part in parts]
@@ -112,45 +118,50 @@ def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, _Sample]
 
 
 def _settle(g: Graph, program: ClosingProgram, sample: _Sample, values: Sequence[int], alive: int) -> tuple[Loop, int]:
-    """Build the loop of Newton's corrections at one sample, which starts with the guess as q.
+    """Build the loop of Newton's corrections at one sample; it starts with the guess as q.
 
-    Each turn computes the correction z, adds it to q and rotates the sines. The loop goes on, for at most LIMIT turns, while some
-    lane is alive in which the last |z| is larger than SETTLED and no |z| was larger than REACH.
-
-    Args:
-        values: the values that a correction computes, in the order in which they are computed.
-        alive: mask of the lanes in which all samples so far are closed.
+    Each iteration computes the correction z, adds it to q, and rotates the sines and cosines through z. The loop continues, for at
+    most LIMIT iterations, as long as the corrections of some lane are unsettled: the lane is alive, its last |z| is larger than
+    SETTLED, and none of its |z| was larger than REACH.
 
     Return the loop, and a mask that is true for the lanes in which no correction was longer than REACH.
+
+    Args:
+        values: indices in the graph of the values that one correction computes, in the order in which they are computed.
+        alive: mask of the lanes in which the linkage could be closed at all samples so far.
     """
     always, one = g.all(True), g.whole(1)
-    near, j = g.make("mask", payload="%near"), g.count("%j")  # near: no earlier correction of the sample was longer than REACH
+    near, j = g.make("mask", payload="%near"), g.count("%j")
+    # near: no earlier correction of the sample was longer than REACH; j: number of corrections, counted from 1
     correction_square, _ = sample.norms
     still_near = g.both([near, g.make("le", correction_square, g.const(REACH**2))])
     unsettled = g.both([still_near, alive, g.make("lt", g.const(SETTLED**2), correction_square)])
     again = g.make("also", g.make("any", unsettled), g.make("below", j, g.whole(LIMIT)))
     leaves = [*_leaves(g, "q", program.driven.n), *(g.leaf(f"%{letter}{k}") for k in program.angles for letter in "sc")]
     first = [*_leaves(g, "guess", program.driven.n), *sample.start]
-    # leaf -> its value in the first turn of the loop, and in every next turn
+    # leaf -> its value in the first iteration of the loop, and in every further one
     carried = dict(zip(leaves, zip(first, [*sample.closed, *sample.end], strict=True), strict=True))
     carried |= {near: (always, still_near), j: (one, g.make("sum", j, one))}
     return Loop(carried, [Compute(values)], again), still_near
 
 
 def follow(program: ClosingProgram, plain: bool = False) -> Routine:
-    """Build the routine that computes one sample after the other in each lane of a group, until no lane can go on.
+    """Build the routine in which each lane of a group computes one sample after the other.
 
     At each sample the routine corrects a guess until the linkage is closed, checks the guards, stores the results and makes the
-    next guess.
+    guess at the next sample. It ends after the last sample, or when no lane of the group has a closed sample and a near guess at
+    the next one.
 
     Args:
-        plain: whether the target computes sines by a library, and operations in the order in which they were written.
+        plain: whether the target calls a library's functions for sines and cosines, and keeps operations in the order in which they
+            were written.
     """
     g, sample = _write_sample(program, plain)
     n, K = program.driven.n, program.inputs
     first, guess, least = _leaves(g, "first", n), _leaves(g, "guess", n), _leaves(g, "least", program.guards)
 
-    # the values of one sample, in the order in which they are computed
+    # all values of one sample, in the order in which they are computed; below they are divided into those that follow from the
+    # guess, those of a correction, and all others
     every = [*sample.start, *sample.end, *sample.closed, *sample.guards, *sample.following, *sample.stored, *sample.norms]
     values = order(g, every, {f"%guess{k}": x for k, x in enumerate(sample.following)}, plain)
     before = set(live(g, sample.start))  # computed once, from the guess
@@ -164,9 +175,10 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
     # a guard x and its bound a have one sign, and |x| >= |a|: that is x a >= a a
     guarded = [g.make("le", g.mul(a, a), g.mul(x, a)) for x, a in zip(sample.guards, least, strict=True)]
     good = g.both([alive, still_near, g.make("le", correction_square, g.const(SETTLED**2)), *guarded])  # the sample is closed
+    # the lane goes on to the next sample if the guess there is not far away
     goes_on = g.both([good, g.make("le", advance_square, g.const(TURN**2))])
 
-    # what a turn of the loop passes on to the next one: leaf -> first value, next value
+    # what an iteration of the loop over samples passes on to the next one: leaf -> first value, next value
     counted, later = g.add(done, g.flag(good)), g.make("sum", i, g.whole(1))
     carried = dict(zip(guess, zip(first, sample.following, strict=True), strict=True))
     carried |= {alive: (g.all(True), goes_on), done: (g.const(0.0), counted), i: (g.whole(0), later)}
@@ -191,24 +203,31 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
 
 
 class Follower:
-    """Runs the routine `follow` on a target: in groups of as many lanes as a vector has by native code, or all at once by numpy."""
+    """Runs the routine `follow` on a target.
+
+    Native code computes as many lanes at once as a vector register has; numpy computes all lanes at once. The linkage has n
+    coordinates, K inputs, G guards (pivots that must not become small), and R = 3n numbers that are stored at each sample.
+    """
 
     def __init__(self, program: ClosingProgram, target: Target):
-        """Prepare the routine; it is compiled when it is first needed."""
+        """Prepare the routine for a target; the routine is compiled when it is first run."""
         self.program, self.loaded = program, Loaded(lambda many: follow(program, target.backend == "numpy"), target)
 
     def run(self, q: Floats, least: Floats, inputs: Floats, rows: Floats) -> tuple[NDArray[np.integer[Any]], Floats]:
-        """Compute all samples of each lane in turn, beginning at a guess for the first one.
+        """Compute the samples of each lane one after the other, starting with a guess for the position at the first sample.
 
-        Return the number of samples closed before the first that could not be (lanes,), and the guards at the last one (lanes, G).
+        Return for each lane the number of samples closed before the first one that could not be closed (lanes,), and the guards at
+        the last sample that was computed (lanes, G).
 
         Args:
             q: (lanes, n) guesses at the first samples.
             least: (lanes, G) bounds of the guards, with the guards' signs.
-            inputs: (lanes, samples + 1, 3, K) values, rates, second rates; only the values in the last row matter.
-            rows: (any, R) array for the stored numbers. The samples of the first lane come first in it, then those of the second,
-                and so on; those of the last lane end with the array. If the array is too short for all, the last lanes overlap,
-                and must have the same inputs at the samples that they have in common.
+            inputs: (lanes, samples + 1, 3, K) values, rates, second rates. The last row is needed for a guess beyond the last
+                sample; only its values matter.
+            rows: (any, R) array for the stored numbers. The array begins with the samples of the first lane, then come the samples
+                of the second lane, and so on; it ends with the samples of the last lane. If the array is too short for the samples
+                of all lanes, the last lanes share some of its rows. They must then have the same inputs at these samples. For
+                example, of two lanes with 3 samples each and 5 rows, the first lane has rows 0 to 2, the second rows 2 to 4.
         """
         lanes, samples = self.loaded.lanes(len(q)), inputs.shape[1] - 1
         guesses, bounds, levels = (in_lanes(a, lanes) for a in (q, least, inputs.reshape(len(inputs), -1)))

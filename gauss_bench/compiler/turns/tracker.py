@@ -1,11 +1,12 @@
 """Distribution of the samples of one linkage over the lanes of a vector, and recovery where a sample cannot be closed at once.
 
 A sample is closed if positions are found at which the constraints hold for its inputs. The samples are cut into as many parts as
-there are lanes. One lane first finds the positions where parts begin, in steps of at most STRIDE; then all parts are computed side
-by side.
+there are lanes (elements of a vector register). A single lane first finds the positions at which the parts begin, in steps of at
+most STRIDE; then all parts are computed side by side, each in its lane.
 
-If a lane cannot close a sample, the step to that sample is subdivided. If that fails too, `kinematics.loop_closure` tries the
-sample. If it finds a limit of motion or a singular position there, the motion ends, and no later sample is reported as closed.
+If a lane cannot close a sample, the step to that sample is divided into smaller steps. If the small steps fail too,
+`kinematics.loop_closure` tries to close the linkage at the sample. If it finds a limit of motion or a singular position there, the
+motion ends, and no later sample is reported as closed.
 """
 
 from collections.abc import Mapping
@@ -35,9 +36,9 @@ LEAST = 1e-3  # least value of a guard (a pivot), relative to its value at the s
 
 
 class Status(IntEnum):
-    """How a sample was closed."""
+    """How the positions at a sample were found."""
 
-    CLOSED = 0  # by compiled code
+    CLOSED = 0  # by compiled code: the routine `follow`
     LIBRARY = 1  # by `kinematics.loop_closure`
     LOST = 2  # not at all: its numbers are NaN
 
@@ -60,22 +61,24 @@ class Loss:
 
 
 class Tracker:
-    """Computes the motion of a linkage, for samples of its inputs, on from its start.
+    """Computes the motion of a linkage for samples of its inputs, beginning at its start.
 
-    Arrays `levels` (k, 3, K) are values, rates and second rates of K inputs at k samples. Arrays `rows` (k, R) receive q, v and a
-    of each sample, R = 3n.
+    A sample is closed if the position satisfies the constraints. Arrays `levels` (k, 3, K) are values, rates and second rates of K
+    inputs at k samples. Arrays `rows` (k, R) receive q, v and a of each sample, R = 3n.
 
     Attributes:
-        q, u: closed position (n,) and inputs (K,) at the start.
-        least: (G,) bounds of the guards, the pivots that must not become small; they have the signs of the guards at the start.
-        per_stride: (K,) steps of the size STRIDE per unit [rad, m] of each input, more of them for a linkage with many angles.
+        q, u: position (n,) with closed loops, and inputs (K,), at the start.
+        least: (G,) lower bounds of the guards, with the signs of the guards at the start; guards are pivots that must not become
+            small.
+        per_stride: (K,) number of steps of the size STRIDE per unit change [rad, m] of each input; it is larger for a linkage with
+            many angles.
     """
 
     def __init__(self, program: ClosingProgram, target: Target):
         """Close the linkage at its start.
 
         Raises:
-            KernelError: the start cannot be closed, or is at a singular position.
+            KernelError: the loops cannot be closed at the start, or the start is at a singular position.
         """
         self.program, self.driven = program, program.driven
         self.follower, self.lanes, self.n = Follower(program, target), target.lanes, program.driven.n
@@ -107,30 +110,33 @@ class Tracker:
         return self._finish(levels, rows, status, samples_closed) if samples_closed < len(rows) else None
 
     def _walk(self, u: Array) -> Array:
-        """Return positions (m, n) at inputs u (m, K), computed by one lane from the start on; NaN from the first failure on."""
+        """Return positions (m, n) at inputs u (m, K); NaN from the first failure on.
+
+        A single lane moves from the start to u[0] in steps of at most STRIDE, and then through all samples of u.
+        """
         step = u[0] - self.u
         lead = max(1, ceil(float(np.abs(step * self.per_stride).max())))  # samples from the start to u[0]
         rows = np.empty((lead + len(u), self.program.width))
         levels = _at_rest(np.concatenate([self.u + _fractions(lead) * step, u]))
-        closed, _ = self.follower.run(self.q[None], self.least[None], levels, rows)
+        closed, _ = self.follower.run(self.q[None], self.least[None], levels, rows)  # closed[0]: number of rows before a failure
         rows[closed[0] :] = np.nan
         return rows[lead:, : self.n]
 
     def _follow_parts(self, levels: Array, stride: float, rows: Array) -> int:
-        """Compute the motion in parts, one in each lane; return the number of samples before the first that is not closed.
+        """Compute the motion in parts, one in each lane; return the number of samples before the first that cannot be closed.
 
-        All parts have the same number of samples, so that the last ones, which end with the last sample, may overlap.
-        Arguments are those of `track`.
+        All parts have the same number of samples, and the last part ends with the last sample, so that the last parts may overlap.
+        The arguments are those of `track`.
         """
         k = len(rows)
         parts = self.lanes if k >= FEW * self.lanes else 1
         count = ceil(k / parts)  # samples of each part
         begins = np.minimum(np.arange(parts) * count, k - count)  # (parts,) index of the first sample of each part
-        # one lane first walks to the beginning of every part. From one beginning to the next it closes `steps` of the samples, the
-        # stations, which are about STRIDE apart
+        # a single lane first moves to the beginning of every part. From one beginning to the next it closes the linkage at `steps`
+        # of the samples, the stations, which are about STRIDE apart
         steps = min(count, max(1, ceil(count * stride)))
         stations = (begins[:-1, None] + np.diff(begins)[:, None] * np.arange(steps) // steps).ravel()
-        q = self._walk(levels[[*stations, begins[-1]], 0])[::steps]  # (parts, n)
+        q = self._walk(levels[[*stations, begins[-1]], 0])[::steps]  # (parts, n) positions at the beginnings
         # then all lanes together compute their parts; each reads the inputs of one sample more, for which it makes its last guess
         ahead = levels.take(np.minimum(begins[:, None] + np.arange(count + 1), k - 1), axis=0)  # (parts, count + 1, 3, K)
         closed, _ = self.follower.run(q, self.least[None].repeat(parts, axis=0), ahead, rows)
@@ -142,9 +148,11 @@ class Tracker:
         return int(begins[incomplete[0]] + valid[incomplete[0]]) if len(incomplete) else k
 
     def _finish(self, levels: Array, rows: Array, status: NDArray[np.int8], at: int) -> Loss | None:
-        """Compute the samples from index `at` on, the first that the lanes could not close.
+        """Compute the samples from index `at` on; at this sample the lanes could not close the linkage in one step.
 
-        Return where and why the motion ends before the last sample, or None if it does not. Other arguments are those of `track`.
+        Each sample that fails is tried in smaller steps, then by the library `kinematics`; after a success in small steps the
+        samples behind it follow in one lane. Return where and why the motion ends before the last sample, or None if it does not.
+        Other arguments are those of `track`.
         """
         while at < len(rows):
             q, u = (rows[at - 1, : self.n], levels[at - 1, 0]) if at else (self.q, self.u)
@@ -160,16 +168,17 @@ class Tracker:
         return None
 
     def _follow_in_small_steps(self, q: Array, u: Array, levels: Array, rows: Array) -> int:
-        """Compute samples in one lane, with the step to the first of them subdivided; return the number of closed ones.
+        """Compute samples in one lane, with the step to the first of them divided into smaller steps; return the number closed.
 
         Args:
-            q, u: closed position (n,) and inputs (K,) from which the step begins.
-            levels: (k, 3, K) of the samples.
-            rows: (k, R), whose first rows receive the closed samples.
+            q, u: position (n,) with closed loops and inputs (K,) from which the step begins.
+            levels: (k, 3, K) values, rates and second rates of the inputs at the samples.
+            rows: (k, R) array whose first rows receive q, v and a of the samples that are closed.
         """
         for parts in SUBDIVISIONS:
             between = u + _fractions(parts) * (levels[0, 0] - u)
-            # `parts` samples from u on, at rest, without their repeated last one; then those asked for, with the last one repeated
+            # `parts` samples from u on, with zero rates, without their repeated last one; then the samples to be computed, with the
+            # last one repeated, because the routine reads the inputs of one sample more than it closes
             ahead = np.concatenate([_at_rest(between)[:, :-1], levels[None], levels[None, -1:]], axis=1)
             found = np.empty((parts + len(rows), self.program.width))
             closed = int(self.follower.run(q[None], self.least[None], ahead, found)[0][0]) - parts
@@ -184,13 +193,13 @@ class Tracker:
         Args:
             levels: (3, K) value, rate and second rate of the inputs.
         """
-        # every driver has a law with this value, rate and second rate at all times, so that the time 1.0 is any time
+        # every driver gets a law with the same value, rate and second rate at all times, so that the time 1.0 below is arbitrary
         drivers = [replace(d, law=_hold(level)) for d, level in zip(self.driven.drivers, levels.T, strict=True)]
         try:
             motion = loop_motion(replace(self.driven, q0=q.copy(), drivers=tuple(drivers)), np.array([1.0]))
         except MotionError as error:
             kind = "singular position" if isinstance(error, SingularPosition) else "limit of motion"
-            reason = str(error).rpartition(": ")[2]  # the message names the place, then the reason
+            reason = str(error).rpartition(": ")[2]  # the message gives the place, then ": " and the reason
             return Loss(sample=0, kind=kind, inputs=error.inputs, text=reason)  # the caller knows the sample
         return np.concatenate([motion.q[0], motion.v[0], motion.a[0]])
 
@@ -201,9 +210,10 @@ def _fractions(count: int) -> Array:
 
 
 def _at_rest(u: Array) -> Array:
-    """Return inputs u (k, K) with zero rates and second rates, for one lane: (1, k + 1, 3, K).
+    """Return inputs u (k, K) with zero rates and second rates, in the layout (1, k + 1, 3, K) that the routine `follow` reads.
 
-    The last sample is repeated, because a lane reads the inputs of one sample more than it closes.
+    The first index is that of the lane, of which there is one. The last sample is repeated, because the routine reads the inputs of
+    one sample beyond the last one that it closes.
     """
     levels = np.zeros((1, len(u) + 1, 3, u.shape[1]))
     levels[0, :-1, 0], levels[0, -1, 0] = u, u[-1]

@@ -1,11 +1,12 @@
 """Animate a linkage as one SVG that moves by itself in a loop, without a script.
 
-A link is drawn once, in its own frame, and moved by its centre of mass z and its angle theta at every kept state,
+Each link is drawn once, in its own frame. The animation has some of the states of the motion, called the kept states. At each of
+them an SVG transform moves the link by its centre of mass z and its angle theta:
 
-    x = z + R(theta) local   as   translate(z) rotate(-theta), since y points down on the page,
+    x = z + R(theta) local   as   translate(z) rotate(-theta), since y points down on the page.
 
-with linear interpolation in time. If a link turns by d_theta between two kept states, a point at a distance r from z leaves its
-circle by at most r d_theta^2 / 8. Joints look closed as long as d_theta is small.
+Between kept states the browser interpolates linearly in time. If a link turns by d_theta between two kept states, a point at a
+distance r from z leaves its circle by at most r d_theta^2 / 8. Joints look closed as long as d_theta is small.
 
 Readers who ask for reduced motion, and printers, get a still picture of the start with the names of its parts.
 """
@@ -37,7 +38,7 @@ HALO = f'paint-order="stroke" stroke="{PAPER}" stroke-width="3" stroke-linejoin=
 def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = ()) -> str:
     """Return the SVG of a linkage moving through states q (k, n) at times t (k,) [s], with the paths of points.
 
-    Its size is about 6 kB for each link and turn of the fastest link.
+    The text takes about 6 kB for each link, times the number of turns of the fastest link.
 
     Raises:
         ValueError: fewer than two states, or times that do not increase.
@@ -45,12 +46,14 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
     if len(q) < 2 or len(t) != len(q) or not np.all(np.diff(t) > 0):
         raise ValueError("a motion needs two or more states at increasing times")
     shown = replace(mechanism, observed_points=tuple(points))
-    kept = thin(t, q)
+    kept = thin(t, q)  # indices of the states that the animation has
     states = q[kept]
     canvas = canvas_of(shown, states)
     film, slower = make_film(t[kept], states, canvas)
-    moving = [*linkage_parts(shown, film.states, None, canvas, letters={p.name: _letter(p) for p in points})]
-    still = [*linkage_parts(shown, states[:1], states, canvas)]
+    # the animated parts, and the parts at the start, which are shown if animations are switched off
+    moving = [*linkage_parts(shown, film.states, trace=None, canvas=canvas, letters={p.name: _letter(p) for p in points})]
+    still = [*linkage_parts(shown, states[:1], trace=states, canvas=canvas)]
+    # (l, 2, 2) lines [px] of the moving parts at all states, from which the scale bar keeps away
     swept = np.vstack([part.lines(k) for part in moving for k in range(len(part.place))])
     scale = place_scale(canvas, swept)
     parts = [
@@ -69,7 +72,10 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
 
 
 def thin(t: Array, q: Array) -> list[int]:
-    """Return indices of the states q (k, n) to keep, with both ends: as few as TURN and FRAMES allow.
+    """Return the indices of the states q (k, n) to keep for an animation, the first and the last included.
+
+    They are as few as possible, but so many that no link turns by more than TURN between two kept states, and that the time between
+    them is at most the duration / FRAMES.
 
     Args:
         t: times (k,) of the states [s].
@@ -87,11 +93,11 @@ def thin(t: Array, q: Array) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """Kept states of a motion, and the timing of all animated attributes.
+    """The states of a motion that an animation has, and the timing of all animated attributes.
 
     Attributes:
-        states: (f, n) with continuous angles.
-        timing: duration, repetition and times of the states as SVG attributes.
+        states: (f, n) the states, with continuous angles.
+        timing: duration, repetition and times of the states, as text with attributes of an SVG animation.
     """
 
     states: Array
@@ -124,7 +130,7 @@ def make_film(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
     states = unwrap_angles(q)
     slower = max(1.0, SHORTEST / float(t[-1] - t[0]))
     seconds = (t - t[0]) * slower
-    if not _returns(states, canvas):  # rest at the end before the film begins again
+    if not _ends_where_it_began(states, canvas):  # rest at the end before the film begins again
         states, seconds = np.vstack([states, states[-1]]), np.append(seconds, seconds[-1] + REST)
     timing = f'dur="{seconds[-1]:.6g}s" repeatCount="indefinite"'
     parts = seconds / seconds[-1]
@@ -133,8 +139,8 @@ def make_film(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
     return Film(states, timing), slower
 
 
-def _returns(states: Array, canvas: Canvas) -> bool:
-    """Tell whether every link ends where it began, apart from whole turns, over states (f, n)."""
+def _ends_where_it_began(states: Array, canvas: Canvas) -> bool:
+    """Tell whether every link ends where it began over states (f, n), apart from whole turns: within SAME pixels and degrees."""
     change = (states[-1] - states[0]).reshape(-1, 3)
     turn = np.degrees(change[:, 2])
     shift = np.hypot(change[:, 0], change[:, 1]) * canvas.scale

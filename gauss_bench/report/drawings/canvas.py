@@ -40,14 +40,14 @@ class Canvas:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Shapes around an origin of their own, and the motion of this origin over k states.
+    """A part of a drawing: shapes in a frame of their own, in pixels, and the motion of this frame over k states.
 
     Attributes:
         shapes: SVG elements in pixels.
-        place: (k, 2) pixels of the origin.
-        turn: (k,) angles [deg], clockwise as in SVG; zeros for a part that stays upright.
-        stretch: (k,) factors along the x axis of the part.
-        reach: (l, 2, 2) lines [px] around the origin, from which names keep away.
+        place: (k, 2) position of the frame's origin in the picture [px].
+        turn: (k,) angles of the frame [deg], clockwise as in SVG; zeros for a part that stays upright.
+        stretch: (k,) factors of lengths along the x axis of the frame.
+        reach: (l, 2, 2) line segments [px] in the frame that outline the part; names are placed away from them.
         name: name of a force or driver, which is drawn beside the part.
         title: name of a link, which is shown as a tooltip.
         link: index of the link that moves the part, -1 for none.
@@ -65,7 +65,7 @@ class Part:
     local: Array | None = None
 
     def lines(self, k: int = 0) -> Array:
-        """Return the lines (l, 2, 2) of `reach` at state k, in pixels of the picture."""
+        """Return the line segments `reach` (l, 2, 2) at state k in pixels of the picture: stretched, turned and moved."""
         c, s = np.cos(np.radians(self.turn[k])), np.sin(np.radians(self.turn[k]))
         x, y = self.reach[..., 0] * self.stretch[k], self.reach[..., 1]
         return np.asarray(self.place[k] + np.stack((c * x - s * y, s * x + c * y), axis=-1))

@@ -27,7 +27,7 @@ def curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, points:
         q, v, a: states (k, n) of the mechanism at these times.
 
     Raises:
-        ValueError: there is no point, or the states are not those of the mechanism.
+        ValueError: `points` is empty, or the shapes of the states do not fit the mechanism and the times.
     """
     if not points or not q.shape == v.shape == a.shape == (len(t), mechanism.n):
         raise ValueError("needs a point, and a state of the mechanism at every time")

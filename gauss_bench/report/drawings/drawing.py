@@ -50,7 +50,7 @@ def draw(mechanism: Mechanism, q: Array | None = None, trace: Array | None = Non
 
 
 def draw_at(mechanism: Mechanism, q: Array, trace: Array, canvas: Canvas) -> str:
-    """Return the SVG of one picture of a film: state q (n,) without names, and paths of observed points over `trace` (k, n)."""
+    """Return one picture of an animation as SVG: state q (n,), no names, and paths of observed points over `trace` (k, n)."""
     parts = linkage_parts(mechanism, q[None], trace, canvas)
     return page(canvas, mechanism.title or mechanism.name, draw_shapes(mechanism, trace, canvas, parts))
 
@@ -63,11 +63,11 @@ def draw_shapes(mechanism: Mechanism, trace: Array | None, canvas: Canvas, parts
 
 @dataclass(frozen=True, eq=False)
 class ScaleBar:
-    """A scale bar.
+    """A scale bar of a drawing.
 
     Attributes:
-        length: its length [m].
-        ends: its two ends (2, 2) [px].
+        length: the length that the bar stands for [m].
+        ends: positions of both ends of the bar (2, 2) [px].
     """
 
     length: float
@@ -90,17 +90,20 @@ def place_scale(canvas: Canvas, avoid: Array) -> ScaleBar:
 
 
 def free_corner(canvas: Canvas, half: float, avoid: Array) -> Array:
-    """Return the middle (2,) [px] of a horizontal line in the corner of the picture that is farthest from given segments.
+    """Find the corner of the picture that is farthest from given segments, and place a horizontal line in this corner.
 
     Args:
         half: half the length of the line [px].
         avoid: segments (k, 2, 2) [px].
+
+    Returns:
+        The middle of the line (2,) [px].
     """
     corners = [np.array([x, y]) for y in (canvas.height - 18, 26) for x in (canvas.width - 20 - half, 20 + half)]
     line = np.array([[-half, 0.0], [0.0, 0.0], [half, 0.0]])  # around its middle
 
     def room(corner: Array) -> float:
-        """Return the distance [px] of the line in a corner from the segments, rounded."""
+        """Return the rounded distance [px] between the segments and the line, if its middle is at `corner` (2,) [px]."""
         # beyond 100 px all corners are equally good, and the first is taken
         return min(100.0, round(distance(corner + line, avoid)))
 
@@ -129,7 +132,8 @@ def fit(mechanism: Mechanism, states: Array, points: Sequence[Point] = ()) -> Ca
 def canvas_of(mechanism: Mechanism, states: Array) -> Canvas:
     """Return a canvas that contains a linkage with its guides at all states (k, n)."""
     slides = [joint for joint in mechanism.joints if isinstance(joint, Prismatic) and joint.guide.link != GROUND]
-    ends = [end for joint in slides for end in guide_ends(joint, states, 0.0)]
+    # guides on the ground are left out: the canvas contains their blocks, and may cut what is longer
+    ends = [end for joint in slides for end in guide_ends(joint, states, more=0.0)]
     return fit(mechanism, states, (*mechanism.observed_points, *ends))
 
 
@@ -139,7 +143,7 @@ def linkage_parts(
     """Yield all parts of a linkage at states (k, n), from the background to the front.
 
     Args:
-        trace: states (l, n) over which blocks travel along guides on the ground; by default `states`.
+        trace: states (l, n) that give the travel of blocks, and so the length, of guides on the ground; if None, `states`.
         forces: whether forces and drivers are drawn.
         letters: name of an observed point -> an SVG text that moves with it.
     """
@@ -157,11 +161,12 @@ def ground_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterato
     """Yield the ground symbols under pins on the ground, and the guides on the ground.
 
     Args:
-        states: (k, n) states over which a block travels along its guide, which is drawn a little longer than the travel.
+        states: (k, n) states of the motion. A guide is drawn BEYOND [px] longer at each end than the travel of its block over them.
     """
     ends = [end for joint in mechanism.joints if isinstance(joint, Revolute) for end in (joint.a, joint.b)]
     held = [point for point in (*ends, *attachments(mechanism)) if point.link == GROUND]
     for where in dict.fromkeys(tuple(p.local.tolist()) for p in held):
+        # [px] a hatched line of 40 px under the triangle FOOT, and three lines through both for `reach`
         shapes = (FOOT, *hatch(np.array([-20.0, 22.0]), np.array([20.0, 22.0])))
         yield make_part(shapes, canvas.at(np.array(where)), reach=np.array([[(0.0, 0.0), (x, 26.0)] for x in (-14.0, 0.0, 14.0)]))
     for joint in mechanism.joints:
@@ -190,7 +195,7 @@ def point_parts(mechanism: Mechanism, states: Array, canvas: Canvas, letters: Ma
 
 
 def link_part(mechanism: Mechanism, i: int, states: Array, canvas: Canvas) -> Part:
-    """Return link i at states (k, n): its guides and blocks, the faint hull of its points, and its bars with round ends."""
+    """Return the drawn part of link i at states (k, n): guides and blocks, a faint hull of its points, and bars with round ends."""
     link = mechanism.links[i]
     shapes, reach = [], []  # reach: lines (2, 2) [px] in the link's frame, from which names keep away
     for joint in (j for j in mechanism.joints if isinstance(j, Prismatic)):

@@ -74,7 +74,7 @@ class Places:
     canvas: Canvas
 
     def of(self, point: Point) -> Array:
-        """Return the pixels (k, 2) of a point."""
+        """Return the positions (k, 2) [px] of a point of a link at the k states."""
         return self.canvas.at(position(self.states, point))
 
     def angle(self, link: int) -> Array:
@@ -90,7 +90,7 @@ def force_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterator
 
 
 def _symbol(item: object, mechanism: Mechanism, x: Places) -> Iterator[Part]:
-    """Yield the parts of the symbol of a force or driver."""
+    """Yield the parts of the symbol of a force or driver; a joint damper is drawn at the first of the pairs that it acts on."""
     match item:
         case SpringDamper():
             yield from spring_damper(item.name, x.of(item.a), x.of(item.b), item.k, item.c)
@@ -100,7 +100,7 @@ def _symbol(item: object, mechanism: Mechanism, x: Places) -> Iterator[Part]:
             foot = x.canvas.at(position(x.states, item.point) - along_axis[:, None] * axis)
             yield from spring_damper(item.name, foot, x.of(item.point), item.k, item.c)
         case RotationalSpringDamper():
-            shapes = [COIL] * bool(item.k) + [RING] * bool(item.c)
+            shapes = [COIL] * bool(item.k) + [RING] * bool(item.c)  # a spiral for stiffness, a dotted ring for damping
             yield ring_part(item.name, shapes, x.of(_pin(mechanism, item.a, item.b)), 14.0, -np.degrees(x.angle(item.b)))
         case JointDamping():
             for pair in item.pairs[:1]:
@@ -130,8 +130,10 @@ def _sense(driver: AngleDriver | SlideDriver) -> float:
 def _pin(mechanism: Mechanism, a: int, b: int) -> Point:
     """Return a point around which torques between links a and b are drawn.
 
-    It is the pin that joins both links; if there is none, it is a pin of b on the ground, or else the centre of mass of b.
+    The point is the first pin that joins both links. If there is none, it is the first pin that joins b to the ground, and if there
+    is none of these either, the centre of mass of b (of a if b is the ground).
     """
+    # reversed: of several pins between the same links, the first in the file is stored last and stays
     pins = {frozenset((j.a.link, j.b.link)): j.a for j in reversed(mechanism.joints) if isinstance(j, Revolute)}
     centre = Point(b if b != GROUND else a, np.zeros(2), "")
     return pins.get(frozenset((a, b))) or pins.get(frozenset((GROUND, b)), centre)
@@ -144,9 +146,11 @@ def ring_part(name: str, shapes: Iterable[str], centre: Array, radius: float = 2
 
 
 def motion_along(a: Array, b: Array) -> tuple[float, dict[str, Array]]:
-    """Return the length [px] of the line from a to b (k, 2) [px] at the first state, and the motion of a symbol along the line.
+    """Return the length of a symbol that is drawn from a to b (k, 2) [px], and its motion over the k states.
 
-    The motion is `place`, `turn` and `stretch` of a part.
+    Returns:
+        The length at the first state [px], and the fields `place`, `turn` and `stretch` of a `Part`: the position of a [px], the
+        angle of the line [deg], and its length divided by that at the first state.
     """
     line = b - a
     length = np.maximum(np.hypot(*line.T), 1.0)
@@ -155,7 +159,13 @@ def motion_along(a: Array, b: Array) -> tuple[float, dict[str, Array]]:
 
 
 def spring_damper(name: str, a: Array, b: Array, k: float, c: float) -> Iterator[Part]:
-    """Yield a spring (if k is not 0) and a damper (if c is not 0) between a and b (n, 2) [px]."""
+    """Yield the symbols of a spring (if k is not 0) and of a damper (if c is not 0) between a and b (n, 2) [px].
+
+    Points of the lines are (share of the length, px beside the line). Spring and damper are drawn along the whole length or, if
+    there are both, side by side from LEAD to 1 - LEAD, with short lines that join them at both ends. A spring is straight up to
+    0.2, a zigzag COILS up to 0.8, then straight again. A damper is a line to the bottom of its pot at 0.4, and a line from its
+    piston at 0.52.
+    """
     length, motion = motion_along(a, b)
     side, ends = (SIDE, (LEAD, 1 - LEAD)) if k and c else (0.0, (0.0, 1.0))
     lines = []  # points as (share of the length, px beside the line)
@@ -167,13 +177,18 @@ def spring_damper(name: str, a: Array, b: Array, k: float, c: float) -> Iterator
     if side:
         lines += [[(x, -side), (x, side)] for x in ends] + [[(0, 0), (LEAD, 0)], [(1 - LEAD, 0), (1, 0)]]
     shape = stroke(LINE, *(np.array(line) * (length, 1) for line in lines))
+    # names keep away from the middle line and from both sides of the symbol
     reach = np.array([[(0.0, y), (length, y)] for y in (0.0, side + WIDE, -side - WIDE)])
     yield make_part([shape], **motion, name=name, reach=reach)
     yield from (make_part([PIN], x) for x in (a, b))
 
 
 def cylinder(name: str, a: Array, b: Array) -> Iterator[Part]:
-    """Yield a rod between a and b (n, 2) [px], and around its first part a barrel of constant length."""
+    """Yield the symbol of a hydraulic cylinder between a and b (n, 2) [px].
+
+    A rod extends from a to b, and its length changes. A barrel lies around the rod at the end a; its length is constant, BARREL
+    times the smallest distance of a and b.
+    """
     length, motion = motion_along(a, b)
     rod = f'<path d="M0 0H{length:.1f}" fill="none" stroke="{CRANK_EDGE}" stroke-width="4" {KEPT}/>'
     yield make_part([rod], **motion, name=name, reach=np.array([[(0.0, 0.0), (length, 0.0)]]))

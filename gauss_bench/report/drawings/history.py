@@ -83,7 +83,7 @@ def _components(curves: Sequence[Curve]) -> tuple[Line, ...]:
 
 
 def _magnitudes(curves: Sequence[Curve], first: str, second: str) -> tuple[Line, ...]:
-    """Return the line of the magnitude of each vector, whose components have the keys `first` and `second`."""
+    """Return for each point the line of a vector's magnitude; the components of the vector have the keys `first` and `second`."""
     values = {(x.of, x.key): x.values for x in curves}
     names = dict.fromkeys(x.of for x in curves)
     return tuple(Line(name, np.hypot(values[name, first], values[name, second]), i) for i, name in enumerate(names))
@@ -100,7 +100,9 @@ def plot(history: History, caption: Caption, head: bool = True) -> Figure:
     panels = panels_of(history)
     texts = [(line, MUTED) for line in textwrap.wrap(caption.how, LETTERS)]
     texts += [(line, CRANK_EDGE) for line in textwrap.wrap(caption.verdict, LETTERS)]
-    top = 0.36 + 0.165 * len(texts) if head else 0.0  # [inch] height of the texts
+    # [inch] below: 0.36 for the title, 0.165 for each line of the other texts, 0.12 for the left margin; the baseline of the title
+    # is 0.25 from the top, that of the first line 0.45
+    top = 0.36 + 0.165 * len(texts) if head else 0.0  # height of the texts
     tall = top + sum(panel.height for panel in panels) + FOOT  # [inch]
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, tall))
@@ -125,7 +127,8 @@ def _draw_panel(axes: Axes, panel: Panel, t: Array, caption: Caption) -> None:
         t: times (k,) of the samples [s].
     """
     until, trusted = caption.until, caption.trusted
-    sure = t <= (until if trusted is None else max(trusted, float(t[0])))  # (k,) whether a sample is trusted
+    # (k,) whether a sample is trusted: the judge has no objection to the run up to its time
+    sure = t <= (until if trusted is None else max(trusted, float(t[0])))
     # values that are not trusted do not affect the limits of the axis
     low, high = panel.limits or _limits([x.values[sure] for x in panel.lines])
     colours = _choose_colours(panel, sure)
@@ -161,7 +164,7 @@ def _choose_colours(panel: Panel, sure: NDArray[np.bool_]) -> dict[Line, int]:
     """Return line -> index of its colour; among more than NAMED lines, only those with the largest trusted values have one.
 
     Args:
-        sure: (k,) whether a sample is trusted.
+        sure: (k,) whether a sample is trusted, because the judge has no objection to the run up to its time.
     """
     if len(panel.lines) <= NAMED:
         return {x: x.colour for x in panel.lines}
@@ -197,9 +200,10 @@ def label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
 
 
 def move_apart(wanted: Array, gap: float, tall: float) -> Array:
-    """Return heights (k,) between 0 and `tall` that are nearest to the wanted ones in least squares, and at least `gap` apart.
+    """Return heights (k,) for labels, between 0 and `tall`, that are nearest to the wanted ones in least squares, and `gap` apart.
 
-    The order of the heights does not change. If there is too little room for all, they are centred.
+    Two heights differ by at least `gap`, and are in the same order as the wanted heights. If `tall` is too small for k labels, they
+    are exactly `gap` apart, and their middle is that of `tall`.
     """
     # with x_i = y_i + i gap, places x_i are at least `gap` apart if the y_i do not decrease: this is isotonic regression
     order = np.argsort(wanted, kind="stable")

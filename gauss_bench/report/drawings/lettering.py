@@ -34,10 +34,11 @@ def box_of(name: str, middle: Array, size: float = 13.0) -> Array:
 
 
 def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Part], taken: Array, bar: Array) -> list[str]:
-    """Return the SVG texts of all names at state q (n,).
+    """Return the SVG texts of the names of joints, observed points, links, forces and drivers at state q (n,).
 
-    Names of joints and observed points are placed first, then titles, which are names of links, then names of forces and drivers.
-    Each keeps away from the names that were placed before it. A force without room beside it gets no name.
+    Names of joints and observed points are placed first, then titles of parts, which are names of links, then names of forces and
+    drivers. No name is placed over one that was placed before it. If every place beside a force or driver overlaps another name or
+    the edge of the picture, or lies on a line, its name is left out.
 
     Args:
         parts: all drawn parts.
@@ -48,19 +49,20 @@ def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Pa
     segments = np.vstack([*(part.lines() for part in parts), bar[None]])
     texts = []
     for name, where in _points(mechanism, q, canvas):
-        wide = np.array([width_of(name) / 2 - 4.0, 0.0])
+        wide = np.array([width_of(name) / 2 - 4.0, 0.0])  # half a name, less 4 px: a name beside its point stands close to it
         # candidates around the point: at these distances [px] in all directions, and further to the sides for a wide name
         places = [where + r * way + wide * way for r in (15.0, 18.0, 21.0, 27.0, 34.0) for way in AROUND]
         place, _ = _best(places, name, segments, boxes, size, NEAR)
         boxes.append(box_of(name, place))
         texts.append(_text(name, place, INK, 'font-style="italic"'))
-    for part in parts:
+    for part in parts:  # links
         if part.title:
+            # a part whose `reach` is empty counts as a line of no length at its origin
             lines = part.lines() if len(part.reach) else np.tile(part.place[0], (1, 2, 1))
             place, _ = _best(_beside_lines(part.title, lines), part.title, segments, boxes, size)
             boxes.append(box_of(part.title, place))
             texts.append(_text(part.title, place, MUTED, ""))
-    for part in parts:
+    for part in parts:  # forces and drivers
         if part.name and len(part.reach):
             place, room = _best(_beside_lines(part.name, part.lines()), part.name, segments, boxes, size, NEAR)
             if room > 0:
@@ -70,11 +72,15 @@ def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Pa
 
 
 def _beside_lines(name: str, lines: Array) -> list[Array]:
-    """Return candidate places (2,) [px] for a name around several points of each of the lines (l, 2, 2) [px]."""
-    # a name beside a point keeps its whole width away from it, a name above it does not
+    """Return candidate places (2,) [px] for the middle of a name, around several points of each of the lines (l, 2, 2) [px].
+
+    The first of equally good places is taken: places near a line, and near its middle, come first.
+    """
+    # the middle of a name to the right or left of a point is half the name's width farther away than that of a name above it
     wide = np.array([width_of(name) / 2, 0.0])
-    spots = [a + part * (b - a) for part in (0.5, 0.35, 0.65, 0.2, 0.8) for a, b in lines]
-    return [spot + reach * way + wide * way for reach in (13.0, 19.0, 27.0) for spot in spots for way in AROUND[::2]]
+    spots = [a + share * (b - a) for share in (0.5, 0.35, 0.65, 0.2, 0.8) for a, b in lines]
+    # at these distances [px], in every second direction of AROUND
+    return [spot + away * way + wide * way for away in (13.0, 19.0, 27.0) for spot in spots for way in AROUND[::2]]
 
 
 def _text(name: str, place: Array, colour: str, style: str) -> str:
@@ -99,8 +105,8 @@ def _best(
 ) -> tuple[Array, float]:
     """Return the place with most room for a name, the first of equal ones, and this room [px].
 
-    The room of a place is the distance of the name from the nearest line. It is negative if the name overlaps another name or the
-    edge of the picture.
+    The room of a place is the distance between the name at this place and the nearest line. The room is negative if the name
+    overlaps another name or the edge of the picture.
 
     Args:
         places: candidates (2,) [px].
@@ -115,7 +121,7 @@ def _best(
     others = np.array(boxes)
 
     def room(place: Array) -> float:
-        """Return the room [px] of the name with its middle at a place (2,) [px]."""
+        """Return the room [px] of the name if its middle is at `place` (2,) [px]; if it overlaps, minus ten times the overlap."""
         box = box_of(name, place)
         inside = min(box[0], box[1], size[0] - box[2], size[1] - box[3]) - EDGE
         gaps = np.maximum(others[:, :2] - box[2:], box[:2] - others[:, 2:]).max(axis=1) - EDGE

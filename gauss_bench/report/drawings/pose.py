@@ -18,7 +18,7 @@ TURN = 120  # states of a full turn
 
 
 def pose_links(name_or_path: str | Path, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
-    """Return a linkage, the state q (n,) to draw, and the states (k, n) of a full turn, as `pose_document`."""
+    """Return a linkage, the state q (n,) to draw, and the states (k, n) of a full turn; `pose_document` explains them."""
     return pose_document(*document_of(name_or_path), crank_deg)
 
 
@@ -27,9 +27,9 @@ def pose_document(
 ) -> tuple[Mechanism, Array, Array | None]:
     """Return a linkage, the state q (n,) to draw, and the states (k, n) of a full turn of its crank.
 
-    The state has the crank at `crank_deg`, and the linkage has all forces of the file and no driver. If the crank cannot reach this
-    angle, the linkage is at the start of its default scenario, with the forces and drivers of that scenario. If the crank cannot
-    turn fully, None stands for the states.
+    In the returned state the crank is at the angle `crank_deg`; the returned linkage has all forces of the file and no driver. If
+    the crank cannot reach this angle, the state is the start of the linkage's default scenario, and the linkage has the forces and
+    drivers of that scenario. If the crank cannot turn fully, the states of a turn are None.
     """
     crank = document.get("crank")
     driver = {"link": crank, "law": "constant", "start_deg": crank_deg, "speed": 2 * np.pi}

@@ -59,7 +59,8 @@ def _gif(mechanism: Mechanism, t: Array, q: Array) -> bytes:
     # all pictures share the palette of the first, so that the file is small and colours do not flicker
     first = pictures[0].quantize(128)
     kept = [picture.quantize(palette=first, dither=Image.Dither.NONE) for picture in pictures]
-    # duration of a picture: an equal part of the film, or for a film that was cut to MOST pictures as short as allowed
+    # [s] duration of a picture: an equal part of the film, but at least 1 / RATE. If the number of pictures was limited to MOST,
+    # each lasts 1 / RATE, and the film is faster than the motion
     seconds = max(float(t[-1] - t[0]) * slower / count, 1 / RATE) if count < MOST else 1 / RATE
     buffer = io.BytesIO()
     kept[0].save(buffer, "GIF", save_all=True, append_images=kept[1:], duration=round(1000 * seconds), loop=0, optimize=True)

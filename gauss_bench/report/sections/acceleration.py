@@ -23,7 +23,10 @@ ERROR = "acceleration_error_median"  # column of the relative error
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield findings on engines with the reference's acceleration, on engines with another one, and on the negative control."""
+    """Yield findings on engines whose accelerations agree with the reference, on those whose differ, and on the negative control.
+
+    The negative control is a formulation that is wrong on purpose.
+    """
     rows = [row for row in acceleration_rows(run.results) if not row["control"]]
     yield from find_same_model(rows)
     yield from find_other_models(run, rows)
@@ -31,7 +34,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def find_same_model(rows: Sequence[Row]) -> Iterator[Finding]:
-    """Yield a finding on the engines that return the reference's acceleration at the same state."""
+    """Yield a finding that lists the engines whose accelerations agree with the reference at the same states."""
     engines = group_by(rows, lambda r: f"`{r['engine']}` {setting_words(r, 'settings')}".strip())
     worst = {name: max(r[ERROR] for r in group) for name, group in engines.items()}
     same = sorted((error, name) for name, error in worst.items() if error <= SAME_ACCELERATION)
@@ -54,9 +57,9 @@ def list_errors(rows: Sequence[Row]) -> Table:
 
 
 def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
-    """Yield a finding on each engine and settings whose acceleration is not the reference's at the same state.
+    """Yield a finding for each engine and settings whose accelerations differ from the reference at the same states.
 
-    The finding also says whether a smaller step reduces the error of the trajectory.
+    Each finding also says whether a smaller step reduces the error of the trajectory.
     """
     for (name, settings), group in group_by(rows, "engine", "settings").items():
         off = [row for row in group if row[ERROR] > SAME_ACCELERATION]
@@ -71,15 +74,16 @@ def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def _show_flat_error(run: Run, off: Sequence[Row]) -> tuple[str, list[Table]]:
-    """Return the end of the sentence "A smaller step cannot change that", and a table of cases behind it.
+    """Return the end of the sentence "A smaller step cannot change that", and a list with the table of the cases behind it.
 
-    The end tells of the trajectory error that falls by the smallest factor, below SHRINKS, over at least a 4-fold range of steps.
+    Among series of runs whose step falls at least 4-fold, the end of the sentence names the one whose trajectory error falls by the
+    smallest factor, if this factor is below SHRINKS.
 
     Args:
         off: acceleration rows of the engine and settings in question.
 
     Returns:
-        Only "." and no table if all errors fall with the step by SHRINKS or more.
+        The end of the sentence, and the list. They are "." and an empty list if in every series the error falls by SHRINKS or more.
     """
     models = {(row["mechanism"], row["engine"], row["settings"]) for row in off}
     rows = [r for r in run.results if has_ended(r) and not chose_steps(r) and is_known(end_error(r))]
@@ -100,7 +104,11 @@ def _show_flat_error(run: Run, off: Sequence[Row]) -> tuple[str, list[Table]]:
 
 
 def find_controls(run: Run) -> Iterator[Finding]:
-    """Yield a finding on each negative control: its small residuals, its wrong acceleration, and whether the gate rejects it."""
+    """Yield a finding for each negative control, which is a formulation that is wrong on purpose.
+
+    The finding states how small its constraint residuals are, how wrong its accelerations are, and whether the judge's limit for
+    accelerations rejects it.
+    """
     rows = [row for row in run.results if row["control"] and has_ended(row)]
     for name, group in group_by(rows, "engine").items():
         residuals = [row["acceleration_residual"] for row in with_number(group, "acceleration_residual")]

@@ -1,4 +1,4 @@
-"""The ways in which the suite may favour its authors' engines, and the effort spent on each engine, counted from the rows."""
+"""How the suite may favour its authors' engines, and how much effort went into each engine, counted from the rows of the tables."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ REASONS = (
 
 
 def section(run: Run) -> Section:
-    """Return the section with the possible biases and the table of effort."""
+    """Return the section on possible biases of the suite, with a table of the effort that went into each engine."""
     lines = list(count_effort(run).values())
     return Section(TITLE, ANCHOR, (Bullets((describe_authorship(run), *REASONS)), *blocks_of("bias", lines)))
 
@@ -40,7 +40,11 @@ def describe_authorship(run: Run) -> str:
 
 
 def count_effort(run: Run) -> Mapping[str, Row]:
-    """Return engine -> a row with the numbers of its searched variants, its evaluations, and its cases; own engines first."""
+    """Return engine -> a row of counts, with the engines by the authors of the suite first.
+
+    A row counts the settings that searches tried (`variants`), the runs of searches (`evaluations`), the cases, and those of the
+    cases that are valid. Its entry `own` tells whether the authors of the suite wrote the engine.
+    """
     tables = {"variants": run.table("search_space"), "evaluations": run.table("search_ladder"), "cases": run.results}
     counts = {column: Counter(row["engine"] for row in rows) for column, rows in tables.items()}
     counts["valid"] = Counter(r["engine"] for r in run.results if has_ended(r) and r["valid"])

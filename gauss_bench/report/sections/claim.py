@@ -15,7 +15,7 @@ def section(run: Run) -> Section:
     """Return the section with the finding and the table of races, linkages with the fewest unknowns first."""
 
     def order(row: Row) -> tuple[float, float, str]:
-        """Return the sort key of a row: the numbers of unknowns of both formulations, and the linkage."""
+        """Return the sort key of a row: unknowns of the Gauss formulation, then of the Lagrange formulation, then the linkage."""
         return number(row, "unknowns_gauss"), number(row, "unknowns_lagrange"), row["mechanism"]
 
     answers = [Text(finding.short or finding.text) for finding in findings(run)]
@@ -24,7 +24,11 @@ def section(run: Run) -> Section:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield a finding on whether fewer unknowns are faster, on linkages with one and with more free coordinates."""
+    """Yield a finding on whether a step with n - m unknowns takes less time than one with n + m, as the paper claims.
+
+    Its text begins with the paper's own formula in numpy. Then follow compiled steps, separately for linkages with one free
+    coordinate and with more; in their rows the column RACE + "verdict" says whether the claim holds.
+    """
     by_formula, ratios = compare_formula(run)
     slower = any(x > 1 for x in ratios.values())
     formula = [{"where": name, "ratio": x} for name, x in ratios.items()]
@@ -39,7 +43,7 @@ def findings(run: Run) -> Iterator[Finding]:
     answer = answer_in_part("holds" in verdicts, verdicts == {"holds"})
     groups = group_by(rows, lambda r: number(r, "unknowns_gauss") > 1)
     parts = [f"with {_count_freedoms(group)} {_compare_races(group)}" for _, group in sorted(groups.items())]
-    processes = range_text([number(r, "processes") for r in rows]).replace(".00", "")
+    processes = range_text([number(r, "processes") for r in rows]).replace(".00", "")  # whole numbers without decimals
     text = (
         f"{by_formula}{answer}{', by elimination' if by_formula else ''}. "
         f"Compiled by the same eliminator, n - m unknowns against n + m, as the median of {processes} processes: "
@@ -66,7 +70,8 @@ def compare_formula(run: Run) -> tuple[str, dict[str, float]]:
     """Return a sentence on the paper's claim that fewer unknowns are faster, and a dictionary: linkage -> ratio of times.
 
     The ratio is the time of a step of `gauss_pinv`, which is the paper's own formula with its misprints corrected, over that of
-    `lagrange`. Both run in Python in the same loop. Without times both results are empty.
+    `lagrange`. The two engines run in Python in the same loop over the steps. Without times the sentence and the dictionary are
+    empty.
     """
     rows = [r for r in cost_rows(run.results) if is_unstabilised(r) and r["integrator"] == "rk4"]
     steps = {(r["engine"], r["mechanism"]): r["step_ratio"] for r in with_number(rows, "step_ratio")}
@@ -91,7 +96,11 @@ def _count_freedoms(rows: Sequence[Row]) -> str:
 
 
 def _compare_races(rows: Sequence[Row]) -> str:
-    """Return in words, for each kind of step, the range of ratios and the linkages on which fewer unknowns are not faster."""
+    """Return in words, for each kind of step in RACES, how n - m unknowns compare with n + m.
+
+    The words name the number of linkages on which n - m unknowns are faster, the range of the ratios (time with n + m unknowns
+    divided by the time with n - m), and the linkages on which n - m unknowns are not faster.
+    """
     parts = []
     for race, words in RACES.items():
         raced = with_number(rows, f"{race}ratio")

@@ -35,7 +35,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def divide_costs(run: Run, quantity: str) -> dict[str, Spread]:
-    """Return the cost of OWN divided by that of RIVAL, by linkage and for steps also by integrator.
+    """Return the cost of the engine OWN divided by that of RIVAL for each linkage; costs of steps also for each integrator.
 
     Args:
         quantity: "step" or "acceleration".
@@ -54,14 +54,19 @@ def divide_costs(run: Run, quantity: str) -> dict[str, Spread]:
 
 
 def _place(row: Row) -> tuple[str, ...]:
-    """Return linkage, settings and integrator of a row, in which two compared engines must agree."""
+    """Return linkage, settings and integrator of a row; rows of two engines are compared only if these three are equal."""
     return row["mechanism"], row["settings"], row["integrator"]
 
 
 def _divide(run: Run, own: Spread, rival: Spread) -> Spread:
-    """Return the quotient of the ratios of two engines to the run's baseline engine.
+    """Return the time of OWN divided by that of RIVAL.
 
-    Its range is known only if one of the two engines is the baseline.
+    Args:
+        own, rival: for each of the two engines, its time divided by that of the run's baseline engine.
+
+    Returns:
+        The quotient own / rival. If RIVAL is the baseline, it is `own`; if OWN is, the reciprocal of `rival`. Only in these two
+        cases the range of the quotient is known.
     """
     baseline = run.environment.get("baseline_engine")
     if baseline == RIVAL and rival.value == 1 and is_known(own.low) and is_known(own.high):

@@ -1,6 +1,7 @@
-"""The field, that is all engines: their answers to the same questions, by setting, with a reason for each missing answer.
+"""The section "The field": results of the same tests for all engines, for each setting, with a reason for each missing result.
 
-The rows are those of the suite `field`, which is run by itself; its run may lie in the folder `field` of another run.
+The rows are those of a run of the suite `field`, which is run separately. Its folder may be the subfolder `field` of another run's
+folder; then the report of the other run shows the section.
 """
 
 import math
@@ -26,7 +27,7 @@ NOT_HERE = "not among the cases of this run"
 
 
 def section(run: Run) -> Section | None:
-    """Return the section with the tables of answers and of costs, or None for a run that did not ask the engines."""
+    """Return the section with the tables of test results and of costs, or None if the run has no rows of the table `field`."""
     if not run.field_run.table("field"):
         return None
     tables = (*blocks_of("field", answers(run)), *blocks_of("field_costs", costs(run)))
@@ -34,7 +35,7 @@ def section(run: Run) -> Section | None:
 
 
 def describe_questions(run: Run) -> str:
-    """Return sentences on the linkage and step with which engines were compared, and on `run.beside` if that run did it."""
+    """Return sentences on the linkage and step of the tests, and on the run `run.beside` if the rows come from it."""
     first = run.field_run.table("field")[0]
     words = (
         f"All engines were asked the same on {first['mechanism']} at steps of {1e3 * number(first, 'step'):g} ms. Accuracy is that "
@@ -44,7 +45,7 @@ def describe_questions(run: Run) -> str:
 
 
 def describe_run(run: Run) -> str:
-    """Return sentences that the rows come from a run of the suite `field`, and why its times differ from those on other pages."""
+    """Return sentences which say that the rows come from a separate run, and why its times differ from those on other pages."""
     return (
         f"The rows are of a run of their own ({', '.join(facts(run.field_run))}). Its times are those of a brief search; the suite "
         f"`{run.environment.get('suite', '')}`, whose times stand on the other pages, searched longer and found other settings."
@@ -52,7 +53,10 @@ def describe_run(run: Run) -> str:
 
 
 def answers(run: Run, engine: str = "") -> list[Row]:
-    """Return a row of answers for each setting of each engine, or of one engine if it is named; settings as shipped come first."""
+    """Return a row of test results for each setting of each engine, or only of `engine`, if it is named.
+
+    Among the rows of an engine, its settings as shipped come first.
+    """
     run = run.field_run
     lines: list[Row] = []
     for group in group_by(run.table("field"), "mechanism", "engine").values():
@@ -63,13 +67,14 @@ def answers(run: Run, engine: str = "") -> list[Row]:
 
 
 def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
-    """Return the answers of a setting that follow from accuracy cases and from two repeated runs.
+    """Return the test results of a setting that follow from its accuracy cases, and whether two runs of it are equal bit by bit.
 
     Args:
         row: a row of the table `field`.
 
     Returns:
-        Columns of the layout `field`, with the reasons for missing values as `content.missing_reason` takes them.
+        Columns of the layout `field`. Columns that begin with `why_`, and `missing`, are reasons for missing values (see
+        `content.missing_reason`).
     """
     cases = [r for r in run.results if all(r[k] == row[k] for k in METHOD)]
     here = [r for r in cases if (r["mechanism"], r["scenario"]) == (row["mechanism"], row["scenario"])]
@@ -112,7 +117,7 @@ def redundant_rows(cases: Sequence[Row], linkage: str) -> dict[str, Any]:
 
 
 def describe_end(row: Row) -> str:
-    """Return in a few words why a case has no error that counts; the page of its engine has the whole reason."""
+    """Return in a few words why the error of a case is not shown; the page of its engine has the whole reason."""
     if has_ended(row):
         return "not valid"
     return "cannot be modelled" if row["status"] == Status.SKIP else str(row["status"]).replace("_", " ")
@@ -121,8 +126,9 @@ def describe_end(row: Row) -> str:
 def costs(run: Run, engine: str = "") -> list[Row]:
     """Return a row for each engine, or for one if it is named: its cost at both ACCURACIES, its time to start, its installed size.
 
-    A cost, in the columns "coarse" and "fine", is the time of the engine's cheapest setting [s]; with the ending `_over` it is
-    divided by that of the fastest engine. Columns `why_*` have reasons for missing values, as `content.missing_reason` takes them.
+    The columns "coarse" and "fine" have costs: the time of the engine's cheapest setting [s], and in columns with the ending
+    `_range_low` and `_range_high` its range. Columns with the ending `_over` have this time divided by that of the fastest engine.
+    Columns `why_*` have reasons for missing values (see `content.missing_reason`).
     """
     run = run.field_run
     lines: list[dict[str, Any]] = []
@@ -135,6 +141,7 @@ def costs(run: Run, engine: str = "") -> list[Row]:
             line |= {key: time.value, f"{key}_range_low": time.low, f"{key}_range_high": time.high}
             reason = row["message"] or "not searched in this run"
             if race is not None:
+                # the words before ";" say what came of the search; details follow
                 reason = answer(run, row["mechanism"], row["engine"], [wanted]).words.partition(";")[0] or "not timed"
             line |= {f"why_{key}": reason, f"why_{key}_range": "no time", f"why_{key}_over": "no time"}
         lines.append(line)
@@ -149,6 +156,7 @@ def findings(run: Run) -> Iterator[Finding]:
     """Yield a finding on the engines whose runs repeat bit by bit, and one on the costs of engines in environments of their own."""
     run = run.field_run
     rows, lines = run.table("field"), costs(run)
+    # `same_bits` is None if the engine was not run twice
     differing = sorted({r["engine"] for r in rows if r["same_bits"] is False})
     asked = sorted({r["engine"] for r in rows if r["same_bits"] is not None})
     if asked:

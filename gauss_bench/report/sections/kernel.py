@@ -1,4 +1,4 @@
-"""The native kernel: its speed, its accuracy, and its distance from the limit of the machine.
+"""The native kernel: its speed, its accuracy, and the share that it reaches of the speed that the processor allows.
 
 This file chooses the rows that a reader sees first and computes the findings; `layouts.toml` has the columns of the tables.
 """
@@ -30,9 +30,10 @@ def section(run: Run) -> Section | None:
     """Return the chapter with a section for each table that the run filled, or None if it filled none."""
     agreement = group_by(run.table("kernel_agreement"), lambda r: (r.get("mechanism"), r.get("formulation")))
     shown = {
-        # other tables have rivals as shipped; here each has its best settings
+        # MuJoCo with its settings as shipped is left out: of each engine the best settings are shown
         "kernel_steps": [r for r in run.table("kernel_steps") if r.get("settings") != "default"],
         "kernel_rhs": [r for r in run.table("kernel_rhs") if _call(r) in (IN_LOOP, CALLED) or r["status"] != "ok"],
+        # of each linkage and formulation the largest difference
         "kernel_agreement": [max(rows, key=lambda r: number(r, "error")) for rows in agreement.values()],
     }
     parts = [table_section(name, run.table(name), shown.get(name, run.table(name))) for name in WORDS]
@@ -42,12 +43,15 @@ def section(run: Run) -> Section | None:
 
 
 def _call(row: Row) -> tuple[str, str]:
-    """Return the words of a row of `kernel_rhs` that tell how the kernel was called, and how its rival was called."""
+    """Return the words in a row of `kernel_rhs` that tell how the kernel was called, and how Pinocchio was called."""
     return row.get("own", ""), row.get("rival", "")
 
 
 def table_section(name: str, rows: Sequence[Row], shown: Sequence[Row]) -> Section | None:
-    """Return a section with the rows `shown` of a table, then all `rows` in a folded table if they are more; None without rows."""
+    """Return the section of the chapter on the kernel with the rows `shown` of the table `name`; None if the table has no rows.
+
+    If `shown` has fewer rows than `rows`, which are all rows of the table, a folded table with all of them follows.
+    """
     if not rows:
         return None
     title = layouts()[name]["title"]
@@ -68,7 +72,10 @@ def size_section(run: Run) -> Section | None:
 
 
 def size_charts(rows: Sequence[Row]) -> list[Chart]:
-    """Return a list with the chart of the time of a right-hand side against the number of windows; an empty list without times."""
+    """Return a list with the chart of the time of a right-hand side against the number of windows of a chain linkage.
+
+    A window is one of the four-bars of the chain. The list is empty if no time was measured.
+    """
     shown = []
     for row in sorted(rows, key=lambda r: (r["engine"], r["quantity"], number(r, "size"))):
         name = f"{row['engine']}, {row['quantity']}"
@@ -84,7 +91,10 @@ def size_charts(rows: Sequence[Row]) -> list[Chart]:
 
 
 def limit_section(run: Run) -> Section | None:
-    """Return the section on the distance of compiled steps from the limits of the processor, or None if it was not measured."""
+    """Return the section that compares the time of compiled steps with the least time that the processor allows.
+
+    The section is None if this was not measured.
+    """
     bounds, machine = run.table("kernel_bounds"), run.table("kernel_machine")
     if not bounds:
         return None
@@ -95,7 +105,7 @@ def limit_section(run: Run) -> Section | None:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield findings on missed targets, failed measurements, and steps, and a finding on each table of SENTENCES."""
+    """Yield findings on missed targets, on failed measurements, on times of steps, and one on each table that SENTENCES lists."""
     yield from find_missed_targets(run)
     yield from find_failures(run)
     yield from find_steps(run)
@@ -132,7 +142,7 @@ def find_missed_targets(run: Run) -> Iterator[Finding]:
 
 
 def _name_row(row: Row) -> str:
-    """Return the linkage, formulation and settings of a row in words."""
+    """Return in words the linkage, formulation and settings to which a row of a table in MEASURED belongs."""
     return " ".join(row[column] for column in NAMES if row.get(column) not in ("", "none", None))
 
 
@@ -182,18 +192,23 @@ def _list_ratios(rows: Sequence[Row]) -> str:
 
 
 def describe_batch(rows: Sequence[Row]) -> str:
-    """Return a sentence on the time of a batch against MuJoCo's, and on the difference of its lanes from single runs."""
-    off = max(number(r, "lanes_error") for r in rows)
+    """Return a sentence that compares the time of a batch of trajectories with that of MuJoCo.
+
+    It also states how far the batch, which computes several trajectories at once in the lanes of the processor's vector registers,
+    differs from single runs.
+    """
+    largest_difference = max(number(r, "lanes_error") for r in rows)
     states = max(int(r["states"]) for r in rows)
     text = f"{states} trajectories from different states, on one core, are this many times faster than MuJoCo's rollout"
-    difference = "nothing" if off == 0 else f"at most {error_text(off)}"
+    difference = "nothing" if largest_difference == 0 else f"at most {error_text(largest_difference)}"
     return f"{text}: {_list_ratios(rows)}; lanes and single runs differ by {difference}."
 
 
 def describe_right_hand_sides(rows: Sequence[Row]) -> str:
-    """Return sentences that compare the times of a right-hand side by Pinocchio and by the kernel; empty if one was not timed.
+    """Return sentences that compare the times of a right-hand side by Pinocchio and by the compiled kernel.
 
-    One compares the kernel in its own compiled loop with Pinocchio less its call from Python, the other both as called from Python.
+    The first sentence compares the kernel in its own compiled loop with Pinocchio without the time of its call from Python. The
+    second compares the two as they are called from Python. The text is empty if one of these times is missing.
     """
     by_call = group_by(rows, _call)
     if IN_LOOP not in by_call or CALLED not in by_call:

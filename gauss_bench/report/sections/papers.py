@@ -16,9 +16,9 @@ VERDICTS = {
 
 
 def section(run: Run) -> Section:
-    """Return the section with three tables for each paper: the causes of its errors, its lines with errors, and its right lines.
+    """Return the section with three tables for each paper: causes of its errors, its formulas with errors, and its right formulas.
 
-    A last table has the lines whose numbers are those of the paper's example.
+    A line of the audit is a formula or a statement of a paper. A last table has the lines with numbers of the paper's example.
     """
     audit = run.table("audit")
     if not audit:
@@ -37,7 +37,10 @@ def section(run: Run) -> Section:
 
 
 def summarise(rows: Sequence[Row]) -> str:
-    """Return sentences with the number of lines of each paper by verdict, and with the verdicts that a measurement contradicts."""
+    """Return sentences which state for each paper how many audited lines have which verdict.
+
+    A last sentence names the verdicts that a measurement contradicts, if there are any.
+    """
     papers = group_by(rows, "paper")
     parts = [f"{paper}: {count(len(group), 'line')}; {count_verdicts(group)}." for paper, group in papers.items()]
     contradicted = [f"{row['paper']} {row['equation']} ({row['name']}: {row['faults']})" for row in rows if not row["stands"]]
@@ -52,7 +55,7 @@ def mark_contradiction(row: Row) -> Row:
 
 
 def list_causes(rows: Sequence[Row]) -> list[Row]:
-    """Return a row for each cause, with the number of the lines that fail for it and with their equations."""
+    """Return a row for each cause of errors: the number of audited lines that are wrong for this cause, and their equations."""
     causes: list[Row] = []
     for group in group_causes(rows).values():
         verdict = group[0]["verdict"]
@@ -63,12 +66,12 @@ def list_causes(rows: Sequence[Row]) -> list[Row]:
 
 
 def group_causes(rows: Iterable[Row]) -> dict[tuple[str, str], list[Row]]:
-    """Return (paper, cause) -> the lines that fail for it; lines without a cause are left out."""
+    """Return (paper, cause of errors) -> the audited lines that are wrong for this cause; lines without a cause are left out."""
     return group_by((row for row in rows if row.get("cause")), "paper", "cause")
 
 
 def count_verdicts(rows: Iterable[Row]) -> str:
-    """Return the number of lines by verdict, and of their causes, such as "3 right as printed and 4 misprinted (2 causes)"."""
+    """Count the audited lines for each verdict, and their causes, in words: "3 right as printed and 4 misprinted (2 causes)"."""
     parts = []
     for verdict, group in group_by(rows, "verdict").items():
         causes = len(group_causes(group))
@@ -77,7 +80,7 @@ def count_verdicts(rows: Iterable[Row]) -> str:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield a finding on the verdicts, and one on the printed formula whose error no residual shows."""
+    """Yield a finding on the verdicts, and one on a printed formula that is wrong although its constraint residuals are zero."""
     yield from find_verdicts(run.table("audit"))
     yield from find_hidden_error(run.table("audit"))
 
@@ -101,7 +104,7 @@ def find_verdicts(lines: Sequence[Row]) -> Iterator[Finding]:
 
 
 def find_hidden_error(lines: Sequence[Row]) -> Iterator[Finding]:
-    """Yield a finding on the printed formula that satisfies all constraints and is still wrong."""
+    """Yield a finding on a printed formula whose accelerations satisfy all constraints and are still wrong."""
     rows = {row["name"]: row for row in lines}
     meets, off = rows.get("meets the constraints"), rows.get("with Moore-Penrose inverses")
     if meets is None or off is None or not (meets["stands"] and off["stands"]):

@@ -1,4 +1,7 @@
-"""The references: motions against which errors are measured, with their error bars and floors."""
+"""The references, which are the motions against which errors are measured, with their error bars and floors.
+
+A floor is the change of the motion when every length and mass of the file is rounded to a double.
+"""
 
 from collections.abc import Iterator
 

@@ -21,8 +21,9 @@ def section(run: Run) -> Section | None:
 
 
 def engine_section(run: Run, engine: str, releases: list[Row]) -> Section:
-    """Return the subsection of an engine: sentences on the changes, the newest release first, and the tables behind them."""
+    """Return the subsection of an engine: sentences on what changed, the newest release first, and the tables behind them."""
     ordered = newest_first(releases)
+    # `describe_changes` takes and returns the oldest release first
     tables = {name: [row for row in run.table(name) if row["engine"] == engine] for name in NAMES} | {"releases": ordered[::-1]}
     blocks: list[Block] = []
     for heading, sentences in reversed(describe_changes(tables)):

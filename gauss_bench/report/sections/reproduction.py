@@ -1,4 +1,4 @@
-"""The example of Yuan & Ge (2016), a crank-slider, run again; all numbers in its sentences are computed."""
+"""The section on the crank-slider example of Yuan & Ge (2016), computed again; all numbers in its sentences are computed."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,7 +22,7 @@ CURVES = (  # column of `paper_motion`, title of the figure, axis
 
 
 def section(run: Run) -> Section:
-    """Return the section with the verdict on the example and its reasons, the curves of the paper, and all quantities."""
+    """Return the section on the paper's example: the verdict with its reasons, the curves that the paper draws, all quantities."""
     table = run.table("reproduction")
     rows = {row["key"]: row for row in table}
     if "stops" not in rows:
@@ -38,7 +38,7 @@ def section(run: Run) -> Section:
 
 
 def list_quantities(rows: Sequence[Row]) -> list[Row]:
-    """Return rows with the texts of their values and uncertainties."""
+    """Return rows of the table `reproduction` with value and uncertainty as texts, in the columns `figure` and `uncertainty`."""
     bars = [error_text(row["bracket"]) if is_known(row["bracket"]) else "rounding" for row in rows]
     return [{**row, "figure": print_value(row), "uncertainty": bar} for row, bar in zip(rows, bars, strict=True)]
 
@@ -47,7 +47,7 @@ def describe_example(rows: Mapping[str, Row]) -> list[Block]:
     """Return the sentences of `layouts.toml` on whether the linkage stops, with the run's values in place of their names.
 
     Args:
-        rows: key of a quantity -> its row.
+        rows: key of a quantity -> the row of the table `reproduction` with this key.
     """
     values = {key: f"{print_value(row)} {row['unit']}" for key, row in rows.items()}
     at_rest = [row for key, row in rows.items() if key.startswith("rest_at_")]
@@ -60,14 +60,14 @@ def describe_example(rows: Mapping[str, Row]) -> list[Block]:
 
 
 def print_value(row: Row) -> str:
-    """Format a value with as many digits as its uncertainty allows, at most DIGITS."""
+    """Format a value with as many digits as its uncertainty `bracket` allows, at most DIGITS; "0" if it is not larger than that."""
     x, bracket = number(row, "value"), number(row, "bracket")
     if not is_known(x):
         return NOTHING
     if abs(x) <= bracket:
         return "0"
-    left = math.floor(math.log10(abs(x) / bracket)) if bracket > 0 and x else DIGITS
-    return f"{x:.{max(1, min(DIGITS, left))}g}"
+    certain = math.floor(math.log10(abs(x) / bracket)) if bracket > 0 and x else DIGITS  # number of digits
+    return f"{x:.{max(1, min(DIGITS, certain))}g}"
 
 
 def paper_figures(rows: Sequence[Row]) -> list[Chart]:
@@ -82,7 +82,7 @@ def paper_figures(rows: Sequence[Row]) -> list[Chart]:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield a finding if the paper says that its mechanism stops and the run refutes it."""
+    """Yield a finding if the motion of the run shows that the mechanism does not stop, although the paper says that it does."""
     rows = {row["key"]: row for row in run.table("reproduction")}
     if "stops" not in rows or rows["stops"]["verdict"] != "refuted":
         return
@@ -104,7 +104,7 @@ def list_assumed(rows: Mapping[str, Row]) -> str:
     """Return a sentence on the numbers that the example needs and the paper does not give.
 
     Args:
-        rows: key of a quantity -> its row.
+        rows: key of a quantity -> the row of the table `reproduction` with this key.
     """
     left_out = [rows[key] for key in ("inertias", "gravity") if key in rows]
     assumed = itemise(f"the {row['quantity']} ({row['statement'].partition(';')[0]})" for row in left_out)

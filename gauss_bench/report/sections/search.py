@@ -22,7 +22,7 @@ OK = "ok"
 
 
 def section(run: Run) -> Section | None:
-    """Return the section with the cheapest settings, the searched variants and their options; None for a run without a search."""
+    """Return the section with the cheapest settings, the searched variants and their options; None if the run has no search."""
     rows = [r for r in run.table("search_winners") if r["required"]]
     if not rows:
         return None
@@ -42,10 +42,11 @@ def section(run: Run) -> Section | None:
 
 
 def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
-    """Return rows of `search_winners` as rows of the layout `search`: with multiples, remarks, and marks at the names of engines.
+    """Return rows of the table `search_winners` with further columns for the layout `search`.
 
-    The mark "own" is for an engine that the authors of this suite wrote, "base" for the engine to whose time ratios are relative,
-    and BY_AUTHORS for settings that the authors of the engine own.
+    These columns are: `within`, the requirement; `name`, the engine with marks; `size`, step or tolerance; `over`, the time divided
+    by that of the fastest engine; and `remark`. There are three marks. "own": the authors of this suite wrote the engine. "base":
+    ratios of times are relative to this engine. BY_AUTHORS: the authors of the engine own the settings.
     """
     multiples = race_multiples(run)
     winners = []
@@ -71,22 +72,23 @@ def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
 def list_owned(rows: Sequence[Row]) -> list[Row]:
     """Return two rows of the layout `search_owned` for each row of the table `search_owned`.
 
-    The first has the settings by the engine's authors, the second ours for the same engine, from the columns `our_*`.
+    The first of the two has the settings by the engine's authors. The second has the settings that this suite found for the same
+    engine; the table stores them in the columns `our_*` of the same row.
     """
     lines: list[Row] = []
     for row in rows:
         place = {k: row[k] for k in ("mechanism", "required")} | {"within": f"{limit_text(row['accuracy'])} {row['unit']}"}
         ours = {k.removeprefix("our_"): x for k, x in row.items() if k.startswith("our_")}
         their_name = {"name": f"{row['engine']}, {BY_AUTHORS}", "owner": row["owner"]}
-        for side, names in ((row, their_name), (ours, {"name": row["engine"], "owner": ""})):
-            size = first_number(number(side, "step"), number(side, "tolerance"))
-            words = setting_words(side) if is_known(number(side, "seconds")) else ""
-            lines.append({**place, **side, **names, "size": size, "words": words, "remark": side.get("message", "")})
+        for found, names in ((row, their_name), (ours, {"name": row["engine"], "owner": ""})):
+            size = first_number(number(found, "step"), number(found, "tolerance"))  # the step, or the tolerance if there is no step
+            words = setting_words(found) if is_known(number(found, "seconds")) else ""
+            lines.append({**place, **found, **names, "size": size, "words": words, "remark": found.get("message", "")})
     return lines
 
 
 def describe_effort(rows: Sequence[Row]) -> str:
-    """Return in words the largest numbers of evaluations of a variant and of steps of a run; ranges if linkages differ in them."""
+    """Return in words how many evaluations a variant, and how many steps a run could have at most; ranges if linkages differ."""
     evaluations, steps = (range_text([r[x] for r in with_number(rows, x)], "{:.0f}".format) for x in ("budget", "most_steps"))
     return f"{evaluations} evaluations and {steps} steps of a run at most"
 
@@ -99,8 +101,8 @@ def answer_of(run: Run, row: Row) -> Reach:
 def findings(run: Run) -> Iterator[Finding]:
     """Yield findings on the searches.
 
-    One is on linkages whose race failed, one on each engine with settings by its authors, and one for each requirement compares our
-    compiled engines with the others.
+    One finding lists the linkages whose race (timed comparison) failed. Then there is one for each engine with settings by its
+    authors. Finally there is one for each requirement, which compares the suite's own compiled engines with the others.
     """
     unsearched = [r for r in run.table("search_winners") if not r["required"]]
     if unsearched:
@@ -114,11 +116,13 @@ def findings(run: Run) -> Iterator[Finding]:
         group = over_the_cheaper(groups[kind, accuracy])
         lost = [*name_faster(run, group), *name_unreached(run, group), *name_missed_targets(run, group)]
         rivals = [r for r in group if r["engine"] not in run.own_engines and answer_of(run, r).kind in TRIED]
-        races = [f"`{engine}` {itemise(_multiple(run, r) for r in rows)}" for engine, rows in group_by(rivals, "engine").items()]
-        if races:
+        ratios = [
+            f"`{engine}` {itemise(_print_ratio(run, r) for r in rows)}" for engine, rows in group_by(rivals, "engine").items()
+        ]
+        if ratios:
             ours = itemise_code(r["engine"] for r in group if r.get("ours"))
             text = (
-                f"{''.join(lost)}The cheaper of {ours} is this many times as fast as the searched best of {'; '.join(races)}, "
+                f"{''.join(lost)}The cheaper of {ours} is this many times as fast as the searched best of {'; '.join(ratios)}, "
                 f"where each variant had {describe_effort(group)}, and in brackets "
                 f"the spread of the race.{''.join(name_left_out(run, group))}"
             )
@@ -128,11 +132,14 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def compare_owned(run: Run) -> Iterator[Finding]:
-    """Yield a finding on each engine with settings by its authors: their times divided by that of our cheapest setting."""
+    """Yield a finding for each engine with settings by its authors.
+
+    It states the time of the authors' cheapest setting divided by the time of this suite's cheapest setting for the same engine.
+    """
     for engine, rows in group_by(run.table("search_owned"), "engine").items():
-        races = [f"{_place(r)} {spread(r, 'ratio').print_with(ratio_text)}" for r in with_number(rows, "ratio")]
+        ratios = [f"{_place(r)} {spread(r, 'ratio').print_with(ratio_text)}" for r in with_number(rows, "ratio")]
         missed = [f"{_place(r)} ({r['message']})" for r in rows if r["status"] != OK]
-        parts = [f"hold {itemise(races)} times as long as our cheapest"] if races else []
+        parts = [f"hold {itemise(ratios)} times as long as our cheapest"] if ratios else []
         parts += [f"do not hold {itemise(missed)}"] if missed else []
         if parts:
             text = f"The settings of `{engine}` {BY_AUTHORS} {'; they '.join(parts)}."
@@ -145,27 +152,33 @@ def _place(row: Row) -> str:
 
 
 def compare_best(run: Run, group: Sequence[Row]) -> str:
-    """Return a sentence on the engines that beat our compiled formulations at a requirement, and on the times of other engines.
+    """Return a sentence on the times of all engines at one requirement, relative to this suite's compiled formulations.
+
+    The sentence names the engines that need less time than the cheaper of these formulations, and gives the range of the ratios of
+    times of engines by others.
 
     Args:
-        group: rows of `over_the_cheaper` at one requirement.
+        group: rows that `over_the_cheaper` returns, at one requirement.
     """
     raced = count(len({r["mechanism"] for r in with_number(group, "ratio")}), "linkage")
     faster = group_by(list_faster(group), "engine").items()
-    wins = itemise(f"{_code_own(run, engine)} is faster on {len(rows)}" for engine, rows in faster)
+    wins = itemise(f"{_mark_engine(run, engine)} is faster on {len(rows)}" for engine, rows in faster)
     ratios = [r["ratio"] for r in with_number(group, "ratio") if r["engine"] not in run.own_engines]
     others = f"the engines of others take {range_text(ratios)} times as long" if ratios else ""
     outcome = "; ".join(filter(None, (wins, others)))
     return f"Against the cheaper of our compiled formulations on {raced}, {outcome}." if outcome else ""
 
 
-def _code_own(run: Run, engine: str) -> str:
+def _mark_engine(run: Run, engine: str) -> str:
     """Return the name of an engine as code, marked if the authors of the suite wrote the engine."""
     return f"`{engine}`{' (own)' if engine in run.own_engines else ''}"
 
 
-def _multiple(run: Run, row: Row) -> str:
-    """Return in words the linkage of a rival's row, and there the rival's time divided by ours, or why there is no ratio."""
+def _print_ratio(run: Run, row: Row) -> str:
+    """Return in words the linkage of a row, and the ratio of times of its engine and of this suite's, or why there is no ratio.
+
+    The ratio is the time of the row's engine divided by that of the cheaper of this suite's compiled engines.
+    """
     if row["status"] != OK:
         return f"{row['mechanism']} {answer_of(run, row).words}"
     ratio = spread(row, "ratio")  # unknown if our own engines do not meet the requirement
@@ -174,9 +187,10 @@ def _multiple(run: Run, row: Row) -> str:
 
 
 def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
-    """Return rows of `search_winners` with ratios relative to the cheaper of our compiled engines on each linkage.
+    """Return rows of `search_winners` whose ratios are relative to the cheapest of this suite's compiled engines on each linkage.
 
-    A stored ratio may be relative to another of our engines, whose time is equal within the spread.
+    These engines have `ours` in their rows. A stored ratio may be relative to another engine of this suite whose time is equal
+    within the spread. Division by the smallest ratio of these engines makes the ratio of the cheapest 1.
     """
     least: dict[str, float] = {}
     for row in with_number(group, "ratio"):
@@ -190,21 +204,30 @@ def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
 
 
 def list_faster(group: Sequence[Row]) -> list[Row]:
-    """Return the rows of engines that are faster than our compiled formulations beyond the spread."""
+    """Return the rows of engines that are faster than the suite's compiled formulations: the whole range of the ratio is below 1.
+
+    Args:
+        group: rows that `over_the_cheaper` returns.
+    """
     return [r for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
 
 
 def name_faster(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence on the engines that are faster than our compiled formulations, if there are any."""
-    faster = [f"{_code_own(run, r['engine'])} on {_multiple(run, r)}" for r in list_faster(group)]
+    """Yield a sentence on the engines that are faster than the suite's compiled formulations; nothing if there are none.
+
+    Args:
+        group: rows that `over_the_cheaper` returns, at one requirement.
+    """
+    faster = [f"{_mark_engine(run, r['engine'])} on {_print_ratio(run, r)}" for r in list_faster(group)]
     if faster:
         yield f"**Slower than {itemise(faster)}.** "
 
 
 def name_unreached(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence on each linkage on which none of our compiled engines meets the requirement."""
+    """Yield a sentence for each linkage on which this suite's compiled engines ran, and none of them meets the requirement."""
     for linkage, rows in sorted(group_by(group, "mechanism").items()):
         ours = [r for r in rows if r.get("ours")]
+        # no sentence if one of them meets it, or if none ran: skipped and untried engines have other kinds of answer
         if any(r["status"] == OK for r in ours) or all(answer_of(run, r).kind is not Kind.NOT_REACHED for r in ours):
             continue
         others = itemise(f"`{r['engine']}`" for r in rows if r["status"] == OK)
@@ -212,15 +235,15 @@ def name_unreached(run: Run, group: Sequence[Row]) -> Iterator[str]:
 
 
 def name_missed_targets(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence on the other engines than which ours are faster by less than a target, if there are any."""
+    """Yield a sentence that names the engines over which the lead of this suite's engines is smaller than its target, if any."""
     missed = [r for r in with_number(group, "target") if not r["met"]]
-    near = [f"`{r['engine']}` on {_multiple(run, r)} instead of {ratio_text(r['target'])}" for r in missed]
+    near = [f"`{r['engine']}` on {_print_ratio(run, r)} instead of {ratio_text(r['target'])}" for r in missed]
     if near:
         yield f"**Our lead misses its target** over {itemise(near)}. "
 
 
 def name_left_out(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield sentences on engines that do not run a linkage, by the reason, and on linkages that were not searched."""
+    """Yield sentences on the engines that do not run a linkage, one for each reason, and on linkages without a search."""
     missing = [r for r in group if r["status"] != OK and answer_of(run, r).kind not in TRIED]
     for words, rows in group_by(missing, lambda r: answer_of(run, r).words).items():
         engines = itemise_code(r["engine"] for r in rows)

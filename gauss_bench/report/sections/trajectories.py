@@ -69,11 +69,12 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def find_best(run: Run, name: str) -> Iterator[Finding]:
-    """Yield, for each scenario of a linkage, a finding on the most accurate engine and on the cheapest at each of TARGETS."""
+    """Yield, for each scenario of a linkage, a finding on the most accurate case, and on the cheapest within each of TARGETS."""
     usable = [row for row in run.of(name) if may_rank(row) and is_known(end_error(row))]
     for scenario, rows in group_by(usable, "scenario").items():
         sentences = [name_most_accurate(rows)]
         for target in TARGETS:
+            # a target is reached if both the error and the reference's error bar are at most as large
             reached = [r for r in rows if max(end_error(r), end_bar(r)) <= target and is_known(run_time(r))]
             # compiled and interpreted loops are not compared with each other
             for loop, group in sorted(group_by(reached, _name_loop).items()):
@@ -96,7 +97,7 @@ def _name_loop(row: Row) -> str:
 
 
 def _name_cheapest(rows: Sequence[Row], loop: str) -> str:
-    """Return in words the cheapest of some cases with its time, and the time of `gauss` for the same accuracy.
+    """Return in words the cheapest of the given cases with its run time, and the run time of the cheapest one by `gauss`.
 
     Args:
         loop: the text of `_name_loop` for these cases.
@@ -125,8 +126,8 @@ def name_tied(rows: Sequence[Row], best: Row, value: Callable[[Row], float]) -> 
     """Return in words a case together with the engines that tie with it under the same settings.
 
     Args:
-        value: gives the number of a row by which cases are compared. Engines tie with the case if their numbers differ from its
-            number by at most the share TIED.
+        value: gives the number of a row by which cases are compared. Other engines tie with the case if their numbers differ from
+            the number of the case by at most the share TIED of it.
     """
     same = [r for r in rows if all(str(r[k]) == str(best[k]) for k in KEYS if k != "engine")]
     engines = sorted({r["engine"] for r in same if abs(value(r) - value(best)) <= TIED * abs(value(best))})
@@ -135,7 +136,10 @@ def name_tied(rows: Sequence[Row], best: Row, value: Callable[[Row], float]) -> 
 
 
 def find_wrong_motion(run: Run) -> Iterator[Finding]:
-    """Yield a finding on the case with the largest error among those with a right model and closed loops."""
+    """Yield a finding on the case with the largest error among those with a right model and closed loops.
+
+    These cases raised no warning: the status of a case with a warning is neither "ok" nor "invalid", so that `has_ended` is false.
+    """
     closed = [row for row in run.results if has_ended(row) and not row["control"] and number(row, "position_drift") < SHUT]
     rows = [r for r in closed if number(r, "acceleration_error_median") <= run.acceleration_gate and end_error(r) > LOST]
     if rows:
@@ -154,7 +158,7 @@ def find_wrong_motion(run: Run) -> Iterator[Finding]:
 
 
 def find_invalid(run: Run) -> Iterator[Finding]:
-    """Yield a finding on the number of invalid cases of each engine, with the judge's reasons."""
+    """Yield a finding on the number of cases of each engine that the judge found invalid, with the judge's reasons."""
     rows = [row for row in run.results if has_ended(row) and not row["valid"] and not row["control"]]
     if rows:
         engines = group_by(rows, "engine").items()
@@ -170,7 +174,10 @@ def find_invalid(run: Run) -> Iterator[Finding]:
 
 
 def _list_flags(group: Sequence[Row]) -> str:
-    """Return the judge's reasons against these cases as a list in words, without numbers, the most frequent first."""
+    """Return the judge's reasons why the given cases are invalid as a list in words, the most frequent first.
+
+    Reasons that differ only in their numbers count as one: "a link ends up 0.02 m from ..." becomes "a link ends up away from ...".
+    """
     flags = (re.sub(r" \S+ m from", " away from", row.get("flag") or "no reason given") for row in group)
     frequency = Counter(re.sub(NUMBERS, "", flag) for flag in flags)
     return itemise(sorted(frequency, key=lambda flag: (-frequency[flag], flag)))

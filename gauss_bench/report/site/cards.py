@@ -39,19 +39,22 @@ class Card:
     more: str
 
 
-def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]], unit: str = "", **look: Any) -> Card:
-    """Return a card with the texts that CARD has for `name`.
+def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]], unit: str = "", **chart_options: Any) -> Card:
+    """Return a card, which is a framed box of the first page: a question, its answer, and a small bar chart.
 
     Args:
+        name: name of the card in CARD, which has its fixed texts.
+        sentence: the answer in words.
+        number: the answer as a number, in text.
         rows: rows of the bar chart, with columns as `charts.bars` takes them; without rows the card has no figure.
-        unit: replaces the unit of CARD.
-        look: further arguments of `charts.bars`.
+        unit: unit of the number; if empty, the unit in CARD.
+        chart_options: further arguments of `charts.bars`.
     """
     words = CARD[name]
     chart = None
     if rows:
         head = {"name": words["rows"], "y": words["column"]} | ({"low": "least", "high": "largest"} if "low" in rows[0] else {})
-        spec = bars(rows, words["axis"], **look)
+        spec = bars(rows, words["axis"], **chart_options)
         chart = Chart(f"card-{name}", words["title"], words["description"], spec, rows, head, small=True)
     return Card(words["question"], sentence, number, unit or words["unit"], chart, words["page"], words["more"])
 
@@ -72,7 +75,7 @@ def drift_as_shipped(run: Run) -> dict[str, Row]:
 
 
 def loops_card(run: Run) -> Card | None:
-    """Return the card "Do loops hold by default?", or None for a run without such cases."""
+    """Return the card "Do loops hold by default?", or None if `drift_as_shipped` finds no case with default settings."""
     worst = drift_as_shipped(run)
     if not worst:
         return None
@@ -90,7 +93,10 @@ def loops_card(run: Run) -> Card | None:
 
 
 def claim_card(run: Run) -> Card | None:
-    """Return the card on the time of a compiled step by Gauss against Lagrange, or None for a run without such races."""
+    """Return the card that compares the time of a compiled step by Gauss's principle with that by Lagrange's multipliers.
+
+    The card is None if the run did not time these steps side by side.
+    """
     rows = sorted(with_number(run.table("kernel_claim"), "ratio"), key=lambda r: -r["ratio"])
     if not rows:
         return None
@@ -122,17 +128,21 @@ def paper_card(run: Run) -> Card | None:
 
 
 def trust_card(run: Run) -> Card | None:
-    """Return the card "Why trust this?" with digits of certificates, or with the largest error bar of other references."""
+    """Return the card "Why trust this?", or None for a run without references.
+
+    If the run has certificates, the card shows the smallest number of digits to which the two computations of a motion agree. Else
+    it shows the largest error bar of its references.
+    """
     rows = [r for r in with_number(run.table("certificates"), "digits") if r["status"] == "ok"]
     if rows:
-        least = min(rows, key=itemgetter("digits"))
+        loosest = min(rows, key=itemgetter("digits"))
         sentence = (
             "Errors are measured against motions that two independent pipelines agree on: "
-            f"{count(len(rows), 'scenario')} to at least {least['digits']:g} digits, the fewest on {least['mechanism']}."
+            f"{count(len(rows), 'scenario')} to at least {loosest['digits']:g} digits, the fewest on {loosest['mechanism']}."
         )
         digits = Counter(sorted((r["digits"] for r in rows), reverse=True))
         shown = [{"name": f"{x:g} digits", "y": n} for x, n in digits.items()]
-        return make_card("trust", sentence, f"{least['digits']:g}", shown)
+        return make_card("trust", sentence, f"{loosest['digits']:g}", shown)
     references = with_number(run.table("references"), "error_bar_q")
     if references:
         worst = max(references, key=itemgetter("error_bar_q"))

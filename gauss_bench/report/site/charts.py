@@ -1,7 +1,7 @@
 """Charts as Vega-Lite specifications, made from the templates of `assets/charts.json`.
 
-Colours are names of CSS variables, so that dark mode and printing need no second drawing. A specification has no data; the page
-adds the rows of the chart.
+Colours are names of CSS variables, so that dark mode and printing need no second drawing. A specification contains no data; a
+script of the page adds the rows of the chart.
 """
 
 import json
@@ -42,7 +42,8 @@ def points(rows: Sequence[Row], x: str, y: str, height: int = 340, engines: Sequ
     """Return the specification of a chart of points on two logarithmic axes, joined by lines.
 
     Args:
-        rows: points with x, y, engine, and line, which is equal for points that are joined.
+        rows: the points that the page will draw, with x, y, engine, and line, which is equal for points that are joined; here only
+            the names of their engines are used.
         x, y: titles of the axes.
         height: height of the chart [px].
         engines: engines in the order of the legend; by default they are sorted by name.
@@ -69,11 +70,13 @@ def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int
 def place_names(
     lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = True, most: int = MOST_LINES
 ) -> list[dict[str, Any]]:
-    """Return the rows of all lines; the last row of a line also has `end`, and the height `label_y` of the line's name.
+    """Return the rows of all lines of a chart, with the places of the lines' names.
+
+    The last row of a line also has `end`, and `label_y`, the value on the vertical axis at which the line's name is written.
 
     Args:
-        lines: rows of each line, with x and y.
-        most: the names of the first `most` lines must not overlap.
+        lines: for each line its rows, with x and y.
+        most: number of lines, counted from the first, whose names must not overlap.
     """
 
     def height(y: float) -> float:
@@ -99,7 +102,9 @@ def place_names(
 def bars(
     rows: Sequence[Row], x: str, logarithmic: bool = False, rule: float | None = None, number_format: str = ""
 ) -> dict[str, Any]:
-    """Return the specification of a chart with a bar for each row, or with a dot and its range if rows have low and high.
+    """Return the specification of a chart with a bar for each row.
+
+    It has dots instead of bars if the axis is logarithmic or if rows have low and high, which are drawn as ranges.
 
     Args:
         rows: bars with name and y, and perhaps low and high.
@@ -119,7 +124,7 @@ def bars(
             "axis": {"title": None, "ticks": False, "domain": False},
         },
         "rule": rule,
-        "height": 26 * len(rows) + 44,
+        "height": 26 * len(rows) + 44,  # [px] of a row, and of the axis
         "layers": [GRAMMAR["layers"][name] for name, is_shown in shown.items() if is_shown],
     }
     return dict(fill(GRAMMAR["bars"], values))

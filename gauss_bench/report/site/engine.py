@@ -44,9 +44,10 @@ def engine_names(run: Run) -> list[str]:
 
 
 def runs_of_engines(run: Run) -> dict[str, Run]:
-    """Return a dictionary, sorted by name: engine -> the run from which its page takes rows.
+    """Return a dictionary, sorted by name: engine -> the run whose rows the engine's page shows.
 
-    It is `run` itself. For engines without rows in `run`, it is the run of the suite `field` that is published with it.
+    For an engine with rows in `run`, this run is `run` itself. For the other engines it is `run.field_run`, the run of the suite
+    `field`.
     """
     runs = dict.fromkeys(engine_names(run.field_run), run.field_run) | dict.fromkeys(engine_names(run), run)
     return dict(sorted(runs.items()))
@@ -72,7 +73,7 @@ def engine_page(run: Run, name: str) -> Page:
         settings=options,
         commands=list_commands(its_run, name),
         cases=lay_out("engine_cases", list_cases(rows)),
-        bests=bests(its_run, name),
+        bests=cheapest_table(its_run, name),
         races=list_races(its_run, name),
         why=explain_time(its_run, name),
         broken=list_failures(its_run, name),
@@ -102,8 +103,8 @@ def describe_home(name: str, installed: Mapping[str, Any]) -> str:
 def list_commands(run: Run, name: str) -> list[tuple[str, str]]:
     """Return (purpose, command to paste) for the engine's cheapest setting on each linkage at each of the accuracies TABLED.
 
-    If there is no such setting, it returns the command of a case with the engine's default settings. A command that serves several
-    purposes is returned once, with the first of them.
+    If no setting of the engine meets any of the accuracies, the list has the command of one case with the engine's default
+    settings. A command that serves several purposes is listed once, with the first of these purposes.
     """
     purposes: dict[str, str] = {}  # command -> its purpose
     for linkage, scenario in scenarios(run).items():
@@ -142,12 +143,14 @@ def _inaccuracy(row: Row) -> tuple[bool, bool, float]:
     return not has_ended(row), math.isnan(error), error
 
 
-def bests(run: Run, name: str) -> Table:
-    """Return the table of the engine's cheapest setting for each linkage and accuracy, or of the reason why no setting meets it.
+def cheapest_table(run: Run, name: str) -> Table:
+    """Return the table of the engine's cheapest setting for each linkage at each of the accuracies TABLED.
 
-    An engine without any known setting has an empty table.
+    If no setting meets an accuracy, the row has the reason in the columns `words` and `missing`. The table is empty for an engine
+    for which no setting with its error is stored.
     """
     lines: list[Row] = []
+    # linkages on which the search ran the engine, and linkages with a stored setting of the engine
     searched = [linkage for linkage in scenarios(run) if name in engines_of(run, linkage)]
     known = [linkage for linkage, settings in all_settings(run).items() if any(x.engine == name for x in settings)]
     for linkage in sorted({*searched, *known}) if known else ():
@@ -165,17 +168,21 @@ def bests(run: Run, name: str) -> Table:
 def explain_time(run: Run, name: str) -> tuple[str, Table] | None:
     """Return sentences on why the engine is slower than the fastest engine, and a table with the numbers for each linkage.
 
-    The ratio of times is the ratio of numbers of steps, times the ratio of times of a step. Compared are the cheapest settings with
-    errors of at most FIRST, or of at most USUAL if the engine meets FIRST nowhere. It returns None if the engine meets neither.
+    The ratio of times is the ratio of numbers of steps, times the ratio of times of a step. The cheapest settings with position
+    errors of at most FIRST [m] are compared. If the engine meets FIRST on no linkage, those with errors of at most USUAL [m] are
+    compared. The result is None if the engine does not meet USUAL either.
     """
     return explain_time_within(run, name, FIRST) or explain_time_within(run, name, USUAL)
 
 
 def explain_time_within(run: Run, name: str, position: float) -> tuple[str, Table] | None:
-    """Return the sentences and the table of `explain_time` at an accuracy [m]; None if no timed setting of the engine meets it."""
+    """Return the sentences and the table of `explain_time` for position errors of at most `position` [m].
+
+    The result is None if no timed setting of the engine has errors that small.
+    """
     lines: list[Row] = []
     for linkage in scenarios(run):
-        timed = [x for x in fastest_first(run, linkage, position) if x.steps > 0]
+        timed = [x for x in fastest_first(run, linkage, position) if x.steps > 0]  # one setting of each engine
         for setting in (x for x in timed if x.engine == name):
             best = timed[0]
             time, steps = setting.seconds / best.seconds, setting.steps / best.steps
@@ -211,10 +218,12 @@ def list_races(run: Run, name: str) -> Table:
 
 
 def list_changes(figures: Sequence[Row]) -> list[Row]:
-    """Return a row for each accepted change of the engine's figures, the latest first: date, reason and number of figures.
+    """Return a row for each accepted change of the engine's numbers in the accuracy gate's baseline, the latest first.
+
+    A row has the date, the reason, and how many numbers changed. Numbers that were stored without a reason are left out.
 
     Args:
-        figures: rows of the gate's baseline, in which `accepted` is "DATE REASON".
+        figures: rows of the baseline, one for each number, in which `accepted` is "DATE REASON".
     """
     lines: list[Row] = []
     for accepted, rows in group_by(figures, "accepted").items():
@@ -227,8 +236,8 @@ def list_changes(figures: Sequence[Row]) -> list[Row]:
 def list_failures(run: Run, name: str) -> list[str]:
     """Return sentences on what the engine failed at.
 
-    These are its failed and invalid cases, runs of the search that ended early, linkages that it does not model, and settings with
-    wrong accelerations.
+    They name its failed and invalid cases, its runs in the search that ended early, the linkages that it cannot model, and settings
+    under which its accelerations are wrong.
     """
     rows = of_engine(run.results, name)
     failed = [r for r in rows if not has_ended(r) and r["status"] != "skip"]
@@ -282,7 +291,7 @@ def atlas_table(rows: Sequence[Row]) -> Table:
     """Return the table that tells up to where the engine works as a linkage gets harder in one respect, such as stiffness.
 
     Args:
-        rows: the engine's rows of the table `atlas`, one for each such axis.
+        rows: the engine's rows of the table `atlas`, one for each axis, which is a respect in which linkages get harder.
     """
     lines = []
     for r in rows:
@@ -298,7 +307,7 @@ def atlas_table(rows: Sequence[Row]) -> Table:
 
 
 def engines_page(run: Run) -> Page:
-    """Return the page that lists all engines, with their answers to the questions of the suite `field`."""
+    """Return the page that lists all engines, with their results in the tests of the suite `field`."""
     lines = []
     for name, its_run in runs_of_engines(run).items():
         rows = of_engine(its_run.results, name)

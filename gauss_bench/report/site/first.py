@@ -69,7 +69,10 @@ def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None)
 
 
 def first_answers(run: Run, name: str) -> list[dict[str, str]]:
-    """Return the texts on each engine's cheapest setting with an error of at most USUAL on a linkage, the fastest first."""
+    """Return for each engine the texts on its cheapest setting with position errors of at most USUAL [m] on the linkage `name`.
+
+    The fastest engine comes first. `over` is its time divided by that of the fastest engine.
+    """
     timed = fastest_first(run, name, USUAL)
     return [
         {
@@ -86,7 +89,7 @@ def first_answers(run: Run, name: str) -> list[dict[str, str]]:
 def headlines(findings: Iterable[Finding]) -> list[Finding]:
     """Return the findings that begin in bold: those where the suite's own engines are slower, miss a target or fail.
 
-    Their tone, which would colour each of them as bad, is removed.
+    The returned findings have no tone, because the tone "bad" or "warn" would colour every one of them.
     """
     return [replace(x, tone="") for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")]
 
@@ -94,11 +97,12 @@ def headlines(findings: Iterable[Finding]) -> list[Finding]:
 def program_files(choices: Mapping[str, dict[str, Any]], programs: Programs | None) -> dict[str, Any]:
     """Return a dictionary: name of a file -> the programs of a linkage, which a page loads only on demand.
 
-    It changes `choices`: the entry `chosen` of each linkage, which has settings, is replaced by `programs`, the name of the file.
+    This function changes `choices`: the entry `chosen` of a linkage is a list of settings; it is replaced by the entry `programs`,
+    which is the name of the file with the programs of these settings.
 
     Args:
-        choices: linkage -> its data as `settings.answers` returns them.
-        programs: function that returns a program for each choice of a setting; None for calls of this package.
+        choices: linkage -> the dictionary that `settings.answers` returns for it.
+        programs: function that takes a list of `Setting.choice` and returns a program for each; None for calls of this package.
     """
     chosen: dict[str, list[Setting]] = {name: data.pop("chosen") for name, data in choices.items()}
     texts = programs([x.choice for settings in chosen.values() for x in settings]) if programs else {}
@@ -114,7 +118,8 @@ def chooser_data(run: Run, choices: Mapping[str, dict[str, Any]]) -> dict[str, A
     """Return the data of the form in which a reader chooses a linkage and a requirement.
 
     Args:
-        choices: linkage -> `settings.answers`, to which the linkage's page and scenario are added.
+        choices: linkage -> the dictionary that `settings.answers` returns for it. This function adds the linkage's page and
+            scenario.
     """
     for name, data in choices.items():
         data |= {"page": f"linkage-{file_name(name)}.html", "scenario": scenarios(run)[name]}

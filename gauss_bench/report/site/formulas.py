@@ -1,6 +1,7 @@
 """Convert plain-text formulas of tables, such as "J^- g", to MathML, with indices, exponents, primes and Greek letters.
 
-A formula becomes several pieces, and a line may break between them, so that it fits a phone. A text that contains words stays text.
+A formula becomes several pieces, between which a line may break, so that the formula fits the screen of a phone. A cell whose text
+contains words is no formula and is not converted.
 """
 
 import re

@@ -34,7 +34,7 @@ from gauss_bench.report.site.settings import (
 )
 from gauss_bench.report.words import count, ratio_text
 
-STEP = 1e-3  # [s] of the runs whose drift is drawn
+STEP = 1e-3  # [s] step of the runs whose drift is drawn
 HELD = 1e-4  # [m] accuracy at which the cheapest engines are named
 SAMPLES = 50  # drawn points of a line in a figure
 LISTED = 7  # every 7th drawn point is in the table of a figure's numbers, counted from the last point of a line
@@ -46,7 +46,12 @@ ENERGY = "Energy gained beyond the work done, over time."
 
 
 def linkage_page(run: Run, name: str, scenario: str) -> Page:
-    """Return the page of a linkage; parts without rows are left out."""
+    """Return the page of a linkage; parts without rows are left out.
+
+    The page has the linkage with a crank that a reader turns (or a still drawing), each engine's cheapest setting, charts, the most
+    accurate cases, and two runs that are played side by side.
+    """
+    # each is a picture and its data: (SVG, data) and (contents of the page, data), or None
     turn, pair = draw_turn(run, name), play_pair(run, name, scenario)
     made = (
         accuracy_chart(all_settings(run).get(name, [])),
@@ -103,6 +108,7 @@ def describe_linkage(run: Run, name: str, scenario: str) -> str:
     except LinkageError:
         return f"Scenario {scenario}."
     loops = max(len(mechanism.joints) - len(mechanism.links), 0)
+    # "degree" is last, because "of freedom" follows the list: 1 degree of freedom, 2 degrees of freedom
     parts = {"moving link": len(mechanism.links), "joint": len(mechanism.joints), "loop": loops, "degree": mechanism.dof}
     return f"{mechanism.title}: {', '.join(count(n, word) for word, n in parts.items())} of freedom. Scenario {scenario}."
 
@@ -116,7 +122,11 @@ def draw_still(run: Run, name: str) -> Markup | None:
 
 
 def name_leaders(run: Run, name: str) -> str:
-    """Return sentences on the cheapest engines whose error is at most HELD [m], and on the engines that do not reach it."""
+    """Return sentences on the fastest engines with a position error of at most HELD [m], and on the engines without such a setting.
+
+    For the latter the sentences give the reason: the setting was not timed, or no setting meets the accuracy. The text is empty if
+    no setting on the linkage is stored.
+    """
     if name not in all_settings(run):
         return ""
     timed = fastest_first(run, name, HELD)
@@ -135,7 +145,7 @@ def name_leaders(run: Run, name: str) -> str:
 def list_leaders(run: Run, name: str) -> Table | None:
     """Return the table of each engine's cheapest setting at four accuracies, the fastest first; None if there is none."""
     lines = []
-    for position in POSITIONS[::2][:4]:
+    for position in POSITIONS[::2][:4]:  # 1e-2, 1e-4, 1e-6 and 1e-8 m
         timed = fastest_first(run, name, position)
         for x in timed:
             words = {"words": describe_setting(run, x), "size": describe_size(x)}
@@ -173,7 +183,11 @@ def toggles_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def pareto_front(items: Iterable[Item], cost: Callable[[Item], float], error: Callable[[Item], float]) -> list[Item]:
-    """Return the items that no other beats in both cost and error, cheapest first; items of unknown cost are left out."""
+    """Return the items, cheapest first, whose error is less than BETTER times that of every cheaper item that is returned.
+
+    These are the items that no other beats in both cost and error, without those that are hardly better than a cheaper one. Items
+    of unknown cost are left out.
+    """
     front: list[Item] = []
     for item in sorted((x for x in items if is_known(cost(x))), key=lambda x: (cost(x), error(x))):
         if not front or error(item) < BETTER * error(front[-1]):
@@ -200,10 +214,11 @@ def force_chart(run: Run, name: str) -> Chart | None:
 
 
 def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
-    """Return a curve over time for each engine, as the rows of a figure: a column of the table `series`, of one case of the engine.
+    """Return for each engine a list of rows for a line of a chart over time: the values of `column` in the table `series`.
 
-    The case is the one with the step nearest to STEP; of several it is one without stabilisation, with default settings, with RK4.
-    Engines in FIRST come first.
+    They are the values of one case of the engine. It is the case with the step nearest to STEP; of several such cases it is one
+    without stabilisation, then one with default settings, then one with RK4. Negative controls, which are wrong on purpose, are
+    left out. Engines in FIRST come first.
     """
     cases = {_case(r): r for r in run.of(name) if has_ended(r) and not r["control"]}
     of_linkage = [r for r in run.table("series") if r["mechanism"] == name]

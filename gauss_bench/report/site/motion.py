@@ -1,7 +1,7 @@
 """A linkage whose crank a reader turns on the page.
 
-Links are drawn once, in their own frames. A script moves them through the states of a turn of the crank, which the suite's
-kinematics computes.
+Links are drawn once, in their own frames. A script moves the drawn links through the states of a full turn of the crank. The suite
+computes these states by closing the loops at each crank angle.
 """
 
 from dataclasses import dataclass
@@ -38,7 +38,10 @@ class Turn:
 
 
 def find_turn(run: Run, name: str) -> Turn | None:
-    """Return a full turn of a linkage's crank; None if the linkage does not load or its crank cannot turn fully."""
+    """Return the states of a linkage over a full turn of its crank, beginning at the crank angle 0 if possible.
+
+    The result is None if the linkage does not load, or if it has no crank that can turn fully.
+    """
     try:
         mechanism, _, trace = pose_in(run, name, 0.0)
         if trace is None:  # the linkage cannot start at 0 degrees: try the angle of the drawings

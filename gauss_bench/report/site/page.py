@@ -29,13 +29,13 @@ class Page:
     """A page of the site.
 
     Attributes:
-        name: name of its file, without suffix.
+        name: name of the page's file, without suffix.
         lead: sentence below the title.
         body: HTML content.
-        data: name -> data for its scripts, such as charts.
-        scripts: further scripts that it needs.
+        data: name -> data for the scripts of the page, such as charts.
+        scripts: further scripts that the page needs.
         later: name of a file -> data that a script loads only on demand.
-        group: its group in the table of contents; empty for a page that has no entry there.
+        group: the page's group in the table of contents; empty for a page that has no entry there.
         facts: facts of the run from which the page's rows come; empty if that is the run of the whole site.
     """
 
@@ -51,7 +51,7 @@ class Page:
 
     @property
     def file(self) -> str:
-        """The name of its file."""
+        """The name of the page's file."""
         return f"{self.name}.html"
 
 
@@ -86,9 +86,10 @@ def table_class(content: Table) -> str:
 
 
 def table_style(content: Table) -> Markup:
-    """Return the style of a table's class: numbers are aligned right; on phones cells stand below each other, with labels.
+    """Return CSS rules for all tables with the class of `content`.
 
-    A style for each column is shorter than attributes of each cell, which would take a tenth of the site.
+    Columns of numbers are aligned right. On phones the cells of a row stand below each other, each with the heading of its column.
+    One rule for a column is shorter than attributes in every cell, which would make up a tenth of the site's size.
     """
     name = table_class(content)
     labels = [f".{name} td:nth-child({i})::before{{content:{label(head)}}}" for i, head in enumerate(content.head, 1)]
@@ -98,7 +99,7 @@ def table_style(content: Table) -> Markup:
 
 
 def label(head: str) -> Markup:
-    """Return the head of a column as a CSS string."""
+    """Return the heading of a column as a string of CSS, in quotes and without marks of Markdown."""
     return Markup(json.dumps(re.sub(r"[`*<>\\\\]", "", head), ensure_ascii=False))
 
 
@@ -110,7 +111,11 @@ def sort_by(cell: Cell) -> Markup:
 
 
 def shown(cell: Cell) -> Markup:
-    """Return the HTML of a cell: a formula is typeset, an address becomes a link, a long text is folded, a dash has its reason."""
+    """Return the HTML of a cell.
+
+    A formula is typeset, an address becomes a link, and a long text is folded behind a label. A missing value is a dash followed by
+    the reason.
+    """
     text = cell.text or NOTHING
     if text == NOTHING:
         why = cell.why or UNMEASURED
@@ -131,7 +136,8 @@ def shown(cell: Cell) -> Markup:
 def short_label(text: str) -> str:
     """Return a label for a long text: its words up to a colon or semicolon.
 
-    If these are SHORTEST_LABEL characters or fewer, or more than LONGEST_LABEL, it is as many words as fit, and " ...".
+    If these words have at most SHORTEST_LABEL or more than LONGEST_LABEL characters, the label has as many words of the text as fit
+    into LONGEST_LABEL characters, followed by " ...".
     """
     first = re.split(r"[:;]", text, maxsplit=1)[0].strip()
     if SHORTEST_LABEL < len(first) <= LONGEST_LABEL:
@@ -145,7 +151,11 @@ def sentence_of(finding: Finding) -> str:
 
 
 def headline(text: str) -> str:
-    """Return the first sentence of a finding; if it is long, without what stands in brackets and without its list."""
+    """Return the first sentence of the text of a finding, shortened to about HEADLINE characters.
+
+    A longer sentence loses its texts in parentheses. If it is still too long, it ends at the last colon or semicolon that lies
+    within the limit, so that the list after it is left out, or else between two words.
+    """
     first = SENTENCE.split(text.replace("**", ""))[0]
     if len(first) <= HEADLINE:
         return first
@@ -180,8 +190,8 @@ def plain_page(name: str, title: str, lead: str, group: str = "", charts: Mappin
     """Return a page without scripts of its own.
 
     Args:
-        charts: name -> data of the figures in its sections.
-        parts: content for some of PARTS, such as sections, tables or findings.
+        charts: name of a figure -> its data, for the figures in the sections of the page.
+        parts: contents of some of the parts of a page that PARTS lists, such as sections, tables or findings.
     """
     body = render("plain.html", **dict.fromkeys(PARTS, ()) | parts)
     return Page(name, title, lead, body, {"charts": charts} if charts else {}, group)

@@ -1,17 +1,18 @@
 """Two engines' runs of a linkage, played side by side with magnified differences from the reference.
 
-The tables `motions` and `poses` store the pose of a link in a run as reference + ahead + gap. `ahead` is the part of the difference
-that leaves all loops closed. It is magnified along the motion of the linkage, so that a crank that is late is drawn later, together
-with all other links. `gap` is the rest, which opens loops; each of its coordinates is multiplied by the factor. At a factor of one,
-links are drawn at their stored poses.
+The tables `motions` and `poses` store the pose of a link in a run as reference + ahead + gap, where `reference` is the true pose at
+the same time. `ahead` is the part of the difference that leaves all loops closed: the linkage is ahead of or behind the true
+motion. This part is magnified along the motion of the linkage, so that a crank that is late is drawn later, together with all other
+links. `gap` is the rest of the difference, which opens loops; each coordinate of `gap` is multiplied by the factor of
+magnification. At a factor of one, links are drawn at their stored poses.
 
-If the crank can turn fully, turn(c) is the state with closed loops at a crank angle c, and the magnified pose is taken from it.
-With the reference angle c of the crank, the angle a by which the run is ahead of the reference, and the factor f,
+If the crank can turn fully, turn(c) is the state with closed loops at a crank angle c. Let c be the crank angle of the reference, a
+the angle by which the crank of the run is ahead, and f the factor. The drawn pose is
 
     pose(f) = turn(c + f a) + rest + f gap,    rest = reference + ahead - turn(c + a),
 
-where the rest is zero unless the run has changed to another assembly. If the crank cannot turn fully, both parts are multiplied:
-pose(f) = reference + f (ahead + gap).
+where `rest` is zero unless the run has changed to another assembly. If the crank cannot turn fully, `ahead` and `gap` are
+multiplied in the same way: pose(f) = reference + f (ahead + gap).
 """
 
 from collections.abc import Iterable, Sequence
@@ -63,7 +64,7 @@ class StoredRun:
 
     @property
     def open(self) -> Array:
-        """The largest distance of any link from its place with closed loops at each frame, (frames,) [m]."""
+        """At each frame the largest distance of a link from the place that it would have with closed loops, (frames,) [m]."""
         return _largest_shift(self.gap)
 
 
@@ -77,25 +78,29 @@ class Poses:
 
     Attributes:
         links: names of the links in their order.
-        times: times [s] at which no link is missing, increasing.
+        times: increasing times [s] at which the table has the poses of all links.
     """
 
     def __init__(self, rows: Iterable[Row], links: Sequence[str]):
-        """Take the rows of one run, or of the reference of one scenario."""
+        """Store the rows of one run, or of the reference motion of one scenario."""
         self.links = links
         self.rows = {(number(r, "t"), r["link"]): r for r in rows}
         every = sorted({t for t, _ in self.rows})
         self.times = [t for t in every if all((t, link) in self.rows for link in links)]
 
     def read(self, part: str) -> Array:
-        """Return the values (times, links, 3) [m, m, rad] of the columns x, y and angle, each with the ending `part`."""
+        """Return the values (times, links, 3) [m, m, rad] of the columns "x", "y" and "angle", each followed by `part`.
+
+        In the table `poses` the columns end in "_ahead" or "_gap". In the table `motions`, which has the reference, `part` is
+        empty.
+        """
         columns = [f"{axis}{part}" for axis in ("x", "y", "angle")]
         values = [number(self.rows[t, link], c) for t in self.times for link in self.links for c in columns]
         return np.reshape(values, (len(self.times), len(self.links), 3))
 
 
 def read_reference(run: Run, name: str, scenario: str, links: Sequence[str]) -> tuple[Array, Array] | None:
-    """Return times (k,) [s] and reference states (k, n) with continuous angles, or None if they are not stored."""
+    """Return times (k,) [s] and reference states (k, n) with continuous angles, or None if fewer than two times are stored."""
     poses = Poses((r for r in run.table("motions") if (r["mechanism"], r["scenario"]) == (name, scenario)), links)
     times = np.array(poses.times)
     return (times, unwrap_angles(poses.read("").reshape(len(times), -1))) if len(times) > 1 else None
@@ -123,10 +128,11 @@ def label_run(row: Row) -> str:
 
 
 def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
-    """Return the contents of the part of a page that plays two runs, and the data of all stored runs for its script.
+    """Return the contents of the part of a linkage's page that plays two runs side by side, and the data for its script.
 
-    It returns None if fewer than two runs or no reference are stored, or if the linkage does not load. If the crank of the linkage
-    can turn fully, the script draws the runs along this turn; otherwise along straight lines from the reference.
+    The data have all stored runs, of which a reader chooses two. The script magnifies differences from the reference. If the crank
+    can turn fully, it does so along the turn of the crank, as at the top of this file; otherwise along straight lines. The result
+    is None if fewer than two runs or no reference are stored, or if the linkage does not load.
     """
     turn = find_turn(run, name)
     try:
@@ -148,7 +154,7 @@ def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[
         data["runs"] = [_along_turn(x, turn, states, canvas) for x in runs]
     else:
         data["poses"] = list_frames(in_pixels(canvas, states))
-        # without a turn, differences are magnified in straight lines
+        # without a turn, differences are magnified in straight lines; the script reads them link by link
         moved = [_round(shift_in_pixels(canvas, x.ahead + x.gap).swapaxes(0, 1)) for x in runs]
         data["runs"] = [_describe(x) | {"moved": path} for x, path in zip(runs, moved, strict=True)]
     return make_stage(svg, runs, canvas.scale, len(times)), data
@@ -161,10 +167,11 @@ def _document(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], str, 
 
 
 def _along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) -> dict[str, Any]:
-    """Return the data of a run of a linkage whose crank can turn fully, with the quantities of pose(f) at the top of this file.
+    """Return the data of a run of a linkage whose crank can turn fully: the quantities in pose(f) at the top of this file.
 
-    `ahead` is the angle a of the crank at each frame [rad], `rest` and `gap` are shifts of links [px, px, degrees], left out where
-    nobody would see them.
+    `ahead` is, at each frame, the angle a by which the crank of the run is ahead of the reference [rad]. `rest` is the difference
+    of the links from the closed pose at this crank angle, and `gap` opens the loops, both [px, px, degrees]. They are left out if
+    they are too small to be seen.
 
     Args:
         reference: states (k, n) of the reference at all frames.
@@ -203,13 +210,13 @@ def _round(x: Array) -> list[Any]:
 def make_stage(svg: str, runs: Sequence[StoredRun], scale: float, frames: int) -> dict[str, Any]:
     """Return the contents of the part of a page that plays two runs side by side.
 
-    These are the picture, the names of all runs, the indices of the two shown at first, the factors by which differences from the
-    reference can be magnified, the initial factor, and the index of the last frame. The initial factor is the largest that keeps
-    both runs within REACH of the reference.
+    The contents are the picture, the names of all runs, the indices of the two runs that are shown at first, the factors by which
+    differences from the reference can be magnified, the factor that is chosen at first, and the index of the last frame. The factor
+    at first is the largest with which both runs are drawn within REACH pixels of the reference.
 
     Args:
-        scale: pixels in a metre.
-        frames: number of frames.
+        scale: pixels per metre of the picture.
+        frames: number of frames (times with a stored pose).
     """
     left = next((i for i, x in enumerate(runs) if x.engine == "gauss-native"), 0)
     right = next((i for i, x in enumerate(runs) if x.engine == "mujoco"), 1 if left == 0 else 0)

@@ -20,7 +20,7 @@ CLAIM = "The paper's claim"  # title of the finding on Gauss against Lagrange
 
 @dataclass(frozen=True)
 class Question:
-    """A question with its answer in one sentence, and the address of the rows from which the answer follows."""
+    """A question, its answer in one sentence, and the address of the page with the table rows from which the answer follows."""
 
     question: str
     answer: str

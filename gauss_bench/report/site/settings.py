@@ -1,9 +1,10 @@
-"""Settings that meet a requirement, and their costs: the data of the first screen.
+"""Settings that meet a requirement, and their costs: the data of the first page of the site.
 
-A setting is an engine's variant at a step or tolerance on one linkage, with its errors over the whole stored run. Its time is
-that of a race, or is estimated from a race of the same variant at another step, in proportion to the number of steps. A linkage
-that was not searched has the cases of the accuracy suite as settings. This file finds the cheapest setting of each engine for every
-requirement that a reader can choose, and the page looks it up.
+A setting is an engine's variant at a step or tolerance on one linkage, with its errors over the whole stored run. The time of a
+setting was measured in a race (a timed comparison), or it is estimated from a race of the same variant at another step, in
+proportion to the number of steps. If no search for cheapest settings has a linkage, the cases of the accuracy suite count as its
+settings. For every requirement that a reader of the page can choose, the functions here find the cheapest setting of each engine; a
+script of the page shows it.
 """
 
 import json
@@ -35,9 +36,9 @@ class Setting:
     """A setting of an engine with known errors.
 
     Attributes:
-        step, tolerance: size of the steps [s] or tolerance of the integrator; NaN for the one that the setting does not have.
-        steps: number of steps of the run; NaN if the engine does not count them.
-        seconds, low, high: processor time of the run [s], with its spread if it was measured in a race; NaN if unknown.
+        step, tolerance: size of the steps [s] and tolerance of the integrator. A setting has one of the two; the other is NaN.
+        steps: number of steps of the run; NaN if the engine does not count its steps.
+        seconds, low, high: processor time of the run [s], and both ends of its range if it was measured in a race; NaN if unknown.
         estimated: whether `seconds` is estimated from a race at another step.
         position, force: largest errors of the run [m], [N]; NaN for a force that was not measured.
         until: end of the run [s].
@@ -66,7 +67,7 @@ class Setting:
 
     @cached_property
     def cost(self) -> tuple[float, float, str]:
-        """Sort key: settings with a time come first, by their times; the others follow by their numbers of steps."""
+        """Sort key: settings with a known time of a run come first, by this time; the others follow by their numbers of steps."""
         steps = self.steps if is_known(self.steps) else math.inf
         return (self.seconds, 0.0, self.words) if is_known(self.seconds) else (math.inf, steps, self.words)
 
@@ -111,7 +112,7 @@ def describe_setting(run: Run, x: Setting) -> str:
 def _changed_options(run: Run) -> dict[tuple[str, ...], list[str]]:
     """Return a dictionary: variant -> the options, in words, in which it differs from the engine's first variant.
 
-    The key is the tuple of the variant's values in the columns METHOD.
+    A variant is given by the tuple of its values in the columns METHOD.
     """
     words: dict[tuple[str, ...], list[str]] = {}
     for rows in group_by(run.table("search_space"), "engine").values():
@@ -140,13 +141,16 @@ def variant_of(row: Row) -> tuple[str, ...]:
 
 
 def place_of(row: Row) -> tuple[Any, ...]:
-    """Return the variant, step and tolerance of a row, rounded so that rows of several tables on one setting give equal values."""
+    """Return the variant, step and tolerance of a row, which identify a setting.
+
+    The numbers are rounded, so that rows of different tables that describe the same setting give equal tuples.
+    """
     sizes = (round_digits(row[k], 6) if is_known(row.get(k)) else -1.0 for k in ("step", "tolerance"))
     return (*variant_of(row), *sizes)
 
 
 def make_setting(row: Row, **more: Any) -> Setting:
-    """Return the setting of a row; `more` has further fields, and numbers that neither has are NaN."""
+    """Return the setting of a row; `more` has further fields, and numbers that are neither in the row nor in `more` are NaN."""
     fields: dict[str, Any] = {k: row[k] for k in VARIANT} | {k: number(row, k) for k in NUMBERS} | {"estimated": False}
     return Setting(**fields | more)
 
@@ -166,7 +170,7 @@ def all_settings(run: Run) -> dict[str, list[Setting]]:
 
 @lru_cache(maxsize=2)
 def _settings_by_place(run: Run) -> dict[tuple[Any, ...], Setting]:
-    """Return a dictionary: `place_of` a setting -> the first setting with this value.
+    """Return a dictionary that maps the tuple `place_of` of a setting to the first setting with this tuple.
 
     Searching through thousands of settings instead took half of the time in which the site is built.
     """
@@ -175,10 +179,10 @@ def _settings_by_place(run: Run) -> dict[tuple[Any, ...], Setting]:
 
 
 def _search(run: Run) -> Iterator[Setting]:
-    """Yield the settings of the searched linkages, each with its time, which a race measured or which is estimated from a race."""
+    """Yield the settings of each linkage that was searched, each with its time, measured in a race or estimated from one."""
     raced = [r for r in with_number(run.table("search_times"), "seconds") if r["status"] == "ok"]
     races = group_by(raced, variant_of)
-    at_place = {place_of(r): r for r in reversed(raced)}
+    at_place = {place_of(r): r for r in reversed(raced)}  # reversed: of several rows of one setting the first stays
     steps_at = {place_of(r): number(r, "steps") for r in run.table("search_ladder")}
     for row in with_number(run.table("search_ladder"), "position_error"):
         steps = number(row, "steps")
@@ -198,7 +202,7 @@ def _search(run: Run) -> Iterator[Setting]:
 
 
 def _cases(run: Run) -> Iterator[Setting]:
-    """Yield the valid cases of the accuracy suite as settings with estimated times."""
+    """Yield the valid cases of the accuracy suite as settings, each with the estimated time of its run."""
     for row in run.results:
         error = first_number(number(row, "length_error"), number(row, "position_error"))
         if may_rank(row) and is_known(error) and is_known(run_time(row)):
@@ -218,7 +222,9 @@ def cheapest(settings: Iterable[Setting], position: float, force: float = math.i
 
 @lru_cache(maxsize=1024)
 def cheapest_stored(run: Run, mechanism: str, position: float, force: float = math.inf) -> Mapping[str, Setting]:
-    """Return engine -> its cheapest setting on a linkage; the winner of a race at this very requirement replaces the estimate.
+    """Return engine -> its cheapest setting on a linkage, for each engine with a setting that meets the requirement.
+
+    If a race was run at exactly this requirement, the engine's setting in this race replaces the one found from estimated times.
 
     Args:
         position, force: largest allowed errors [m], [N]; infinity allows any error of forces.
@@ -260,14 +266,19 @@ def race_multiples(run: Run) -> dict[tuple[str, str, float, str], float]:
 
 
 def answers(run: Run, mechanism: str) -> dict[str, Any]:
-    """Return the data of the first screen for a linkage.
+    """Return the data that the first page of the site needs for a linkage.
+
+    A requirement "i,j" is a position error of at most POSITIONS[i] together with a force error of at most FORCES[j].
 
     Returns:
-        settings: data of all settings that are the cheapest of an engine for a requirement; `chosen` has the settings themselves.
-        picks: "i,j" for POSITIONS[i] and FORCES[j] -> for each engine that meets both [index of a setting, time over the least].
+        A dictionary with these keys:
+        settings: data of all settings that are the cheapest of an engine for some requirement.
+        chosen: these settings themselves, in the same order.
+        picks: requirement -> for each engine that meets it, [index in `settings`, time divided by that of the fastest engine].
         none: engine -> for each requirement, the index in `words` of the reason why the engine does not meet it, -1 if it does.
         words: the reasons.
-        until, horizons: duration of the stored run [s], and the durations that a reader can choose.
+        until: duration of the stored run [s].
+        horizons: the durations [s] that a reader can choose.
     """
     picked: dict[Setting, int] = {}  # setting -> its index on the page
     picks: dict[str, list[Any]] = {}
@@ -298,9 +309,9 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
 
 
 def _page_data(run: Run, x: Setting) -> dict[str, Any]:
-    """Return the data of a setting that the page prints: engine, words and known numbers, with `estimated` only if it is true.
+    """Return the data of a setting that the page prints: engine, words, numbers that are known and not zero, perhaps `estimated`.
 
-    `until` is left out, because the page has that of the linkage.
+    `estimated` is left out if it is false, and `until`, because the page states the duration once for the linkage.
     """
     numbers = {k: to_json(getattr(x, k)) for k in (*NUMBERS, "estimated") if k != "until"}
     known = {k: v for k, v in numbers.items() if v not in (None, False)}  # this leaves out zeros, too
@@ -322,7 +333,8 @@ def engines_short_of(run: Run, mechanism: str, position: float, force: float = m
 def answer_of(run: Run, mechanism: str, engine: str, position: float, force: float = math.inf) -> Reach:
     """Return whether an engine meets a requirement on a linkage and, if not, how close it comes.
 
-    The answer follows from the trials of a search, or from the cases of the accuracy suite if the linkage was not searched.
+    This follows from the trials of a search. If no search has the engine on this linkage, it follows from the cases of the accuracy
+    suite.
 
     Args:
         position, force: largest allowed errors [m], [N]; infinity allows any error of forces.
@@ -335,7 +347,12 @@ def answer_of(run: Run, mechanism: str, engine: str, position: float, force: flo
 
 
 def _answer_of_cases(cases: Sequence[Setting], wanted: Sequence[Requirement]) -> Reach:
-    """Return whether an engine meets requirements by its cases of the accuracy suite; a second requirement is on joint forces."""
+    """Return whether an engine meets requirements, as its cases of the accuracy suite show.
+
+    Args:
+        cases: the cases of the engine on one linkage.
+        wanted: the requirement on positions and, perhaps, a second one on joint forces.
+    """
     if len(wanted) > 1 and not any(is_known(x.force) for x in cases):
         return Reach(Kind.NOT_TRIED, "joint forces were not compared here")
     variants = group_by(cases, lambda x: (x.settings, x.integrator, x.stabilization)).values()

@@ -38,7 +38,10 @@ def write_data(folder: Path, tables: Mapping[str, tuple[Row, ...]]) -> list[Path
 
 
 def data_file(name: str, rows: tuple[Row, ...]) -> str:
-    """Return the name of a table's file: CSV, compressed if the table is large, or Parquet if it is huge."""
+    """Return the name of a table's file, which depends on the number of its cells.
+
+    The file is Parquet if the table has more than HUGE cells, compressed CSV if it has more than LARGE cells, and else CSV.
+    """
     size = len(rows) * len(TABLES[name].columns)
     if size > HUGE:
         return f"{name}.parquet"
@@ -46,7 +49,10 @@ def data_file(name: str, rows: tuple[Row, ...]) -> str:
 
 
 def data_page(run: Run) -> Page:
-    """Return the page with all tables and the meanings of their columns; the tables of the run `field` share one entry."""
+    """Return the page that offers all tables of a run as files and explains their columns.
+
+    The tables of the run in the subfolder `field` are offered in one common entry.
+    """
     described = []
     for name, rows in sorted(run.tables.items()):
         if rows:
@@ -63,7 +69,10 @@ def data_page(run: Run) -> Page:
 
 
 def describe_table(name: str, rows: tuple[Row, ...], words: str = "") -> dict[str, Any]:
-    """Return the name, the meaning and the table of columns of a table, with further `words` below the meaning."""
+    """Return what the page prints about the table `name`: its name, sentences in `said`, and a table of its columns.
+
+    The sentences are the meaning of a row, the number of rows, and the text `words`.
+    """
     columns = [vars(c) | {"column": f"`{c.name}`"} for c in TABLES[name].columns]
     said = f"One row: {TABLES[name].meaning}. {count(len(rows), 'row')}. {words}"
     return {"name": name, "said": said.strip(), "columns": lay_out("columns", columns, name=name)}

@@ -1,8 +1,9 @@
 """A page that draws the linkage encoded in the page's own address (URL), and the fragment of such an address: the text after #.
 
-The fragment is `v1.` and base64url of zlib of JSON. The JSON has the linkage file, the points of all links in their own frames, and
-sampled poses as whole numbers of `unit` [m] and 1/`ANGLES` rad. Poses are stored as second differences, which are small for smooth
-motions. The page draws the poses and computes no motion. Anybody may make an address, so the page checks all of it against LIMITS.
+The fragment is `v1.` followed by JSON, which is compressed with zlib and encoded as base64url. The JSON has the linkage file, the
+points of all links in their own frames, and sampled poses. Positions are whole multiples of `unit` [m], and angles are whole
+multiples of 1/`ANGLES` rad. Poses are stored as second differences over time, which are small for smooth motions. The page draws
+the poses and computes no motion. Anybody can make such an address, so the page checks everything in the fragment against LIMITS.
 """
 
 import base64
@@ -40,9 +41,9 @@ class TooLarge(ValueError):
 
 
 def pack_view(text: str, mechanism: Mechanism, q: Array, end: float) -> tuple[str, int]:
-    """Return the fragment of an address, and the number of poses in it.
+    """Return the fragment of the address (the text after #) that encodes a linkage and its poses, and the number of poses in it.
 
-    While the fragment is too long, every second pose is left out.
+    As long as the fragment is too long, every second of the remaining poses is left out.
 
     Args:
         text: the linkage file.
@@ -76,7 +77,7 @@ def compress(content: dict[str, Any]) -> str:
     """Return an object as a fragment of an address.
 
     Raises:
-        TooLarge: it has more bytes than the page reads.
+        TooLarge: the JSON of the object has more bytes than the page accepts.
     """
     packed = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode("utf-8")
     if len(packed) > LIMITS["unpacked"]:
@@ -125,10 +126,11 @@ def round_place(at: Array) -> list[float]:
 
 
 def pack_poses(q: Array) -> dict[str, Any]:
-    """Return `unit` [m] and `poses` of a fragment from positions (k, n).
+    """Return the entries `unit` [m] and `poses` of a fragment, from positions (k, n) at k times.
 
-    `poses` has n lists of k second differences, one list for x, y and angle of each link. They are whole numbers: places are
-    multiples of `unit`, and angles multiples of 1/ANGLES rad, a constant that the page knows.
+    `poses` has a list for each of the n coordinates, which are x, y and angle of each link. The coordinate is rounded to a whole
+    number: x and y to multiples of `unit`, an angle to multiples of 1/ANGLES rad, a constant that the page knows. The list has k
+    second differences of these numbers over time; two cumulative sums restore the numbers.
     """
     at = places(q)
     # a small drawing far from the origin has coarser units, so that its whole numbers stay below LIMITS["number"]
@@ -143,7 +145,7 @@ def pack_poses(q: Array) -> dict[str, Any]:
 
 
 def view_page() -> tuple[str, str]:
-    """Return the page, and its content security policy, which allows the page's own script and style alone."""
+    """Return the HTML of `view.html` with its script and style in it, and its content security policy, which allows only these."""
     assets = files("gauss_bench.report.site") / "assets"
     read = {name: (assets / name).read_text(encoding="utf-8") for name in (VIEW, "view.js", "view.css")}
     script = read["view.js"].replace("/*limits*/", json.dumps(LIMITS | {"angles": ANGLES, "version": VERSION}))

@@ -38,10 +38,10 @@ def write_site(out: Path, run: Run, findings: Sequence[Finding] = (), programs: 
 
     Args:
         findings: findings of all sections.
-        programs: makes the programs of the first screen, as `first_page` takes it.
+        programs: function that returns the example programs on the first page of the site, see `first_page`.
     """
     folder = out / SITE
-    if (folder / "site.css").is_file():  # only an earlier site is emptied, no other folder
+    if (folder / "site.css").is_file():  # only an earlier site is emptied, no other folder; the documentation in it stays
         for old in folder.iterdir():
             if old.is_file():
                 old.unlink()
@@ -56,21 +56,26 @@ def write_site(out: Path, run: Run, findings: Sequence[Finding] = (), programs: 
         data = {page.name: dict(page.data)} if page.data else {}
         if page.data.get("charts"):
             data[page.name] |= {"config": GRAMMAR["config"]}
+        # `later`: further files that a script of the page loads on demand
         for name, content in (data | dict(page.later)).items():
             texts[f"data/{name}.js"] = f"site.put({script_text(content)});\n"
     for name, text in texts.items():
         write_text(folder / name, text)
+    # then the tables of this run and, if there is one, of the run of the suite `field`
     tables = write_data(folder / FOLDER, run.tables)
     tables += write_data(folder / FOLDER / BESIDE, run.beside.tables) if run.beside else []
     return [*(folder / name for name in texts), *tables]
 
 
 def asset_files() -> dict[str, str]:
-    """Return name -> text of the files that every site has: scripts, styles, licences, the page that draws shared links."""
+    """Return name -> text of the files that every site has.
+
+    They are scripts, styles, licences, and the page `view.html`, which draws the linkage encoded in its own address.
+    """
     assets = files("gauss_bench.report.site") / "assets"
     texts = {name: (assets / name).read_text(encoding="utf-8") for name in (*SCRIPTS, "THIRD_PARTY.md", "site.css")}
-    texts["site.css"] = texts["site.css"].replace("/*light*/", hues(False)).replace("/*dark*/", hues(True))
-    return texts | {"vega.js": drawing_script(), VIEW: view_page()[0]}
+    texts["site.css"] = texts["site.css"].replace("/*light*/", hues(dark=False)).replace("/*dark*/", hues(dark=True))
+    return texts | {"vega.js": drawing_script(), VIEW: view_page()[0]}  # [0]: the page without its policy
 
 
 @cache
