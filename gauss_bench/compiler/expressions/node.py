@@ -403,7 +403,7 @@ class ExpressionGraph:
         return [x for x in scaled if not x.zero]
 
     def _pair(self, terms: Sequence[Node], distance: int) -> list[Node]:
-        """Return a shorter list of terms with the same sum, by replacing pairs of terms by single nodes.
+        """Return a list of terms with the same sum, in which pairs of terms are replaced by single nodes where possible.
 
         Two terms whose positions in the list differ by at most `distance` are replaced by their sum, if this sum is a constant or a
         multiple of an existing node. `recognise` finds this from the sum of the values at the random points, without making a node.
