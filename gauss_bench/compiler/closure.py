@@ -30,9 +30,9 @@ class Sweep:
 
     Attributes:
         q, v, a: (k, n) positions, velocities, accelerations of all links in the mechanism's absolute coordinates [m, rad]; angles
-            are continuous from the start. NaN where lost.
-        status: (k,) how each sample was closed, as numbers of `Status`.
-        loss: place and cause of the motion's end; None if all samples were closed.
+            are continuous from the start. All values are NaN at samples where the motion is lost.
+        status: (k,) how the joints of each sample were closed, as values of the enumeration `Status`.
+        loss: sample at which the motion ended, and why; None if all samples were closed.
     """
 
     q: Array
@@ -43,15 +43,18 @@ class Sweep:
 
 
 def compile_closure(mechanism: Mechanism, lanes: int | None = None, backend: str | None = None) -> "Closure":
-    """Compile the closure of a mechanism. Its inputs are the driven coordinates of the scenario, or the crank's angle without any.
+    """Compile the closure of a mechanism: code that computes its positions, velocities and accelerations from given inputs.
+
+    The inputs are the coordinates that the scenario drives, or the crank's angle if the scenario drives none.
 
     Args:
-        lanes: number of samples in one vector, a power of 2; None for as many as a vector of the host holds.
-        backend: "llvm", or "numpy" without a compiler; None for the first that is installed.
+        lanes: number of samples in one SIMD vector, a power of 2; None takes the number of doubles in the widest vector register of
+            this machine.
+        backend: "llvm", or "numpy", which needs no compiler; None takes llvm if it is installed, else numpy.
 
     Raises:
-        KernelError: no usable pivots, a start at a singular position, or a backend that is not installed.
-        ValueError: knife edges, or a number of drivers that differs from the degrees of freedom.
+        KernelError: no usable pivots are found, the start is a singular position, or the backend is not installed.
+        ValueError: the mechanism has knife edges, or its number of drivers differs from its number of degrees of freedom.
     """
     target = choose_target(backend, lanes, cache=True)
     if target.backend == "numpy" and lanes is None:
@@ -80,7 +83,9 @@ class Closure:
         self._tracker.follower.loaded.call(target.lanes)  # compiles now, so that the first sweep does not have to
 
     def turn(self, samples: int) -> Sweep:
-        """Compute one turn of the input from its start in equal steps, without the end point; v and a are derivatives by the input.
+        """Compute one full turn of the input in equal steps from its start, without the end point.
+
+        v and a are derivatives with respect to the input.
 
         Raises:
             ValueError: the linkage has several inputs.
@@ -90,15 +95,16 @@ class Closure:
         return self.sweep(self._tracker.u[0] + 2 * np.pi / samples * np.arange(samples))
 
     def sweep(self, inputs: Array, rates: Array | None = None, second_rates: Array | None = None) -> Sweep:
-        """Compute the states at samples of the inputs, which move along a straight line from one sample to the next.
+        """Compute the states at given samples of the inputs; between two samples each input changes linearly.
 
         Args:
-            inputs: (k,) of one input, or (k, inputs) [rad, m].
-            rates: in the shape of the inputs; None stands for 1 if there is one input, and for 0 if there are several.
-            second_rates: in the shape of the inputs; None stands for 0.
+            inputs: values of the inputs [rad, m]: (k,) if there is one input, or (k, inputs).
+            rates: first derivatives of the inputs, in the shape of `inputs`. None stands for 1 if there is one input, so that v and
+                a are derivatives with respect to it, and for 0 if there are several.
+            second_rates: second derivatives of the inputs, in the shape of `inputs`; None stands for 0.
 
         Raises:
-            ValueError: shapes that do not fit, or numbers that are not finite.
+            ValueError: the shapes do not fit, or a number is not finite.
         """
         levels = self._levels(inputs, rates, second_rates)
         # if samples are too far apart for one step, others are put in between, and removed from the result below
@@ -114,7 +120,10 @@ class Closure:
         return Sweep(q, v, a, status[::divided], loss)
 
     def _levels(self, inputs: Array, rates: Array | None, second_rates: Array | None) -> Array:
-        """Return values, rates and second rates of the K inputs at k samples as one array (k, 3, K), checked."""
+        """Check values, first and second derivatives of the K inputs at k samples; return them as one array (k, 3, K).
+
+        Missing first derivatives are 1 for a single input, so that results are derivatives with respect to it, and 0 for several.
+        """
         K, u = len(self.inputs), self._columns(inputs)
         if u.ndim != 2 or u.shape[-1] != K or not u.size:
             raise ValueError(f"inputs of shape {np.shape(inputs)} are not samples of {', '.join(self.inputs)}")

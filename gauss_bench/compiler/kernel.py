@@ -68,16 +68,18 @@ def compile_kernel(
     Args:
         formulation: "gauss", "lagrange", or "auto" for the one that costs less.
         stabilization: "none", "baumgarte", or "projection" of positions and velocities at each step.
-        open_parameters: names of numbers of the file that are given with each call, such as "links.crank.mass".
-        lanes: number of trajectories in one vector, a power of 2; None for as many as a vector of the host holds.
-        cache: whether search results and object code are kept in the user's cache folder.
-        backend: "llvm", or "numpy" without a compiler; None for the first that is installed.
-        independent: independent coordinates of the first program; None lets the search choose.
-        baumgarte: alpha, beta [1/s].
-        form: deprecated, has no effect: all code is straight-line code. Any value gives a warning.
+        open_parameters: names of numbers of the linkage file whose values are given with each call, such as "links.crank.mass".
+        lanes: number of trajectories in one SIMD vector, a power of 2; None takes the number of doubles in the widest vector
+            register of this machine.
+        cache: whether the results of the search for a cheap elimination and object code are kept in the user's cache folder.
+        backend: "llvm", or "numpy", which needs no compiler; None takes llvm if it is installed, else numpy.
+        independent: indices of the independent coordinates of the first program; None lets the search for a cheap elimination
+            choose them. Further programs with other independent coordinates are generated on demand.
+        baumgarte: alpha and beta [1/s] of Baumgarte's stabilisation.
+        form: deprecated and without effect, because all generated code is straight-line code; any value but None gives a warning.
 
     Raises:
-        KernelError: dry friction, an unknown name, or a backend that is not there.
+        KernelError: the mechanism has dry friction, a name is unknown, or the backend is not installed.
     """
     start = time.perf_counter()
     if stabilization not in STABILIZATIONS:
@@ -90,13 +92,14 @@ def compile_kernel(
 
 
 def _generate_programs(mechanism: Mechanism, o: Options) -> Iterator[Program]:
-    """Yield the program that was asked for, then others for states at which pivots of that one are too small.
+    """Yield the requested program, then alternative programs for states at which a pivot of the requested program is too small.
 
-    They differ in the formulation, in the independent coordinates, and in the redundant rows that they leave out.
+    The programs differ in the formulation, in the independent coordinates, and in the redundant constraint rows that they leave
+    out.
     """
 
     def generate(formulation: str, independent: tuple[int, ...] | None, drop: int) -> Program:
-        """Return a program; `drop` is the number of a choice of redundant rows to be left out (`Study.drops`)."""
+        """Return a program; `drop` is the index in `Study.drops` of the set of redundant constraint rows that it leaves out."""
         return known_program(mechanism, formulation, o.open_parameters, independent, o.damping, drop, o.target.cache)
 
     first = generate(o.formulation, o.independent, 0)
@@ -137,11 +140,11 @@ class Kernel:
         mechanism: the mechanism that was compiled.
         form: always "straight line".
         formulation: "gauss" or "lagrange", as chosen.
-        parameters: names of the open parameters, in the order of every argument `parameters`. They are numbers of the file that
-            each call may give anew, because they are not constants in the code.
+        parameters: names of the open parameters, in the order of every argument `parameters`. Open parameters are numbers of the
+            linkage file for which each call may give new values, because they are not constants in the code.
         backend: "llvm" or "numpy".
-        lanes: number of trajectories in one vector.
-        operations: number of operations of one acceleration with its guards.
+        lanes: number of trajectories in one SIMD vector.
+        operations: number of operations in one evaluation of the acceleration with its guards (tests of the pivots).
         dropped: names of redundant constraint rows that the first program leaves out.
         generate_seconds: time [s] to generate and check the first program.
     """
@@ -179,9 +182,9 @@ class Kernel:
 
     @property
     def fallbacks(self) -> int:
-        """Number of steps of the last rollout at states where no program was usable.
+        """Number of steps of the last rollout (run of many steps) at states where every program had a pivot that was too small.
 
-        In such a step, dense linear algebra decides the rank of the constraint rows.
+        These steps were computed by dense linear algebra, which decides the rank of the constraint rows.
         """
         return self._driver.tally.fallbacks
 
@@ -196,7 +199,7 @@ class Kernel:
 
     @property
     def directions(self) -> int:
-        """Number of free motions along which the Jacobian of an implicit step is computed."""
+        """Number of independent coordinates of the first program; an implicit step is differentiated in as many directions."""
         return len(self._programs.partitions[0])
 
     @property
@@ -216,23 +219,30 @@ class Kernel:
         threads: int = 1,
         integrator: str = "rk4",
     ) -> tuple[Array, Array]:
-        """Take n steps of dt; a step in which a time-dependent force has a kink or a jump is split there.
+        """Take n steps of dt from one state or from a batch of states.
+
+        A step in which a time-dependent force has a kink or a jump is split at that time.
 
         Args:
-            q0, v0: (n_q,) or (batch, n_q).
-            dt: step size [s]. n: number of steps. t0: time [s] of q0, v0.
-            parameters: (n_parameters,) or (batch, n_parameters); None for those of the file.
-            every: number of steps between samples; None for the last state alone.
+            q0, v0: positions and velocities at the start, (n_q,) or (batch, n_q).
+            dt: step size [s].
+            n: number of steps.
+            t0: time [s] of q0, v0.
+            parameters: values of the open parameters, (n_parameters,) or (batch, n_parameters); None takes those of the linkage
+                file.
+            every: number of steps between two states that are returned; None returns only the last state.
             threads: number of threads that share a batch.
-            integrator: "rk4", "semi_implicit_euler", "dop853_fixed", or "gauss_legendre", which is implicit, of order 6, for stiff
-                forces along free motions.
+            integrator: "rk4", "semi_implicit_euler", "dop853_fixed", or "gauss_legendre", which is implicit and of order 6, for
+                forces that are stiff along the free motions of the linkage.
 
         Returns:
             q, v: (n_q,) or (batch, n_q) after the last step; with `every`, (samples, n_q) or (batch, samples, n_q) after `every`,
-            2 `every`, ... steps and after the last. A trajectory that cannot go on is NaN from there on, and counted in `lost`.
+            2 `every`, ... steps and after the last. The states of a trajectory that cannot be continued are NaN from there on, and
+            it is counted in `lost`.
 
         Raises:
-            ValueError: a negative number of steps, an unknown integrator, or steps backwards in time over kinks of forces.
+            ValueError: the number of steps is negative, the integrator is unknown, or steps go backwards in time although a force
+                has kinks or jumps in time.
         """
         if n < 0 or (every is not None and every < 1) or integrator not in INTEGRATORS:
             raise ValueError(f"cannot take {n} steps of {integrator} with a sample every {every}")
@@ -241,7 +251,7 @@ class Kernel:
         q = q0 if isinstance(q0, np.ndarray) else np.asarray(q0)  # a conversion takes as long as several steps
         v = v0 if isinstance(v0, np.ndarray) else np.asarray(v0)
         self._driver.tally = Tally()
-        parts = self.legs(t0, dt, n) if self._kinks else ()
+        parts = self.legs(t0, dt, n) if self._kinks else ()  # runs of equal steps between kinks; one or none: nothing is split
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)
         if q.ndim == 1 and every is None and p.ndim == 1 and len(parts) <= 1:
             # a single trajectory of which only the last state is wanted is stepped with the least overhead
@@ -262,24 +272,25 @@ class Kernel:
         return samples[..., : self._n], samples[..., self._n :]
 
     def legs(self, t0: float, dt: float, n: int) -> tuple[Leg, ...]:
-        """Return the n steps of a rollout as legs, which are runs of equal steps without a kink or a jump of a force inside.
+        """Return the n steps of a rollout as legs: runs of equal steps during which no force has a kink or a jump in time.
 
-        A step in which a force has a kink or jumps is divided there.
+        A step in which a force has a kink or a jump is divided there.
         """
         return tuple(legs(float(t0), float(dt), int(n), max(1, n), self._kinks))
 
     def integrate(
         self, q0: Array, v0: Array, times: Array, rtol: float, atol: float, parameters: Array | None = None
     ) -> "Integrated":
-        """Integrate one trajectory by DOP853, which chooses its steps by the tolerances, and ends a step at each time.
+        """Integrate one trajectory by DOP853, which chooses its steps by the tolerances, and ends a step at each of `times`.
 
         Args:
-            q0, v0: (n_q,) state at the first time.
-            times: (k,) at least two, ascending.
+            q0, v0: (n_q,) positions and velocities at the first time.
+            times: (k,) times [s] of the states that are returned: at least two, ascending.
             rtol, atol: tolerances; the allowed error of each component of q and v is atol + rtol |component|.
+            parameters: values of the open parameters; None takes those of the linkage file.
 
         Raises:
-            ValueError: fewer than two times, or times that do not ascend.
+            ValueError: there are fewer than two times, or they do not ascend.
         """
         if len(times) < 2 or not (np.diff(times) > 0).all():
             raise ValueError("times must be at least two, in order")
@@ -287,12 +298,14 @@ class Kernel:
         state = np.concatenate([np.asarray(q0, dtype=float), np.asarray(v0, dtype=float)])
         self._driver.tally = Tally()
         samples, taken, tried = self._driver.integrate_over(state, numbers, at, (rtol, atol), self._kinks)
+        # each step that was tried, accepted or not, has as many evaluations as a step of fixed size
         return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
 
     def alone(self, q0: Array, v0: Array, dt: float, n: int, integrator: str = "rk4") -> bool:
-        """Tell whether the first program is usable for all of n steps from a state at t = 0, so that no other program is needed.
+        """Tell whether the first program is usable for all of n steps of dt from the state q0, v0 at t = 0.
 
-        Exported C source contains only the first program, and is valid for these steps if this is true.
+        If True, no other program is needed, and exported C source, which contains only the first program, is valid for these n
+        steps.
         """
         q, v, runner = q0, v0, self._programs.runner(0, integrator)
         for leg in self.legs(0.0, dt, n):
@@ -303,7 +316,7 @@ class Kernel:
         return True
 
     def pivots(self, t: Array, q: Array, v: Array) -> Array:
-        """Return the pivots (k, pivots) of the first program at k states.
+        """Return the pivots (k, pivots) of the first program's elimination at k states with the times t (k,).
 
         A pivot whose sign differs between two states on a motion is zero at a state between them, where the program fails.
         """
@@ -311,19 +324,23 @@ class Kernel:
         return self._programs.codes[0].program.acceleration(t[:, None], q, v, numbers)[1]
 
     def _roll_one(self, q: Array, v: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array:
-        """Return the last state (2 n_q,) of a single trajectory with the least overhead; p are the open numbers (n_p,)."""
+        """Return the last state (2 n_q,) of a single trajectory after n steps of dt, with the least overhead.
+
+        p (n_p,) has the open numbers, which are the numbers that the code takes as arguments (`_numbers`).
+        """
         end = self._programs.runner(0, integrator).run_one(q, v, p, t0, dt, n)
         if not isinstance(end, Stop):
             return end
+        # a guard stopped the first program: the driver continues with other programs from the state that was reached
         batch = Batch(np.concatenate([q, v], dtype=float)[None], p[None], float(t0), float(dt), int(n), max(1, n))
         stopped = Outcome(end.state[None], np.full((1, 1, 2 * self._n), np.nan), np.array([end.done]), np.zeros(1, bool))
         return np.asarray(self._driver.resume(batch, stopped, integrator).samples[0, -1])
 
     def _numbers(self, parameters: Array | None, count: int, t: float | Array) -> Array:
-        """Return all open numbers (count, n_p), the numbers that the code takes as arguments, for states at times t () or (count,).
+        """Return the open numbers (count, n_p), which are all numbers that the code takes as arguments, for `count` states.
 
-        The first columns are the open parameters: `parameters`, or their values in the file if `parameters` is None. The other
-        columns are coefficients of time-dependent forces, evaluated at t.
+        The first columns are the open parameters: `parameters`, or their values in the file if `parameters` is None. The remaining
+        columns are the coefficients of time-dependent forces at the time t: () for one time of all states, or (count,).
         """
         size = len(self.parameters)
         given = self._values[:size] if parameters is None else np.asarray(parameters, dtype=float)
@@ -336,8 +353,8 @@ class Kernel:
     def acceleration(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
         """Return accelerations (n_q,) or (batch, n_q) at one state or at many, without Baumgarte's terms.
 
-        At a state where pivots of every program are too small, accelerations come from dense linear algebra, which decides the
-        rank of the constraint rows there.
+        At a state where every program has a pivot that is too small, the acceleration is computed by dense linear algebra, which
+        decides the rank of the constraint rows at this state.
         """
         # a single state takes a path without the overhead of a batch; with kinks the open numbers depend on t
         if np.ndim(q) == 1 and parameters is None:
@@ -362,7 +379,7 @@ class Kernel:
         return self._programs.c_source(integrator)
 
     def _rows(self, q: Array, v: Array, t: float | Array, parameters: Array | None) -> tuple[tuple[Array, ...], bool]:
-        """Return times (k,), q, v (k, n_q) and all open numbers (k, n_p), and whether a single state was given."""
+        """Return the arrays t (k,), q, v (k, n_q) and the open numbers (k, n_p), and whether a single state was given."""
         single = np.ndim(q) == 1
         q, v = np.atleast_2d(np.asarray(q, dtype=float)), np.atleast_2d(np.asarray(v, dtype=float))
         at = np.broadcast_to(np.asarray(t, dtype=float), len(q))
@@ -377,18 +394,24 @@ class Kernel:
         t: float | Array,
         parameters: Array | None,
     ) -> Array:
-        """Return a quantity at one state or at many, evaluated by the first program.
+        """Return a quantity, such as the accelerations, at one state or at many, evaluated by the first program where it is usable.
 
-        Where a pivot of the first program is too small, another program evaluates. Where none is usable, `by_rank` evaluates, by
-        dense linear algebra with a decision on the rank. That needs the parameters of the file; with others the result is NaN.
+        At a state where a pivot of the first program is too small, another program is evaluated. At a state where no program is
+        usable, `by_rank` is evaluated. `by_rank` needs the parameter values of the linkage file; with other values the result is
+        NaN.
 
-        `evaluate` takes the index of a program and the four arrays of `_rows`. It returns values (k, ...), and a flag (k,) for
-        each state that all pivots were large enough. `by_rank` takes t, q, v of a single state.
+        Args:
+            evaluate: function of the index of a program and the four arrays of `_rows`. It returns values (k, ...) and flags (k,):
+                True for each state at which all pivots were large enough.
+            by_rank: function of t, q, v of a single state, which returns the quantity by dense linear algebra with a decision on
+                the rank of the constraint rows.
+            q, v, t, parameters: as for `acceleration`.
         """
         at, single = self._rows(q, v, t, parameters)
         values, sound = evaluate(0, *at)
         for row in np.flatnonzero(~sound):
             time, q_row, v_row, p = (x[row] for x in at)
+            # index of the best program for this state except program 0, None if there is none
             k = self._driver.best(float(time), np.concatenate([q_row, v_row]), p, {0})
             if k is not None:
                 other, good = evaluate(k, *(x[row : row + 1] for x in at))
@@ -400,8 +423,8 @@ class Kernel:
 
 
 def _middle(t: float, parts: Sequence[Leg]) -> float:
-    """Return the time [s] in the middle of the first part of a rollout, or t if the rollout has no parts.
+    """Return the time [s] in the middle of the first leg of a rollout, or t if the rollout is not divided into legs.
 
-    A part has no kink of a force inside, so that the open numbers at its middle hold for all of its steps.
+    No force has a kink inside a leg, so that the open numbers at the middle of the leg are valid for all of its steps.
     """
     return parts[0].middle if parts else float(t)

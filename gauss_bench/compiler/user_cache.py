@@ -1,8 +1,8 @@
 """The compiler's cache on disk: object code in `NAME.o`, the outcome of a search in `NAME.json`.
 
-Machine code from the cache is executed. All files are therefore in one folder that belongs to the user and that nobody else may
-enter. A file begins with a hash of its name and content, and is ignored if the hash does not match. Files are written atomically
-(`atomic.py`); the unfinished files of killed processes are removed when another file is stored.
+Machine code from the cache is executed. All files of the cache are therefore in one folder that belongs to the user and that nobody
+else may enter. Each file of the cache begins with a hash of its name and content, and is ignored if the hash does not match. Files
+are written atomically (`atomic.py`); the unfinished files of killed processes are removed when another file is stored.
 """
 
 import hashlib
@@ -56,7 +56,10 @@ def load(name: str) -> bytes | None:
 
 
 def store(name: str, content: bytes) -> bool:
-    """Store a content under a file name; return False if the folder is not trusted or cannot be written."""
+    """Store bytes under a file name; return False if the folder of the cache cannot be written or is not trusted.
+
+    The folder is trusted if it belongs to the user and nobody else may enter it.
+    """
     path = trusted_folder()
     if path is None:
         return False
@@ -77,5 +80,5 @@ def _remove_abandoned(path: Path) -> None:
 
 
 def _digest(name: str, content: bytes) -> bytes:
-    """Return the hash of an entry's name and content."""
+    """Return the hash of the name and the content of a file of the cache."""
     return hashlib.sha256(name.encode() + content).digest()

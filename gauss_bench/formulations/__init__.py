@@ -1,6 +1,7 @@
-"""Formulations: functions from Terms to Solution, one textbook page each. They use numpy and scipy, and know nothing of linkages.
+"""Formulations: functions from Terms to Solution, one textbook page each, which use numpy and scipy and know nothing of linkages.
 
-The formulations in CONTROLS are wrong on purpose. The suite must detect them, and no ranking has them.
+The formulations in CONTROLS are wrong on purpose. The suite must detect that their results are wrong, and excludes them from all
+rankings.
 """
 
 from collections import UserDict
@@ -17,6 +18,7 @@ class Formulations(UserDict[str, Any]):
     """Formulations by name; a value "module:function" names a function of this package, which is imported when it is used."""
 
     def __getitem__(self, name: str) -> Formulation:
+        """Return the formulation with a name; a function of this package is imported only now."""
         found: Formulation = self.data[name]
         return resolve_name(f"{__name__}.{found}") if isinstance(found, str) else found
 

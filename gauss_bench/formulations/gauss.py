@@ -2,17 +2,24 @@
 
     minimise |L^T (a - M^-1 Q)|   subject to   J a = gamma,        M = L L^T
 
-Column-pivoted QR of J^T decides the rank r and gives both subspaces at once:
+A QR factorisation of J^T with column pivoting determines the rank r of J. It also gives orthonormal bases of two subspaces: the
+columns of Y (n, r) span range(J^T), and the columns of N (n, n - r) span null(J). The permutation P orders the rows of J:
 
-    J^T P = [Y N] [R; 0]          Y (n, r) spans range(J^T),  N (n, n - r) spans null(J),  P orders the rows of J
-    a = Y y + N h                 R^T y = P^T gamma           (least squares where rows are redundant)
+    J^T P = [Y N] [R; 0]
+
+The solution is a sum of two parts, of which the first satisfies the constraints, and the second makes the norm least:
+
+    a = Y y + N h
+    R^T y = P^T gamma           (least squares where rows of J are redundant)
     h = argmin |L^T N h - (L^-1 Q - L^T Y y)|
 
-Any factor L of M serves, because |L^T x| depends on M alone. No multipliers appear; rows may be redundant.
+Any factor L with M = L L^T gives the same solution, because |L^T x| depends on M alone. No multipliers appear; rows of J may be
+redundant.
 
-The entries of N have rounding errors relative to the largest of them, and M weighs these errors: where a heavy link stands still
-while a light one moves, the solution has a relative error of 1e-16 times the ratio of their masses. Beyond a ratio of UNEVEN the
-same factors solve a second time, for the residuals of M a + J^T lambda = Q and J a = gamma (iterative refinement).
+The entries of the basis N have rounding errors relative to its largest entry, and the mass matrix M weighs these errors. If a heavy
+link stands still while a light one moves, the solution has a relative error of 1e-16 times the ratio of their masses. If the ratio
+of masses exceeds UNEVEN, the same factors are used a second time, to solve for the residuals of M a + J^T lambda = Q and J a =
+gamma (iterative refinement).
 Sources: Yuan and Ge (2016), eqs (1)-(9) with the exponents of (10), (11) corrected; null-space method as in Golub and Van Loan,
 Matrix Computations (4th ed.), section 6.2.3; refinement of constrained least squares as in Bjorck, Numerical Methods for Least
 Squares Problems (1996), section 2.9.
@@ -43,10 +50,10 @@ def gauss(terms: Terms) -> Solution:
         raise np.linalg.LinAlgError("the mass matrix is not positive definite")
 
     def least_constraint(load: Array, rhs: Array) -> Array:
-        """Return the a (n,) with J a = rhs for which |L^T (a - M^-1 load)| is least, by the factors above.
+        """Return the accelerations a (n,) that satisfy J a = rhs and minimise |L^T (a - M^-1 load)|.
 
-        J^T[:, order] = Y R, the columns of N span the null space of J, and M = L L^T. First a = Y y satisfies the constraints;
-        then N h, which leaves J a unchanged, makes the norm least.
+        The factors are those computed above: J^T[:, order] = Y R, the columns of N span the null space of J, and M = L L^T. First a
+        = Y y is computed, which satisfies the constraints. Then N h is added, which does not change J a; h makes the norm least.
         """
         a: Array = Y @ least_squares(R.T, rhs[order])
         if N.shape[1]:

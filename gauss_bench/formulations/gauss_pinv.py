@@ -1,11 +1,11 @@
-"""Gauss's principle by the route of Yuan and Ge (2016), eqs (8)-(14), read with Moore-Penrose inverses and correct exponents.
+"""Gauss's principle as in Yuan and Ge (2016), eqs (8)-(14), with J^- as the Moore-Penrose inverse and corrected exponents of M.
 
     a = J^- gamma + (I - J^- J) h                                                                                 (8)
     minimise |A h - b|,   A = M^(1/2) (I - J^- J),   b = M^(-1/2) Q - M^(1/2) J^- gamma                     (9)-(11)
     h = A^- b                                                                                               (12), (13)
 
-The paper prints M^(-1/2) in A and in the second term of b. Substituting (8) into (2) gives M^(+1/2), which is used here. The next
-step of the paper, eqs (15) and (16), is wrong; `yuan_ge_eq16.py` computes eq. (16) as it is printed.
+The paper prints M^(-1/2) in A and in the second term of b. Substituting (8) into (2) gives M^(+1/2) in these places, which is used
+here. The next step of the paper, eqs (15) and (16), is wrong; `yuan_ge_eq16.py` computes eq. (16) as it is printed.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ RANK_TOLERANCE = 1e-10  # of the largest singular value, as in `gauss`
 
 
 def gauss_pinv(terms: Terms) -> Solution:
-    """Return accelerations (n,) by two pseudo-inverses, of J and of A, and the rank of J."""
+    """Return accelerations (n,), computed by the pseudo-inverses of J and of A = M^(1/2) (I - J^- J), and the rank of J."""
     M, J, Q, gamma = terms.M, terms.J, terms.Q, terms.gamma
     root, inverse_root = square_roots(M)
     J_pinv = np.linalg.pinv(J, rcond=RANK_TOLERANCE)

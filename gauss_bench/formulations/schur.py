@@ -1,8 +1,9 @@
-"""Schur complement: the m multipliers first, then the accelerations.
+"""Schur complement method: solve for the m multipliers first, then for the accelerations.
 
     (J M^-1 J^T) lambda = J M^-1 Q - gamma,        a = M^-1 (Q - J^T lambda)
 
-The complement is symmetric positive definite if and only if the rows are independent, so that Cholesky factors it, or fails.
+The Schur complement J M^-1 J^T is symmetric, and positive definite if and only if the rows of J are independent. If they are not,
+its Cholesky factorisation fails, or its reciprocal condition number is tiny.
 Source: Featherstone, Rigid Body Dynamics Algorithms (2008), section 8.4.
 """
 

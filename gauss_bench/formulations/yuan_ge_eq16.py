@@ -1,10 +1,11 @@
-"""Yuan and Ge (2016), eq. (16), read with Moore-Penrose inverses: wrong, and kept as a negative control.
+"""Eq. (16) of Yuan and Ge (2016), with its inverses taken as Moore-Penrose inverses: a wrong formula, kept as a negative control.
 
     a = J^+ gamma + N M^-1 Q,        N = I - J^+ J                                                                (16)
 
-It projects the free acceleration on J a = gamma in the Euclidean metric instead of that of M. The error is N M^-1 J^T lambda: it
-vanishes if M is proportional to the unit matrix, and depends on the unit of length otherwise. J a = gamma holds exactly, so that
-no residual of the constraints can detect the error. Only a comparison of motions can.
+The formula projects the acceleration M^-1 Q of the system without constraints onto J a = gamma in the Euclidean metric, instead of
+the metric of M. Its error in the accelerations is N M^-1 J^T lambda, where lambda are the multipliers of the true motion. The error
+is zero if M is proportional to the unit matrix; otherwise it depends on the unit of length. The wrong accelerations satisfy J a =
+gamma exactly, so that no residual of the constraints can detect the error. Only a comparison of motions can detect it.
 """
 
 import numpy as np
@@ -15,10 +16,11 @@ RANK_TOLERANCE = 1e-10  # of the largest singular value, as in `gauss`
 
 
 def yuan_ge_eq16(terms: Terms) -> Solution:
-    """Return accelerations (n,) by eq. (16) as printed, which are wrong, although they satisfy every constraint.
+    """Return accelerations (n,) by eq. (16) of Yuan and Ge (2016), which are wrong although they satisfy every constraint.
 
-    The formula projects the free acceleration M^-1 Q without regard to the mass, so that the equations of motion are violated. It
-    is kept as an error that tests of the constraints cannot detect.
+    The formula projects the acceleration M^-1 Q of the system without constraints, but ignores the masses in this projection; its
+    results therefore violate the equations of motion. The formula is kept on purpose, as an example of an error that tests of the
+    constraints cannot detect.
     """
     J_pinv = np.linalg.pinv(terms.J, rcond=RANK_TOLERANCE)
     free = np.linalg.solve(terms.M, terms.Q)

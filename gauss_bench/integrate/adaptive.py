@@ -21,9 +21,10 @@ MOST = 100_000  # largest number of steps: a linkage takes some hundred per seco
 def dop853(
     acceleration: Acceleration, times: Array, q: Array, v: Array, rtol: float, atol: float, kinks: Sequence[float] = ()
 ) -> tuple[int, int]:
-    """Integrate from the first row of q, v (k, n) and fill in the rows at the other times; return counts of steps and evaluations.
+    """Integrate from the first row of q, v (k, n), and write the states at the other times into the other rows.
 
-    Rows that are not reached, because an acceleration or the step size control fails, keep their values.
+    Return the numbers of steps and of evaluations. If an acceleration or the step size control fails at some time, the rows of q
+    and v for later times keep their values.
 
     Args:
         times: (k,) times of the rows [s].

@@ -58,7 +58,7 @@ def explicit_step(tableau: Tableau, acceleration: Acceleration, t: float, q: Arr
 
 
 def tableau(name: str) -> Tableau:
-    """Return the coefficients of rk4 or dop853_fixed, as `dop853_tableau` does."""
+    """Return the Butcher tableau of the method rk4 or dop853_fixed: nodes (s,), rows of A (row k has k entries), weights (s,)."""
     if name == "rk4":
         rows = [np.array(row) for row in ([], [0.5], [0.0, 0.5], [0.0, 0.0, 1.0])]
         return [0.0, 0.5, 0.5, 1.0], rows, np.array([1.0, 2.0, 2.0, 1.0]) / 6
@@ -87,7 +87,8 @@ def dop853_estimates() -> tuple[Array, Array]:
 def gauss_legendre(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
     """Take a step of Gauss's collocation with three stages: order 6, implicit, stable with arbitrarily stiff springs and dampers.
 
-    Newton's method finds all stages at once. Its Jacobian is computed once, by differences at the beginning of the step.
+    Newton's method finds the accelerations of all stages at once. The derivatives of the acceleration that it needs are computed
+    once per step, by finite differences at the beginning of the step.
 
     Raises:
         LinAlgError: Newton's method does not converge.
@@ -143,9 +144,10 @@ EVALUATIONS = {  # of the acceleration in a step, without those for the Jacobian
 
 
 def step_counts(times: Array, step: float) -> list[tuple[int, float]]:
-    """Return (count, size) of the equal steps between each two consecutive times, none longer than `step`.
+    """Return the number and the size of the equal steps between each two consecutive times; no step is longer than `step`.
 
-    If the gap is a multiple of `step`, up to rounding of the times, the size is exactly `step`; else it is smaller.
+    If the interval between two times is a multiple of `step`, up to rounding of the times, the size of the steps in this interval
+    is exactly `step`; otherwise it is smaller.
     """
     counts = []
     for gap, end in zip(np.diff(times), times[1:], strict=True):
@@ -159,10 +161,10 @@ class Equal(NamedTuple):
     """Consecutive samples with equal steps between them.
 
     Attributes:
-        row: index of the sample before the first of these.
-        steps: number of steps from sample to sample.
+        row: index of the sample before the first sample of this group.
+        steps: number of steps between two samples.
         size: size of a step [s].
-        samples: number of these samples.
+        samples: number of samples of this group.
     """
 
     row: int
@@ -187,14 +189,15 @@ def equal_runs(times: Array, step: float) -> list[Equal]:
 
 
 class Stretch(NamedTuple):
-    """Consecutive equal steps between two times at which a force or motion law may have a kink or jump; there is none between them.
+    """Consecutive equal steps up to a sample or a kink; no force and no motion law has a kink or jumps during the steps.
 
     Attributes:
-        begin: start time [s].
+        begin: start time of the first step [s].
         steps: number of steps.
         size: size of a step [s].
-        last: latest time of an evaluation [s]: a force that jumps at the end of the steps has its old value there.
-        row: index of the sample at the end; None if the steps end at a kink between samples.
+        last: latest time [s] at which a force may be evaluated during the steps. If a force jumps at the end of the last step,
+            `last` is just before the jump, so that the force still has its value from before the jump.
+        row: index of the sample at the end of the last step; None if the steps end at a kink between samples.
     """
 
     begin: float
@@ -205,11 +208,15 @@ class Stretch(NamedTuple):
 
 
 def stretches(times: Array, step: float, kinks: Sequence[float] = ()) -> Iterator[Stretch]:
-    """Yield equal steps from sample to sample at `times` (k,) [s], none longer than `step`; a step ends at every kink [s]."""
+    """Yield stretches, which are runs of equal steps, from the first to the last of the sample times `times` (k,) [s].
+
+    No step is longer than `step` [s], and a step ends at each sample time and at each time of a kink [s]. A sample time or a kink
+    ends a stretch.
+    """
     for row, (begin, end) in enumerate(pairwise(times), start=1):
         near = ROUNDING * max(abs(end), abs(begin))  # a kink this near to a sample is at the sample
         ends = [*(t for t in kinks if begin + near < t < end - near), end]
-        jumps = any(abs(t - end) <= near for t in kinks)
+        jumps = any(abs(t - end) <= near for t in kinks)  # whether there is a kink at the sample
         nodes = np.array([begin, *ends])
         for k, (count, size) in enumerate(step_counts(nodes, step)):
             at_sample = k == len(ends) - 1

@@ -1,8 +1,10 @@
-"""Divide equal steps, which compiled code takes, at times at which an acceleration has a kink or jumps.
+"""Divide the equal steps of compiled code at the times at which an acceleration has a kink or jumps.
 
-    | h | h | a b | h | h |          a kink inside a step: the step is taken in two parts a + b = h
+If there is a kink inside a step of the size h, this step is taken in two parts of the sizes a and b, with a + b = h:
 
-No part contains a kink, so that steps keep their order of convergence, and samples keep their times.
+    | h | h | a b | h | h |
+
+No part has a kink inside, so that steps keep their order of convergence, and samples keep their times.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,7 +23,7 @@ class Leg:
         h: step size [s].
         n: number of steps.
         every: number of steps from sample to sample.
-        slots: number of samples up to the start, and up to the end.
+        slots: number of samples of the run up to the start of this part, and up to its end.
     """
 
     t: float
@@ -32,7 +34,10 @@ class Leg:
 
     @property
     def middle(self) -> float:
-        """A time within this part of the run; the values that open parameters have at this time are used in all of its steps."""
+        """The time [s] in the middle of this part of the run.
+
+        Arguments of the compiled code that depend on time are evaluated at this time and used in all steps of the part.
+        """
         return self.t + self.h * self.n / 2
 
 
@@ -53,7 +58,10 @@ def legs(t0: float, h: float, n: int, every: int, kinks: Sequence[float]) -> Ite
 
 
 def _find_divided_steps(t0: float, h: float, n: int, kinks: Sequence[float]) -> list[tuple[int, list[float]]]:
-    """Return the index of every step with a kink and the kinks inside it; the list is empty for a kink at the step's beginning."""
+    """Return, for each step at which an acceleration has a kink, the index of the step and the list of kinks [s] inside it.
+
+    The list is empty if the only kink is at the beginning of the step.
+    """
     divided: dict[int, list[float]] = {}
     for kink in kinks:
         nearest = round((kink - t0) / h)  # the step that begins nearest to the kink ...
@@ -67,10 +75,10 @@ def _find_divided_steps(t0: float, h: float, n: int, kinks: Sequence[float]) -> 
 
 
 def _yield_undivided(t0: float, h: float, begin: int, end: int, every: int, n: int) -> Iterator[Leg]:
-    """Yield the steps with the indices `begin` to `end` - 1, all of size h, as at most three legs.
+    """Yield the steps with the indices `begin` to `end` - 1, which are not divided and have the size h, as at most three legs.
 
-    These are the steps up to the next sample, those between samples, and those after the last sample. A sample follows after each
-    `every` steps of the run, which has n steps and begins at t0 [s].
+    The three legs have the steps up to the first sample, the steps from there to the last sample, and the steps after the last
+    sample. A run has n steps and begins at t0 [s]; one sample is stored after every `every` steps, and one at the end of the run.
     """
     first = min(-(-begin // every) * every, end)  # rounded up to a sample
     last = max(first, end // every * every)  # rounded down to a sample
@@ -81,5 +89,8 @@ def _yield_undivided(t0: float, h: float, begin: int, end: int, every: int, n: i
 
 
 def _slots(step: int, every: int, n: int) -> int:
-    """Count the samples within the first `step` steps."""
+    """Return the number of samples that a run of n steps has stored after its first `step` steps.
+
+    One sample is stored after every `every` steps, and one after the last step.
+    """
     return step // every + (step == n and n % every > 0)

@@ -1,13 +1,15 @@
 """Measure every checked statement of the three papers, as printed and as intended, and derive a verdict.
 
-The data file of a paper lists the paper's statements (equations, numbers, claims) in their order; each is called a line. A line has
-two forms: the statement as printed, and as intended, that is corrected. In the data file, a form is a text, which names a function
-of the chapter's module in `forms`, or data: a number, a list or a table. (A form that is one text is given as a list of this text.)
+The data file of a paper lists the paper's statements (equations, numbers, claims) in their order, in chapters; each statement is
+called a line. A line has two forms: the statement as it is printed, and the statement as the authors intended it, which is the
+corrected statement. In the data file, a form is either a string or data (a number, a list or a table). A string names a function of
+the chapter's module in `forms`, which computes what the statement says. If the form itself is a string, it is given as a list with
+this string.
 
-A line also names its measure: a function that returns the discrepancy of a form from a reference. The reference is computed from
-neither of the two forms, so that the data file cannot decide the verdict. If the chapter lists cases for a measure under `over`,
-the measure is evaluated for each case, and its worst value is used. The file gives the cause of an error; lines with the same
-cause count as one mistake.
+A line also names its measure: a function that returns the discrepancy of a form from a reference. The reference is computed without
+either of the two forms, so that the data file cannot decide the verdict. A chapter of the data file may give cases for a measure,
+under the key `over`. The measure is then evaluated for each case, and the worst value is used. The data file also gives the cause
+of each error; lines with the same cause count as one mistake.
 """
 
 import math
@@ -51,14 +53,17 @@ class Verdict(StrEnum):
 class Line:
     """One statement of a paper.
 
+    A form of the statement is a function that computes what it says, or data such as a number or a list.
+
     Attributes:
-        texts: cells of the line's row that are copied from the file.
-        verdict: the verdict that the file claims: "ok" if it names no cause, else the kind of that cause.
-        printed, intended: the statement as printed and as intended; the same object if the line is right as printed.
+        texts: cells of the statement's row in the table `audit` that are copied from the data file.
+        verdict: the verdict that the data file claims: "ok" if the file names no cause of an error, else the kind of this cause.
+        printed, intended: form of the statement as printed, and form as intended by the authors; the same object if the statement
+            is right as printed.
         measure: function that maps a form to its discrepancy from the reference, >= 0.
-        tolerance: largest discrepancy of a right form.
-        example: function that maps a form to a number that a reader can check by hand; None if the line has no example.
-        truth: function that computes the true value of this number from neither form; None if the line has no example.
+        tolerance: largest discrepancy of a form that counts as right.
+        example: function that maps a form to a number that a reader can check with pencil and paper; None if there is no example.
+        truth: function that computes the true value of this number without either form; None if there is no example.
     """
 
     texts: dict[str, str]
@@ -72,12 +77,12 @@ class Line:
 
 
 def audit() -> dict[str, Any]:
-    """Return {"audit": rows} with a row for each line: its texts, both discrepancies, and the verdict."""
+    """Return {"audit": rows} with a row for each statement of the papers: its texts, both discrepancies, and the verdict."""
     return {"audit": [measure_line(line) for line in lines()]}
 
 
 def lines() -> tuple[Line, ...]:
-    """Return all lines in the order of the papers and their equations."""
+    """Return all checked statements of all papers, in the order of PAPERS and of each paper's data file."""
     return tuple(line for name in PAPERS for line in lines_of(read(name)))
 
 
@@ -87,7 +92,11 @@ def read(name: str) -> Table:
 
 
 def lines_of(paper: Table) -> Iterator[Line]:
-    """Yield the lines of a paper's data file, with functions in place of the names of forms and measures."""
+    """Yield the statements of a paper's data file, in which functions replace the names of forms and measures.
+
+    The data file has chapters with lines, one for each statement. A line names its measure, its cause of error, its tolerance and
+    its number (what its example computes) by keys of tables that the file or the chapter has.
+    """
     cited = f"{paper['authors']}: {paper['title']}. {paper['source']}. {paper['extract']}"
     for chapter in paper["chapter"]:
         module = f"forms.{chapter['forms']}"
@@ -118,10 +127,9 @@ def lines_of(paper: Table) -> Iterator[Line]:
 
 
 def form_of(module: str, form: Any) -> Any:
-    """Return the form that an entry of a data file stands for.
+    """Return the function that a string in a data file names; return any other value (a number, list or table) unchanged.
 
-    A text is the name of a function in the chapter's module `module`, or its path in `papers`; the form is this function. Any other
-    entry is data, and is the form itself.
+    The string is the name of a function in `module`, the chapter's module, or the path of a function in `gauss_bench.papers`.
     """
     if not isinstance(form, str):
         return form
@@ -130,12 +138,12 @@ def form_of(module: str, form: Any) -> Any:
 
 
 def measure_of(module: str, chapter: Table, entry: Table) -> Callable[[Any], float]:
-    """Return the function that maps a form of a line to its largest discrepancy over the cases of the line's measure.
+    """Return the function that maps a form of a statement to its largest discrepancy over the cases of the statement's measure.
 
     Args:
         module: module of the chapter in `papers`.
-        chapter: table of the data file; its `over` names the function that lists the cases of a measure.
-        entry: table of the line; its `on`, if there is one, is passed to the measure as the last argument.
+        chapter: table of the data file; its table `over` names, for a measure, the function that lists the cases of this measure.
+        entry: table of the statement; the value of its key `on`, if there is one, is passed to the measure as the last argument.
     """
     measure, cases = form_of(module, entry["measure"]), chapter.get("over", {}).get(entry["measure"])
     on = [entry["on"]] if "on" in entry else []
@@ -150,7 +158,10 @@ def worst(values: Sequence[float]) -> float:
 
 
 def discrepancy(line: Line, form: Any) -> float:
-    """Return the measured discrepancy of a form; infinite if the form cannot be evaluated, as when shapes do not fit."""
+    """Return the measured discrepancy of a form of a statement from the reference.
+
+    The discrepancy is infinite if the form cannot be evaluated, for example because shapes of arrays do not fit.
+    """
     try:
         return float(line.measure(form))
     except (ValueError, IndexError, ArithmeticError, np.linalg.LinAlgError):
@@ -158,10 +169,15 @@ def discrepancy(line: Line, form: Any) -> float:
 
 
 def list_faults(verdict: Verdict, printed: float, intended: float, tolerance: float) -> list[str]:
-    """List the contradictions between the verdict that the data file claims for a line, and measurement; empty if there is none.
+    """List the contradictions between the verdict that the data file claims for a statement and the measured discrepancies.
+
+    The list is empty if they agree.
 
     Args:
-        printed, intended: discrepancy of the line as printed, and as intended.
+        verdict: the verdict that the data file claims.
+        printed, intended: discrepancies of the statement as printed and as intended, from the reference.
+        tolerance: largest discrepancy of a form that counts as right. A printed form counts as wrong only if its discrepancy
+            exceeds APART tolerances.
     """
     # `not x <= tolerance` also is true if x is NaN
     faults = [] if intended <= tolerance else ["what is called right is not"]
@@ -173,21 +189,26 @@ def list_faults(verdict: Verdict, printed: float, intended: float, tolerance: fl
 
 
 def measure_line(line: Line) -> dict[str, Any]:
-    """Measure a line and return its row of texts and numbers.
+    """Measure a statement of a paper, and return its row of texts and numbers in the table `audit`.
 
-    The row's `verdict` is "ok" if the line is right as printed. Otherwise it is the file's verdict, or "wrong" if the file claims
-    "ok". `printed_off` and `intended_off` are the discrepancies of the line as printed and as intended. `stands` tells whether
-    measurement and file agree, and `faults` gives the contradictions. `example_printed`, `example_intended` and `example_true` are
-    the values of the line's example by both forms and its true value, None if the line has no example.
+    Besides the texts of the statement, the row has these columns:
+        verdict: "ok" if the statement is right as printed. If it is not, the verdict of the data file, or "wrong" if the file
+            claims "ok".
+        printed_off, intended_off: discrepancies of the statement as printed and as intended, from the reference.
+        tolerance: largest discrepancy of a form that counts as right.
+        stands: whether the measured discrepancies agree with the verdict of the data file.
+        faults: the contradictions between them.
+        example_printed, example_intended, example_true: the number of the statement's example as computed by the printed form and
+            by the intended form, and its true value; None if the statement has no example.
     """
     printed = discrepancy(line, line.printed)
     intended = printed if line.intended is line.printed else discrepancy(line, line.intended)
     faults = list_faults(line.verdict, printed, intended, line.tolerance)
-    fault = Verdict.WRONG if line.verdict == Verdict.OK else line.verdict
+    verdict_if_wrong = Verdict.WRONG if line.verdict == Verdict.OK else line.verdict
     example = line.example
     return {
         **line.texts,
-        "verdict": str(Verdict.OK if printed <= line.tolerance else fault),
+        "verdict": str(Verdict.OK if printed <= line.tolerance else verdict_if_wrong),
         "printed_off": printed,
         "intended_off": intended,
         "tolerance": line.tolerance,

@@ -1,14 +1,16 @@
-"""The motion of the crank-slider in its crank angle alone, in closed form, with any torque, damper or inertia.
+"""The motion of the crank-slider as one equation for its crank angle th, in closed form, with any torque, damper or inertia.
 
-    sin th2 = -l1/l2 sin th,   q(th) of crank, rod and slider as in `crank_slider`,   d = dq/dth,   e = d2q/dth2
-
-The true acceleration minimises a distance over all a = d w' + e w^2 (Gauss's principle). The wrong formulas of the paper also
-satisfy J a = g, and minimise another distance over the same set:
+The angle of the rod is th2, with sin th2 = -l1/l2 sin th. The coordinates q(th) of crank, rod and slider are those of
+`crank_slider`. With the derivatives d = dq/dth and e = d2q/dth2 and the crank's speed w, every acceleration that the constraints
+allow is a = d w' + e w^2. The true acceleration is the one among them that is nearest to M^-1 Q in the metric of M (Gauss's
+principle). Some wrong formulas of Yuan and Ge (2016) also satisfy the constraints J a = g, but minimise another distance over the
+same accelerations. With a weight matrix W and a vector R, all of them give
 
     w' = d . (R - W e w^2) / (d . W d)
-    true                      W = M,      R = Q           nearest to M^-1 Q in the metric of M
-    (16), Moore-Penrose       W = I,      R = M^-1 Q      nearest to M^-1 Q in the Euclidean metric
-    (10), (11) as printed     W = M^-1,   R = M^-1 Q      nearest to Q in the metric of M^-1
+
+    true:                     W = M,      R = Q;          nearest to M^-1 Q in the metric of M
+    (16), Moore-Penrose:      W = I,      R = M^-1 Q;     nearest to M^-1 Q in the Euclidean metric
+    (10), (11) as printed:    W = M^-1,   R = M^-1 Q;     nearest to Q in the metric of M^-1
 """
 
 import math
@@ -56,10 +58,11 @@ class CrankMotion:
     def positions(self, theta: Any) -> tuple[Seven, Seven, Seven]:
         """Return q, dq/dtheta and d2q/dtheta2 at crank angles theta [rad]: seven entries each, which have the shape of theta.
 
-        For a single float `math` is used, which is faster than numpy, because an integrator calls this a million times.
+        The seven coordinates are x1, y1, theta1 and x2, y2, theta2 (centre and angle of crank and rod), and x3 of the slider. For a
+        single float `math` is used, which is faster than numpy, because an integrator calls this a million times.
         """
         library = math if isinstance(theta, float) else np
-        l1, l2, one = self.l1, self.l2, 0 * theta + 1.0
+        l1, l2, one = self.l1, self.l2, 0 * theta + 1.0  # one: the number 1, or ones in the shape of theta
         s1, c1 = library.sin(theta), library.cos(theta)
         s2 = -l1 / l2 * s1
         c2 = library.sqrt(1 - s2 * s2)  # s2, c2: sine and cosine of the rod's angle th2
@@ -82,10 +85,13 @@ class CrankMotion:
     def acceleration(self, theta: Any, w: Any) -> Any:
         """Return the crank's acceleration w' [rad/s^2] by `formula`, for crank angles theta and speeds w of any shape.
 
-        W and R are those of the module's docstring: W is M, 1 / M or 1, and R is Q or Q / M, for the diagonal M.
+        The acceleration is w' = d . (R - W e w^2) / (d . W d), where d and e are the first and second derivatives of the
+        coordinates with respect to theta. TRUE has W = M and R = Q, EQ_16 has W = 1 and R = Q/M, EQS_10_11 has W = 1/M and R = Q/M.
+        M is diagonal.
         """
         q, d, e = self.positions(theta)
         force = inertia = 0.0  # d . (R - W e w^2) and d . W d
+        # q[6] is the slider's position x3, and d[6] * w is its speed
         for m, Q, di, ei in zip(self.mass, self.forces(q[6], d[6] * w), d, e, strict=True):
             R = Q if self.formula == TRUE else Q / m
             W = m if self.formula == TRUE else 1 / m if self.formula == EQS_10_11 else 1.0
@@ -101,14 +107,16 @@ class CrankMotion:
     def run(
         self, t_end: float, start: tuple[float, float] = (0.0, 0.0), rtol: float = RTOL, event: Event | None = None
     ) -> "CrankRun":
-        """Integrate from `start` (angle [rad], speed [rad/s]) to t_end [s], or until the event.
+        """Integrate from `start` (angle [rad], speed [rad/s]) to t_end [s], or until the function `event` of t and y becomes 0.
+
+        y is the crank's angle and speed. The run stops there only if `event` has the attribute `terminal`, as scipy defines it.
 
         Raises:
             ArithmeticError: the integrator fails.
         """
 
         def rate(t: float, y: Array) -> list[float]:
-            """Return the rates of angle and speed."""
+            """Return the time derivatives [w, w'] of the crank's angle and speed y."""
             theta, w = float(y[0]), float(y[1])
             return [w, self.acceleration(theta, w)]
 
@@ -120,7 +128,7 @@ class CrankMotion:
 
 @dataclass(frozen=True, eq=False)
 class CrankRun:
-    """A run: times t (k,) [s], crank angles theta [rad], speeds w [rad/s], and whether the event stopped it."""
+    """A run: times t (k,) [s], crank angles theta [rad], crank speeds w [rad/s], and whether its event function ended it."""
 
     t: Array
     theta: Array
@@ -129,7 +137,10 @@ class CrankRun:
 
 
 def motion_of(mechanism: Mechanism) -> CrankMotion:
-    """Return the closed form of the linkage file `crank_slider` in any scenario with its spring, and with a torque or without."""
+    """Return the closed-form model of the linkage file `crank_slider`, loaded in any scenario that has the spring.
+
+    The scenario may have a torque on the crank or none.
+    """
     torque = sum(f.value for f in mechanism.forces if isinstance(f, Torque))
     (spring,) = (f for f in mechanism.forces if isinstance(f, AxisSpringDamper))
     crank, rod, _ = mechanism.links

@@ -52,7 +52,10 @@ def linkage() -> Mechanism:
 
 @cache
 def states(count: int = 24) -> tuple[ExampleState, ...]:
-    """Return the paper's start and seeded random states at crank speeds up to 30 rad/s, with reference accelerations."""
+    """Return the initial state of the paper's example and random states (fixed seed), with reference accelerations.
+
+    There are `count` random states, with crank speeds up to 30 rad/s.
+    """
     mechanism, kept = linkage(), list(KEPT)
     applied = Evaluator(mechanism).applied
     random, crank = random_states(mechanism, count), MinimalCoordinate(mechanism)
@@ -88,7 +91,10 @@ def residual(q: Number) -> Number:
 
 
 def jacobian(q: Number) -> Number:
-    """Return the Jacobian (6, 7) of eq. (22), with entry (6, 6) corrected, where the paper prints a sine instead of a cosine."""
+    """Return the Jacobian (6, 7) of the constraints by q = [x1, y1, theta1, x2, y2, theta2, x3], eq. (22) of the paper.
+
+    Its entry in row 6, column 6 (counted from 1) is corrected: it is a cosine, but the paper prints a sine.
+    """
     # the sines and cosines are multiplied by the length of the crank, and by half that of the rod
     s1, c1 = L1 * np.sin(q[2]), L1 * np.cos(q[2])
     s2, c2 = L2 / 2 * np.sin(q[5]), L2 / 2 * np.cos(q[5])

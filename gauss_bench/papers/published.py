@@ -1,7 +1,8 @@
-"""Compare published reference values with the certified motion, and count how many of their printed digits are right.
+"""Compare published reference values with the certified reference of the suite, and count how many of their digits are right.
 
-Andrews' squeezing mechanism at t = 0.03 s, in the angles of the problem's statement. Source: Mazzia and Magherini, Test Set for
-Initial Value Problem Solvers (2008), problem II-12; computed there by PSIDE with both tolerances at 1e-14, and copied since.
+The values are those of Andrews' squeezing mechanism at t = 0.03 s, in the angles of the problem's statement. Source: Mazzia and
+Magherini, Test Set for Initial Value Problem Solvers (2008), problem II-12. The authors computed the values by the solver PSIDE
+with both tolerances at 1e-14; later publications copied them.
 """
 
 from typing import Any, NamedTuple
@@ -12,11 +13,14 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.trajectory import Reference
 
-SQUEEZER = ("squeezer", "squeeze", 0.03)
+SQUEEZER = ("squeezer", "squeeze", 0.03)  # linkage, scenario, and time [s] of the published values
 
 
 class PublishedAngle(NamedTuple):
-    """An angle of the problem: the angle of `link` minus that of `minus`, with its printed value [rad] and rate [rad/s]."""
+    """An angle of the problem, with its value [rad] and rate [rad/s] as printed.
+
+    It is the angle of the link `link` minus the angle of the link `minus`. If `minus` is None, it is the angle of `link` alone.
+    """
 
     name: str
     link: str
@@ -37,17 +41,17 @@ VALUES = (
 
 
 def list_published_values(mechanism: Mechanism, reference: Reference) -> list[dict[str, Any]]:
-    """Return a row for each printed value: printed and certified value, their difference, and error bar and floor of the latter.
+    """Return a row for each printed value: the printed and the certified value, their difference, and numbers of right digits.
 
-    The floor is the change of the certified value if the numbers of the linkage change by rounding, a relative 1e-16.
-    The reference must end at the time of the published values.
+    A row also has the error bar and the floor of the certified value. The floor is the change of the certified value if the numbers
+    of the linkage change by rounding, a relative 1e-16. The reference must end at the time of the published values.
     """
     linkage, scenario, t = SQUEEZER
     assert abs(reference.t[-1] - t) < 1e-12
     index = {link.name: i for i, link in enumerate(mechanism.links)}
     rows = []
     for angle in VALUES:
-        for level, mark, text in (("q", "", angle.value), ("v", "'", angle.rate)):
+        for level, mark, text in (("q", "", angle.value), ("v", "'", angle.rate)):  # mark: added to the name of a rate
             state = getattr(reference, level)[-1]  # (n,) positions or rates at the end
             certified = float(angle_at(state, index[angle.link]))
             if angle.minus:

@@ -59,10 +59,12 @@ def reproduction() -> dict[str, Any]:
 def running(motion: CrankMotion) -> Values:
     """Return the characteristic values of the steady rotation that the crank reaches with the paper's printed data.
 
-    Most are computed with two tolerances, of which the difference is their uncertainty.
+    Most values are computed with two tolerances; the difference of the two results is taken as the uncertainty of the value.
     """
     fine, coarse = regime(motion), regime(motion, COARSE * RTOL)
     values: Values = {key: (value, abs(value - coarse[key])) for key, value in fine.items()}
+    # energy from the torque in a turn, integral of (dx3/dtheta)^2 over a turn, and speed at which torque and damper balance: these
+    # are exact to rounding, and have no uncertainty (None)
     exact = {"taken": fine["taken"], "swept": integrate_slope(motion), "balance": balance_speed(motion)}
     return values | {key: (value, None) for key, value in exact.items()}
 
@@ -70,7 +72,7 @@ def running(motion: CrankMotion) -> Values:
 def statics(motion: CrankMotion) -> Values:
     """Return the extreme torques [N m] of weight and spring, their crank angles, and the angles [rad] at which the crank can rest.
 
-    Keys that end in "printed" are for the paper's torque, those that end in "idle" for no torque.
+    Angles of rest whose key ends in "printed" are those under the paper's torque; if the key ends in "idle", there is no torque.
     """
     values: Values = {}
     for key, extreme in zip(("force_least", "force_most"), torque_range(motion), strict=True):
@@ -85,20 +87,23 @@ def statics(motion: CrankMotion) -> Values:
 def settling(motion: CrankMotion) -> Values:
     """Return the bounds of the torque and of the damping within which the crank comes to rest from the start that the paper gives.
 
-    Keys: settles_above, settles_below: between these torques [N m] the crank comes to rest; settles_above_lowest, ..._highest: the
-    least and largest value of the first for other inertias (CORNERS); damping: above it [N s/m] the crank comes to rest with the
-    paper's torque; rest_at_X: the angle [rad] at which the crank rests with the torque X, one of TORQUES.
+    The keys are:
+        settles_above, settles_below: the crank comes to rest under torques [N m] between these two.
+        settles_above_lowest, settles_above_highest: least and largest value of settles_above for the other inertias in CORNERS.
+        damping: with the paper's torque, the crank comes to rest if the damping [N s/m] is larger than this.
+        rest_at_X: the angle [rad] at which the crank rests under the torque X, one of TORQUES.
 
     Args:
         motion: the motion with the paper's data.
     """
-    low, high = torque_range(motion)
+    low, high = torque_range(motion)  # of weight and spring; a torque of -high.torque balances the largest
 
     def with_torque(torque: float) -> CrankMotion:
         """Return the motion with another torque."""
         return replace(motion, torque=torque)
 
-    # a crank comes to rest without a torque, and runs on under twice the torque that overcomes weight and spring at every angle
+    # `find_bound` starts from a value with which the crank comes to rest and from one with which it runs on: no torque, and twice
+    # the torque that overcomes weight and spring at every angle; a damping of 32 N s/m, and the paper's
     others = [find_bound(partial(with_inertias, motion, *corner), 0.0, 2 * -high.torque, CORNER_WIDTH) for corner in CORNERS]
     values: Values = {
         "settles_above": find_bound(with_torque, 0.0, 2 * -high.torque),
@@ -111,7 +116,10 @@ def settling(motion: CrankMotion) -> Values:
 
 
 def with_inertias(motion: CrankMotion, crank: float, rod: float, torque: float) -> CrankMotion:
-    """Return the motion with another torque [N m], and with other inertias of crank and rod, as multiples of a uniform bar's."""
+    """Return the motion with another torque [N m] and with other moments of inertia of crank and rod.
+
+    `crank` and `rod` are multiples of the inertia of a uniform bar.
+    """
     factors = (1.0, 1.0, crank, 1.0, 1.0, rod, 1.0)
     return replace(motion, mass=tuple(m * k for m, k in zip(motion.mass, factors, strict=True)), torque=torque)
 
@@ -139,11 +147,15 @@ def formulas(motion: CrankMotion) -> Values:
 
 
 def claims(motion: CrankMotion) -> dict[str, bool]:
-    """Return claim -> whether it is true; the paper claims all but the last, which is a claim of this report.
+    """Return a dictionary: claim -> whether it is true. The last claim is one of this report; the others are the paper's.
 
-    Keys: stops: the mechanism stops in the end; decreases: amplitude and speed of the slider decrease, which is so if and only if
-    it stops; formula: eq. (16) gives the true acceleration at the start; dissipative: without the torque the crank comes to rest;
-    rests: there is a stable equilibrium; any_inertia: with none of INERTIAS of crank and rod does the crank come to rest.
+    The keys are:
+        stops: the mechanism comes to rest in the end.
+        decreases: amplitude and speed of the slider decrease; this is so if and only if the mechanism comes to rest.
+        formula: eq. (16) gives the true acceleration at the start.
+        dissipative: without the torque the crank comes to rest.
+        rests: there is a stable equilibrium.
+        any_inertia: for all inertias of crank and rod in INERTIAS, the crank does not come to rest.
     """
     stops = settles(motion)
     wrong, true = (replace(motion, formula=formula).acceleration(0.0, 0.0) for formula in (EQ_16, TRUE))
@@ -160,11 +172,12 @@ def claims(motion: CrankMotion) -> dict[str, bool]:
 def paper_motion(mechanism: Mechanism, reference: Reference) -> dict[str, Any]:
     """Return {"paper_motion": rows}, the data of the paper's figures 2 to 9, from a reference.
 
-    Columns are t, x1, x1_rate, y1, y1_rate, theta1, theta1_rate, x3, x3_rate [s, m, rad]. Between two samples the motion is the
-    polynomial with the positions, velocities and accelerations of both.
+    The columns are the time t, then x1, y1, theta1, x3, then their rates x1_rate, y1_rate, theta1_rate, x3_rate [s, m, rad].
+    Between two samples of the reference, the motion is the polynomial that has the positions, velocities and accelerations of both
+    samples.
     """
     t = np.linspace(0.0, min(SPAN, float(reference.t[-1])), ROWS)
-    kept = np.array(KEPT)[list(COLUMNS.values())]
+    kept = np.array(KEPT)[list(COLUMNS.values())]  # indices of x1, y1, theta1, x3 in the linkage file's coordinates
     levels = np.stack([reference.q[:, kept], reference.v[:, kept], reference.a[:, kept]], axis=1)
     curve = BPoly.from_derivatives(reference.t, levels)
     names = ["t", *(f"{name}{rate}" for rate in ("", "_rate") for name in COLUMNS)]

@@ -1,11 +1,13 @@
 """Find where the crank-slider can rest, whether it comes to rest from its start, and the bounds between resting and turning.
 
-    F(theta) = d . Q(q, 0) without the applied torque;   equilibrium F + tau = 0, stable where dF/dtheta < 0
+F(theta) = d . Q(q, 0) is the static torque of weight and spring on the crank, with d = dq/dtheta. Under an applied torque tau, the
+crank is in equilibrium where F + tau = 0. The equilibrium is stable where dF/dtheta < 0.
 
-The equation of motion does not depend on time, so that two motions cannot cross in the plane of crank angle and speed. A crank
-that starts at rest and completes a turn is back at its starting angle with some speed. In every later turn it is faster than in the
-first at the same angle, so that it never stops. A crank that turns back earlier stays between its starting angle and the angle at
-which it turned, because torque, weight and spring are conservative and the damper takes energy. It comes to rest.
+The equation of motion does not depend on time, so that two motions cannot cross in the plane of crank angle and speed. A crank that
+starts at rest and completes a turn is back at its starting angle with some speed. In every later turn the crank is faster at each
+angle than it was in the first turn, so that it never stops. A crank that turns back before it completes the first turn stays
+between its starting angle and the angle at which it turned back, because torque, weight and spring are conservative and the damper
+takes energy. Such a crank comes to rest.
 """
 
 from collections.abc import Callable
@@ -27,7 +29,7 @@ SECOND_TOLERANCE = 1e-2  # factor on the tolerance of a second search, which sho
 
 
 class Extreme(NamedTuple):
-    """Largest or smallest static torque [N m] and its crank angle [rad]."""
+    """Largest or smallest static torque [N m] on the crank, and the crank angle [rad] at which it acts."""
 
     torque: float
     theta: float
@@ -41,7 +43,7 @@ class Equilibrium(NamedTuple):
 
 
 def torque_range(motion: CrankMotion) -> tuple[Extreme, Extreme]:
-    """Return the smallest and the largest static torque of weight and spring over a turn."""
+    """Return the smallest and the largest static torque of weight and spring on the crank during one turn of the crank."""
     idle = replace(motion, torque=0.0)
     theta, step = np.linspace(-np.pi, np.pi, GRID + 1), 2 * np.pi / GRID
     F, extremes = idle.static_torque(theta), []
@@ -67,18 +69,19 @@ def equilibria(motion: CrankMotion) -> tuple[Equilibrium, ...]:
 def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
     """Tell whether the crank, started at rest at theta = 0, turns back before it completes a turn.
 
-    It then swings and comes to rest. A crank that completes the first turn begins the second one faster, and so runs on.
+    A crank that turns back swings and comes to rest. A crank that completes the first turn begins the second turn faster than the
+    first, and so runs on for ever.
 
     Raises:
-        ArithmeticError: the first turn does not end within LONGEST [s], which happens only if the parameters lie exactly on the
-            bound between coming to rest and running on.
+        ArithmeticError: the crank neither turns back nor completes the first turn within LONGEST [s]. This happens only if the
+            parameters lie exactly on the boundary between a crank that comes to rest and one that runs on.
     """
     push = float(motion.static_torque(0.0))
     if push == 0.0:
         return True
 
     def first_turn(t: float, y: Array) -> float:
-        """Return a number that is zero at the start, then positive, and negative once the crank turns back or completes a turn."""
+        """Return a number that is 0 at the start, then positive, and falls to 0 when the crank turns back or completes a turn."""
         return float(min(np.sign(push) * y[1], 2 * np.pi - abs(y[0])))
 
     first_turn.terminal, first_turn.direction = True, -1.0  # type: ignore[attr-defined]
@@ -91,12 +94,14 @@ def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
 def find_bound(make: Callable[[float], CrankMotion], settled: float, running: float, width: float = WIDTH) -> tuple[float, float]:
     """Return the threshold of a parameter between motions that come to rest and those that run on, and its uncertainty.
 
-    The uncertainty is half the bracket of the bisection, plus the change of the threshold under a finer integration.
+    The bisection ends with two values of the parameter, one with which the crank comes to rest and one with which it runs on. The
+    uncertainty is half the distance of these two values, plus the change of the threshold if the motion is integrated with a
+    smaller tolerance.
 
     Args:
         make: value of the parameter -> motion.
         settled, running: value with which the crank comes to rest, and value with which it runs on.
-        width: relative width of the last bracket.
+        width: relative distance of the two values at which the bisection ends.
 
     Raises:
         ValueError: the crank does not come to rest with `settled`, or does with `running`.
@@ -109,7 +114,12 @@ def find_bound(make: Callable[[float], CrankMotion], settled: float, running: fl
 
 
 def bisect(make: Callable[[float], CrankMotion], settled: float, running: float, rtol: float, width: float) -> tuple[float, float]:
-    """Return the bracket (settled, running), narrowed to a relative width by bisection; arguments as in `find_bound`."""
+    """Narrow the bracket (settled, running) of a threshold by bisection, and return its last two values in the same order.
+
+    With the value `settled` of the parameter the crank comes to rest, and with `running` it runs on. Bisection ends when their
+    relative distance is at most `width`. `make` maps a value of the parameter to the motion; `rtol` is the tolerance of the
+    integration.
+    """
     if not settles(make(settled), rtol) or settles(make(running), rtol):
         raise ValueError(f"no bound between {settled:g} and {running:g}")
     while abs(running - settled) > width * max(abs(running), abs(settled)):

@@ -1,12 +1,13 @@
 """The steady turning of the crank-slider: speed, duration and energy of a turn once all turns are alike.
 
-Along the angle s = |theta|, with direction D = +-1 of the motion, the speed u = |w| obeys du/ds = D w'/u. Time and the energy E
-lost in the damper are integrated with it:
+theta is the crank's angle and w its speed. With the travelled angle s = |theta| and the direction D = +-1 of the motion, the speed
+u = |w| obeys du/ds = D w'/u. The time t, and the energy E lost in the damper with the coefficient c at the slider's place x3, are
+integrated together with u:
 
     dt/ds = 1/u,    dE/ds = c (dx3/dtheta)^2 u
 
-The secant method finds the speed with which a turn both starts and ends. A constant torque does the work 2 pi |tau| in every turn;
-at constant speed the damper would take c u integral (dx3/dtheta)^2 dtheta.
+The secant method finds the speed u that a turn has both at its start and at its end. A constant torque tau does the work 2 pi |tau|
+in every turn. If the speed u was constant, the damper would take the energy c u integral (dx3/dtheta)^2 dtheta in a turn.
 """
 
 import numpy as np
@@ -24,9 +25,10 @@ POINTS = 4096  # in a turn, for the mean of a smooth periodic function: exact to
 
 
 def integrate_slope(motion: CrankMotion) -> float:
-    """Return the integral of (dx3/dtheta)^2 over a turn [m^2]; x3 is the place of the slider."""
+    """Return the integral of (dx3/dtheta)^2 over one turn of the crank [m^2]; x3 is the place of the slider."""
     theta = np.arange(POINTS) * TURN / POINTS
-    slope = motion.positions(theta)[1][6]  # dx3/dtheta
+    slope = motion.positions(theta)[1][6]  # dx3/dtheta: item 1 has the derivatives, and x3 is coordinate 6
+    # the mean at equally spaced angles (trapezoidal rule) is exact to rounding for a smooth periodic function
     return float((slope**2).mean() * TURN)
 
 
@@ -43,7 +45,7 @@ def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float]:
     """
 
     def angle_left(t: float, y: Array) -> float:
-        """Return the angle [rad] that is left until the turn is complete."""
+        """Return the angle [rad] by which the crank still has to turn to complete its first turn; y has its angle and speed."""
         return TURN - abs(float(y[0]))
 
     angle_left.terminal = True  # type: ignore[attr-defined]
@@ -64,7 +66,7 @@ def turn(motion: CrankMotion, w: float, rtol: float = RTOL, samples: int = 2) ->
     direction = float(np.sign(w))
 
     def rate(s: float, y: Array) -> list[float]:
-        """Return the derivatives of speed, time and lost energy by the angle s."""
+        """Return the derivatives of y = (speed |w|, time, lost energy) with respect to the travelled angle s = |theta|."""
         theta, u = float(direction * s), float(y[0])
         slope = motion.positions(theta)[1][6]  # dx3/dtheta, of the slider with the damper c
         return [direction * motion.acceleration(theta, direction * u) / u, 1 / u, motion.c * slope**2 * u]
@@ -79,9 +81,12 @@ def turn(motion: CrankMotion, w: float, rtol: float = RTOL, samples: int = 2) ->
 def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
     """Return the characteristic values of the steady rotation that the crank reaches after a start from rest.
 
-    Keys: mean, slowest and fastest crank speed of a steady turn, signed [rad/s]; its period [s]; energy taken from the torque and
-    lost in the damper [J]; first_speed [rad/s] and first_time [s] at the end of the first turn from rest; steady_after, the time
-    from rest [s] after which each turn starts within STEADY of the last speed.
+    A steady turn is one that ends with the speed with which it starts. The keys are:
+        mean, slowest, fastest: crank speeds of a steady turn, with their sign [rad/s].
+        period: duration of a steady turn [s].
+        taken, lost: energy taken from the torque, and lost in the damper, in a steady turn [J].
+        first_speed, first_time: speed [rad/s] and time [s] at the end of the first turn from rest.
+        steady_after: time from rest [s] until a turn starts with the speed of a steady turn, within the relative difference STEADY.
 
     Raises:
         ArithmeticError: the crank does not complete a turn, or its turns do not become alike.
@@ -113,11 +118,14 @@ def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
 
 
 def approach(motion: CrankMotion, w: float, steady: float, rtol: float) -> float:
-    """Return the time [s] from the end of the first turn until a turn begins with nearly the steady speed: within STEADY of it.
+    """Return the time [s] from the end of the first turn until a turn begins with nearly the steady speed.
+
+    A speed is nearly steady if its relative difference from `steady` is less than STEADY.
 
     Args:
         w: speed of the crank at the end of the first turn, with its sign [rad/s].
-        steady: size of the speed with which a steady turn begins [rad/s].
+        steady: absolute speed of the crank at the start of a steady turn [rad/s], one that ends with the speed with which it
+            starts.
 
     Raises:
         ArithmeticError: none of TURNS turns begins with nearly the steady speed.

@@ -1,13 +1,14 @@
 """Expressions that know their values: a graph in which equal expressions are one node.
 
-Every node has values at states of the linkage, where pivots are chosen, and at a few random points off the constraints, but near
-them, because far off the factors of a long chain would overflow. Expressions that agree at the random points are equal: a
-difference of analytic functions that is not zero everywhere is zero almost nowhere. A new node is therefore first compared with the
-old ones by these values. So c^2 + s^2 becomes 1, terms that cancel become 0, and a multiple k x of a known x becomes k times x,
-whatever operations it came from.
+Every node has values at sample states of the linkage, by which pivots are chosen, and at a few random points, by which equal
+expressions are recognised. The random points violate the constraints slightly; far from the constraints, products of many factors
+would overflow. Expressions with equal values at the random points are equal: a difference of analytic functions that is not zero
+everywhere is zero almost nowhere. A new expression is therefore first compared with the existing nodes by its values at the random
+points. In this way c^2 + s^2 becomes 1, terms that cancel become 0, and a multiple k x of an existing node x becomes the product of
+k and that node, whatever operations gave the multiple.
 Source: Schwartz, Fast probabilistic algorithms for verification of polynomial identities, J. ACM 27 (1980).
 
-Signs and constant factors are moved out of products, -(x y) and not (-x) y, so that sums can absorb them.
+Signs and constant factors are moved out of products, so that sums can absorb them: -(x y) is stored, not (-x) y.
 """
 
 import math
@@ -23,7 +24,8 @@ GENERIC = 3  # number of random points: one ratio of values agrees by accident w
 VANISHES = 1e-13  # a sum that is smaller relative to its larger summand is zero: a few hundred rounding units
 SAME = 1e-12  # relative difference of values by rounding
 
-# [cycles] until a result can be used, on Zen 4/5 and about the same on others; SIN and COS are mostly computed by a rotation.
+# Time [cycles] from the start of an operation until its result can be used, on the processors Zen 4 and 5 and about the same on
+# others. SIN and COS are mostly computed by a rotation.
 LATENCY = {"DIV": 13.0, "INV": 13.0, "SQRT": 20.0, "SIN": 25.0, "COS": 25.0, "NEG": 0.0, "INPUT": 0.0, "CONST": 0.0}
 STEP = 4.0  # [cycles] until the result of any other operation can be used
 # `ready` of a node is the sum of these times along the longest path to it from inputs.
@@ -46,10 +48,10 @@ class Node:
 
     Attributes:
         op, args: operation and operands; the args of an input are its name and index.
-        generic: values at the random points, by which equal expressions are recognised.
-        number: value of a constant, else None.
-        ready: earliest time [cycles] at which a processor has the value.
-        index: number in the order in which nodes are made.
+        generic: values at the GENERIC random points, by which equal expressions are recognised.
+        number: value of a constant node, None for any other node.
+        ready: earliest time [cycles] at which a processor has the value, if all inputs are there at 0.
+        index: position in the order in which the nodes of the graph were made.
     """
 
     __slots__ = ("_at", "args", "generic", "graph", "index", "number", "op", "ready")
@@ -64,9 +66,10 @@ class Node:
         ready: float,
         at: Array | None = None,
     ):
-        """Make a node, without entering it into the tables of the graph.
+        """Make a node without entering it into the graph's tables `known` and `ratios`. Attributes are explained in the class.
 
-        `at` has the values (samples + GENERIC,) if they are known already; otherwise they are computed at their first use.
+        `at` has the values at the samples and then at the GENERIC random points, (samples + GENERIC,), if they are known already.
+        If `at` is None, these values are computed when they are first used.
         """
         self.graph, self.op, self.args, self.generic, self.number, self.ready = graph, op, args, generic, number, ready
         self._at = at
@@ -75,7 +78,7 @@ class Node:
 
     @property
     def at(self) -> Array:
-        """Values (samples + GENERIC,) at the samples, followed by those at the random points."""
+        """Values (samples + GENERIC,) of the expression at the sample states, followed by its values at the random points."""
         waiting = [] if self._at is not None else [self]  # no recursion: a chain of operands may be very long
         while waiting:
             node = waiting[-1]
@@ -87,7 +90,7 @@ class Node:
         return self._at  # type: ignore[return-value]
 
     def _value(self) -> Array:
-        """Compute the values (samples + GENERIC,) from those of the operands."""
+        """Compute the values (samples + GENERIC,) at samples and random points from the values `_at` of the operands."""
         if self.number is not None:
             return np.full(self.graph.samples + GENERIC, self.number)
         return VALUE[self.op](*(x._at for x in self.args))
@@ -129,17 +132,17 @@ class ExpressionGraph:
     """All expressions of one program.
 
     Attributes:
-        samples: number of states at which nodes have values.
-        count: number of nodes so far.
-        known: (operation, indices of operands) -> node.
-        ratios: ratios of the values at the random points, as text -> the first node with these ratios. All nodes with the same
-            ratios are multiples of it.
+        samples: number of sample states of the linkage at which every node has a value.
+        count: number of nodes made so far.
+        known: table: (operation, indices of operands) -> node.
+        ratios: table: ratios of a node's values at the random points, as text -> the first node with these ratios. All nodes with
+            the same ratios are multiples of it.
         trail: (table, key) of every entry of `known` and `ratios`, oldest first, so that `forget` can remove the last ones.
         random: generator of the random points; its seed is arbitrary, and fixed so that programs are reproducible.
     """
 
     def __init__(self, samples: int):
-        """Make an empty graph, whose nodes have values at a number of samples."""
+        """Make an empty graph; each of its nodes will have values at `samples` sample states of the linkage."""
         self.samples = samples
         self.count = 0
         self.known: dict[tuple[Any, ...], Node] = {}
@@ -148,11 +151,11 @@ class ExpressionGraph:
         self.random = np.random.default_rng(19800427)
 
     def node(self, x: "Node | float") -> Node:
-        """Return a node as it is, and a number as a constant."""
+        """Return x unchanged if it is a node; if x is a number, return the node of this constant."""
         return x if isinstance(x, Node) else self.constant(float(x))
 
     def constant(self, number: float) -> Node:
-        """Return the node of a number, which has that value at every point and is ready at once."""
+        """Return the node of a constant, whose value is `number` at all samples and random points, and available at time 0."""
         number += 0.0  # turns -0.0 into 0.0
         known = self.known.get(("CONST", number))
         if known is None:
@@ -175,10 +178,15 @@ class ExpressionGraph:
         return known
 
     def opaque(self, op: str, args: tuple[Node, ...], at: Array) -> Node:
-        """Return the node of an operation that is not analytic, such as a minimum. `at` begins with its values (samples,).
+        """Return the node of an operation that is not an analytic function, such as a minimum.
 
-        Equal values at the random points would not prove that two such expressions are equal everywhere. The node therefore gets
-        random values of its own there, like an input, and is recognised by its operands alone.
+        Equal values at the random points would not prove that two expressions with such an operation are equal everywhere. At the
+        random points the node therefore gets random numbers as values, like an input. It is recognised only by its operation and
+        operands.
+
+        Args:
+            op, args: name of the operation, and its operands.
+            at: values whose first ones (samples,) are those at the samples; any further ones are ignored.
         """
         key = (op, *(a.index for a in args))
         known = self.known.get(key)
@@ -192,7 +200,7 @@ class ExpressionGraph:
         return known
 
     def neg(self, a: Node) -> Node:
-        """Return -a; no node is negated twice."""
+        """Return the node -a: the operand of a if a is a negation itself, or the existing negation of a if there is one."""
         if a.number is not None:
             return self.constant(-a.number)
         if a.op == "NEG":
@@ -200,7 +208,7 @@ class ExpressionGraph:
         key = ("NEG", a.index)
         known = self.known.get(key)
         if known is None:
-            x, y, z = a.generic
+            x, y, z = a.generic  # values at the three random points
             known = self._keep(Node(self, "NEG", (a,), (-x, -y, -z), None, a.ready), key)
         return known
 
@@ -221,8 +229,8 @@ class ExpressionGraph:
     def mul(self, a: Node, b: Node) -> Node:
         """Return the product of a and b.
 
-        Constant factors are collected in one coefficient, and minus signs are moved in front of the product. The other factors are
-        ordered by their index, so that equal products are one node.
+        Constant factors are collected in one coefficient, and minus signs are moved in front of the product. Factors that are not
+        constant are ordered by their index, so that a b and b a are one node.
         """
         if a.number is not None:
             return self.scale_by(a.number, b)
@@ -268,8 +276,9 @@ class ExpressionGraph:
         return self._unary("COS", a)
 
     def _unary(self, op: str, a: Node) -> Node:
-        """Return the square root, sine or cosine of a."""
-        # samples and random points in one call of numpy: the last digit of its results may depend on the length of the array
+        """Return the node of an operation with the single operand `a`: its square root, sine or cosine."""
+        # `a.at` has samples and random points, and numpy gets them in one call: in two calls, the last digits of numpy's results
+        # could differ, because they may depend on the length of the array
         old = self.known.get((op, a.index))
         if old is not None:
             return old
@@ -277,10 +286,15 @@ class ExpressionGraph:
         return self._make(op, a, at=at)
 
     def _make(self, op: str, *args: Node, at: Array | None = None) -> Node:
-        """Return a node for an operation: an existing node if one is equal or proportional, a constant, or else a new node.
+        """Return a node for an operation: a constant, an existing node, a multiple of an existing node, or else a new node.
 
-        A node is equal if its operation and operands are the same, or if its values at the random points are. `at` has the values
-        (samples + GENERIC,) of the operation if the caller knows them; otherwise they are computed from those of the operands.
+        An existing node is equal to the operation if it has the same operation and operands, or the same values at the random
+        points.
+
+        Args:
+            op, args: name of the operation, and its operands.
+            at: values (samples + GENERIC,) of the operation at samples and random points, if the caller knows them; None if they
+                are to be computed from the values of the operands.
         """
         key = (op, *[a.index for a in args])
         old = self.known.get(key)
@@ -290,6 +304,7 @@ class ExpressionGraph:
         if None not in [a.number for a in args]:
             return self.constant(g[0] if at is None else float(at[0]))
         ratio = _ratio_key(g)
+        # only sums and differences can cancel: their result is zero if it is tiny relative to the first term
         known = self.recognise(g, args[0].generic if op in ("ADD", "SUB") else None, ratio)
         if known is not None:
             return self._keep(known, key)
@@ -297,7 +312,7 @@ class ExpressionGraph:
         return self._new(op, args, g, ratio, ready, key, at)
 
     def recognise(self, g: Generic, summand: Generic | None, ratio: str) -> Node | None:
-        """Return the node for an expression that is a constant or a multiple of a known node, else None.
+        """Return the node for an expression that is a constant or a multiple of an existing node; return None for any other.
 
         Args:
             g: values of the expression at the random points.
@@ -328,12 +343,15 @@ class ExpressionGraph:
     ) -> Node:
         """Make a node, and enter it into the tables `known` and `ratios`.
 
+        `trail` notes both entries, so that `forget` can undo them.
+
         Args:
-            g: its values at the random points.
-            ratio: `_ratio_key` of g.
-            ready: time [cycles] at which its value can be used.
-            key: its operation and operands, as in `known`.
-            at: its values (samples + GENERIC,), None if they are not known yet.
+            op, args: operation and operands of the node.
+            g: values of the node at the random points.
+            ratio: `_ratio_key` of g, which all multiples of the node have in common.
+            ready: time [cycles] at which the value of the node can be used.
+            key: key of the node in `known`: the operation and the indices of the operands.
+            at: values (samples + GENERIC,) of the node at samples and random points; None if they are not computed yet.
         """
         made = Node(self, op, args, g, None, ready, at)
         if ratio not in self.ratios:
@@ -348,19 +366,19 @@ class ExpressionGraph:
         return node
 
     def forget(self, mark: int) -> None:
-        """Remove all entries of the tables that were made after `trail` had `mark` entries.
+        """Undo: remove all entries that were made in `known` and `ratios` since the list `trail` had the length `mark`.
 
-        A search does this after each attempt, so that all attempts begin with the same nodes.
+        A search for the cheapest elimination calls this after each attempt, so that all attempts begin with the same nodes.
         """
         while len(self.trail) > mark:
             table, key = self.trail.pop()
             del table[key]
 
     def total(self, terms: Iterable[Node], pairs: int = 6) -> Node:
-        """Return the sum of the terms; those that are ready earliest are added first.
+        """Return the sum of the terms; the terms that are ready earliest are added first.
 
-        Before that, multiples of the same node are combined. Two terms at most `pairs` places apart are replaced by their sum if
-        it is a constant, or a multiple of a node that the graph has already.
+        Before terms are added, multiples of the same node are combined. Then two terms whose positions in the list differ by at
+        most `pairs` are replaced by their sum, if this sum is a constant or a multiple of an existing node.
         """
         joined = self._join(terms)
         if len(joined) > 2:
@@ -385,9 +403,10 @@ class ExpressionGraph:
         return [x for x in scaled if not x.zero]
 
     def _pair(self, terms: Sequence[Node], distance: int) -> list[Node]:
-        """Replace two terms at most `distance` places apart by their sum, if that is a constant or a multiple of a known node.
+        """Return a list of terms with the same sum, in which pairs of terms are replaced by single nodes where possible.
 
-        Return the terms that remain, which have the same total.
+        Two terms whose positions in the list differ by at most `distance` are replaced by their sum, if this sum is a constant or a
+        multiple of an existing node. `recognise` finds this from the sum of the values at the random points, without making a node.
         """
         left, done = list(terms), []
         while left:
@@ -424,18 +443,22 @@ def factor_out(x: Node) -> tuple[float, Node]:
 
 
 def sum_of(a: Generic, b: Generic) -> Generic:
+    """Return the values of a sum at the random points from those of its terms."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 def product_of(a: Generic, b: Generic) -> Generic:
+    """Return the values of a product at the random points from those of its factors."""
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
 def _difference(a: Generic, b: Generic) -> Generic:
+    """Return the values of a difference at the random points from those of its terms."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 def _reciprocal(a: Generic) -> Generic:
+    """Return the reciprocals of values at the random points; that of 0 is infinite."""
     x, y, z = [1.0 / x if x else math.copysign(math.inf, x) for x in a]
     return x, y, z
 
@@ -444,24 +467,25 @@ GENERIC_VALUE: dict[str, Callable[..., Generic]] = {"ADD": sum_of, "SUB": _diffe
 
 
 def _generic(at: Array) -> Generic:
-    """Return the last of the values (samples + GENERIC,) of a node, which are those at the random points."""
+    """Return the last GENERIC of a node's values (samples + GENERIC,): the values at the random points."""
     x, y, z = at[-GENERIC:].tolist()
     return x, y, z
 
 
 def _ratio_key(g: Generic) -> str:
-    """Return as text the ratios of the second and third to the first of the values at the random points, rounded to ten digits.
+    """Return as text the ratios g[1] / g[0] and g[2] / g[0], rounded to ten digits; g has the values at the random points.
 
-    They are equal for all multiples of one expression.
+    The ratios are equal for all multiples of one expression.
     """
     first = g[0] or 1e-300
     return f"{g[1] / first:.9e} {g[2] / first:.9e}"
 
 
 def _round(x: float) -> float:
-    """Return x rounded to 12 digits, if it differs by rounding errors only and has at most eight characters; otherwise return x.
+    """Remove rounding errors from a short number: a factor 0.4999999999999999 becomes 0.5.
 
-    So a factor 0.4999999999999999 becomes 0.5.
+    Return x rounded to 12 digits, if this changes x only by rounding errors and gives a number of at most eight characters.
+    Otherwise return x unchanged.
     """
     text = f"{x:.12g}"
     short = float(text)

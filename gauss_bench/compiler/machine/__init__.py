@@ -1,1 +1,1 @@
-"""Machine arithmetic, its loops, and native code."""
+"""Machine arithmetic, routines with loops that use it, and the native code of these routines."""

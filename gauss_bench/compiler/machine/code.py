@@ -1,4 +1,4 @@
-"""The functions of a program that are needed to step under one stabilisation, independent of the machine."""
+"""The functions of a program that a time step with a given stabilisation needs, independent of the machine."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,12 @@ __all__ = ["Code", "Program", "read_code"]
 
 @dataclass(frozen=True, eq=False)
 class Code:
-    """The functions of one program under one stabilisation.
+    """The functions of one program that a time step with one stabilisation needs.
 
     Attributes:
         stabilization: "none", "baumgarte" or "projection".
         acceleration: the acceleration that is integrated, with Baumgarte's terms under "baumgarte".
-        angles: coordinates whose sines and cosines these functions need.
+        angles: indices of the coordinates whose sines and cosines are needed by the acceleration and the corrections of the state.
     """
 
     program: Program
@@ -24,6 +24,7 @@ class Code:
 
     @property
     def projected(self) -> bool:
+        """True if the state is projected onto the constraints in each step."""
         return self.stabilization == "projection"
 
     @property
@@ -33,7 +34,7 @@ class Code:
 
 
 def read_code(program: Program, stabilization: str) -> Code:
-    """Select the functions of a program that are needed to step under a stabilisation.
+    """Select the functions of a program that a time step with a stabilisation needs.
 
     Raises:
         ValueError: Baumgarte's terms are needed, and the program was generated without them.

@@ -1,12 +1,13 @@
 """A graph of machine arithmetic, in which equal operations are one value.
 
-Value numbering by hash-consing: functions that are written into the graph with the same arguments share sines, entries of the
-Jacobian and its factors. Signs are moved outwards, so that a - b and b - a are one value too. Operands are older than their users,
-so that values can be computed in the order of their numbers.
+Value numbering by hash-consing: an operation with the same operands is stored once. Functions that are written into the graph with
+the same arguments therefore share values, such as sines, entries of the Jacobian, and the factors of its elimination. Minus signs
+are moved to the front of expressions, so that a - b and b - a share one value, of which the second is the negative. The index of an
+operand is smaller than the indices of the values that use it, so that values can be computed in the order of their indices.
 Source: Briggs, Cooper and Simpson, Value numbering, Software: Practice and Experience 27 (1997).
 
-A value is a double or a mask (a boolean) for each trajectory. Integers (counts) and booleans (truths) are also values; all
-trajectories share them.
+A value is a double or a mask (a boolean) for each trajectory. There are also values that are the same for all trajectories:
+integers, called counts, and booleans, called truths.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -27,17 +28,24 @@ class Graph:
 
     A leaf is a named value that comes from outside the graph: an argument of a routine, or a variable that a loop changes.
 
-    Operations whose results may differ from lane to lane, as each lane has a trajectory of its own:
-        reals: const, leaf, add, sub, mul, div, fma (a b + c), neg, abs, sqrt, select (mask, a, b), real (of an integer),
-            number (of a count).
-        integers: bits (of a real), xor; and, plus, shl with a number as payload.
-        masks: lt, le, nonzero (of an integer), both, not, all (True or False as payload), mask (a leaf), everywhere (of a truth).
+    Operations whose results may differ from lane to lane (each lane of a vector computes one trajectory):
+        const, leaf, add, sub, mul, div, neg, abs, sqrt: real numbers.
+        fma: a b + c, rounded once.
+        select (mask, a, b): a where the mask is true, else b.
+        real (of an integer): the real number with these bits. number (of a count): the count as a real number.
+        bits (of a real number): its bits as an integer. xor: an integer.
+        and, plus, shl: bitwise and, sum, left shift of an integer with a number as payload.
+        lt, le: the masks a < b and a <= b. nonzero (of an integer): the mask that is true where it is not 0.
+        both, not: logical operations on masks. mask: a leaf that is a mask.
+        all: the mask that is the payload, True or False, in all lanes.
+        everywhere (of a truth): the mask that is this truth in all lanes.
 
     Operations whose results are the same for all lanes:
-        integers, called counts: count (a leaf), whole (a constant, its payload), sum, least (the smaller one), times (with a number
-            as payload).
-        booleans, called truths: below and same (of two counts), any and nowhere (whether a mask is true in at least one lane, or in
-            none), also (whether two truths are both true).
+        count: a leaf that is a count, which is an integer. whole: the count in the payload.
+        sum, least: sum and minimum of two counts. times: a count times the number in the payload.
+        below, same: the truths (booleans) a < b and a = b for two counts.
+        any, nowhere: the truths that a mask is true in at least one lane, and in no lane.
+        also: the truth that two truths are both true.
     """
 
     def __init__(self) -> None:
@@ -61,10 +69,11 @@ class Graph:
         return value
 
     def leaf(self, name: str) -> int:
-        """Return the input value with a name."""
+        """Return the leaf with a name: a real number that comes from outside the graph."""
         return self.make("leaf", payload=name)
 
     def const(self, x: float) -> int:
+        """Return the value of a constant real number."""
         return self.make("const", payload=float(x) + 0.0)  # adding 0.0 turns -0.0 into 0.0
 
     def number(self, a: int) -> float | None:
@@ -80,14 +89,14 @@ class Graph:
         return (self.const(-x), True) if x is not None and x < 0 else (a, False)
 
     def neg(self, a: int) -> int:
-        """Return -a; no value is negated twice."""
+        """Return -a; if a is a negation itself, return the operand of a."""
         x = self.number(a)
         if x is not None:
             return self.const(-x)
         return self.operands[a][0] if self.operation[a] == "neg" else self.make("neg", a)
 
     def add(self, a: int, b: int) -> int:
-        """Return a + b, with signs moved outwards and constants added."""
+        """Return a + b, with minus signs moved to the front of the sum, and the sum of two constants as a constant."""
         x, y = self.number(a), self.number(b)
         if x is not None and y is not None:
             return self.const(x + y)
@@ -100,7 +109,7 @@ class Graph:
         return self.neg(total) if minus_a else total
 
     def _difference(self, a: int, b: int) -> int:
-        """Return a - b, as the older value minus the newer one, with a minus sign in front if needed."""
+        """Return a - b; the value with the smaller index is always the minuend, and the difference is negated if needed."""
         if a == b:
             return self.const(0.0)
         return self.make("sub", a, b) if a < b else self.neg(self.make("sub", b, a))
@@ -109,7 +118,7 @@ class Graph:
         return self.add(a, self.neg(b))
 
     def mul(self, a: int, b: int) -> int:
-        """Return a b, with signs moved outwards and constants multiplied."""
+        """Return a b, with minus signs moved to the front of the product, and the product of two constants as a constant."""
         x, y = self.number(a), self.number(b)
         if x is not None and y is not None:
             return self.const(x * y)
@@ -132,7 +141,7 @@ class Graph:
         return self.neg(ratio) if minus_a != minus_b else ratio
 
     def fma(self, a: int, b: int, c: int) -> int:
-        """Return a b + c with one rounding; later passes never split it."""
+        """Return a b + c as a fused multiply-add, which rounds once; no later pass splits it into a product and a sum."""
         return self.make("fma", a, b, c)
 
     def abs(self, a: int) -> int:
@@ -167,6 +176,7 @@ class Graph:
         return self.make("count", payload=name)
 
     def whole(self, number: int) -> int:
+        """Return the value of a constant integer."""
         return self.make("whole", payload=number)
 
     def total(self, values: Sequence[int]) -> int:
@@ -174,6 +184,7 @@ class Graph:
         return reduce(self.add, values, self.const(0.0))
 
     def squares(self, values: Sequence[int]) -> int:
+        """Return the sum of the squares of values."""
         return self.total([self.mul(x, x) for x in values])
 
     def largest(self, values: Sequence[int]) -> int:
@@ -185,7 +196,7 @@ class Graph:
 
 
 def find_dependents(g: Graph, leaves: Iterable[int]) -> set[int]:
-    """Return the leaves and all values that depend on them."""
+    """Return the given leaves (values without operands), and all values of the graph that depend on one of them."""
     dependent = set(leaves)
     for x, operands in enumerate(g.operands):  # operands come before their users
         if not dependent.isdisjoint(operands):
@@ -249,7 +260,7 @@ LATENCY = {  # [cycles] until the result of an operation can be used, on process
 
 
 def live(g: Graph, roots: Iterable[int]) -> list[int]:
-    """Return the roots and all values that they depend on, oldest first."""
+    """Return the values `roots` and all values that they depend on, in the order of their indices, so that operands come first."""
     needed: set[int] = set()
     waiting = list(roots)
     while waiting:

@@ -1,7 +1,7 @@
 """Routines (`routine.py`) as text of LLVM's intermediate representation.
 
-A value is a double, or a vector of W doubles with one trajectory in each lane. Apart from its types the text is the same for one
-lane and for many. No instruction carries a flag that would allow rounding to change. A routine becomes the function
+A value is a double, or a vector of W doubles with one trajectory in each lane. Apart from the data types, the text is the same for
+one lane and for many. No instruction carries a flag that would allow rounding to change. A routine becomes the function
 
     void NAME(arrays, numbers, counts, i64 groups)
 
@@ -16,7 +16,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from gauss_bench.compiler.machine.routine import Emitter, If, Load, Loop, Routine, Scatter, Statement, Store, nest
+from gauss_bench.compiler.machine.routine import Emitter, If, Load, Loop, Routine, Scatter, Statement, Store, flatten
 
 # Operation -> its instruction: {0}, {1} ... are operands, {number} is the payload, {numbers} the payload in every lane.
 INSTRUCTIONS = {
@@ -84,7 +84,7 @@ def write_listing(routine: Routine, lanes: int) -> Listing:
 def _write_packed(name: str, routine: Routine) -> str:
     """Write the function `name`, which takes the address of a block of arguments and calls the routine with them.
 
-    Python calls a single trajectory through it, because ctypes converts a single argument faster than many.
+    Python calls this function to compute a single trajectory, because ctypes converts a single argument faster than many.
     """
     lines, arguments = [f"define void @{name}(ptr %block) {{"], []
     for k, letter in enumerate(routine.signature):
@@ -100,8 +100,9 @@ class Writer(Emitter):
         lanes: number W of trajectories in a vector.
         real, mask: LLVM's types of real values and of masks.
         block: label of the basic block that is being written.
-        base: array -> address of its part for the present group.
-        places: addresses for `Scatter`, one for each lane.
+        base: name of an array -> address of the part of the array that belongs to the group of trajectories being computed.
+        places: addresses at which `Scatter` stores the numbers of each lane.
+        first: names of the first values of the variables of the next loop, which the base class sets.
     """
 
     def __init__(self, routine: Routine, lanes: int):
@@ -132,7 +133,7 @@ class Writer(Emitter):
         self._go_to("group")
         header = self._reserve_line()  # for %at, the number of the group, which depends on the last block below
         self.base = {x: self.at(f"%{x}", self.let(f"mul i64 %at, {size}")) for x, size in sizes.items()}
-        self.places = [place for s in nest(r.body) if isinstance(s, Scatter) for place in self._lane_addresses(s)]
+        self.places = [place for s in flatten(r.body) if isinstance(s, Scatter) for place in self._lane_addresses(s)]
         self.statements(r.body)
         self.lines[header] = f"  %at = phi i64 [0, %entry], [%at_next, %{self.block}]"
         self.line("  %at_next = add i64 %at, 1\n  %more = icmp slt i64 %at_next, %groups")
@@ -162,7 +163,10 @@ class Writer(Emitter):
         self.label(label)
 
     def _reserve_line(self) -> int:
-        """Return the index of a new empty line, for a phi instruction: the values that it joins are written after it."""
+        """Reserve an empty line for phi instructions, and return its index.
+
+        The line is filled in later, when the names of the values that a phi instruction selects from are known.
+        """
         self.line("")
         return len(self.lines) - 1
 
@@ -193,7 +197,10 @@ class Writer(Emitter):
         return self.address(base, row, self.real)
 
     def value(self, x: int) -> str:
-        """Write the instruction of a value whose operands have names already; return the name of its result, or its constant."""
+        """Write the instruction of value x of the graph, whose operands have names already; return the name of the result.
+
+        A constant needs no instruction: its text is returned.
+        """
         self._values += 1
         if self._values % LONGEST_BLOCK == 0:  # a long block is divided, because LLVM's time grows faster than its length
             self._go_to(self._new_label("cut"))
@@ -226,7 +233,7 @@ class Writer(Emitter):
         return self.let(f"icmp ne i{self.lanes} {bits}, 0")
 
     def statement(self, s: Statement) -> None:
-        """Write one statement; `Compute` is written by the base class."""
+        """Write one statement of the routine; `Compute` statements are written by the base class."""
         match s:
             case Load():
                 base = self._row_address(s.array, s.start)
@@ -244,9 +251,9 @@ class Writer(Emitter):
                 self._if(s)
 
     def _row_address(self, array: str, start: int | None) -> str:
-        """Return the address of a row in the present group's part of an array.
+        """Return the address of a row of an array, in the part that belongs to the group of trajectories being computed.
 
-        The row's number is the integer value `start` of the graph, or 0 if `start` is None.
+        The index of the row is the integer value `start` of the graph, or 0 if `start` is None.
         """
         return self.base[array] if start is None else self.at(self.base[array], self.need(start))
 
@@ -257,8 +264,9 @@ class Writer(Emitter):
     def _loop(self, s: Loop) -> None:
         """Write a loop.
 
-        A carried leaf is a variable that the loop changes: `s.carried` maps it to its value in the first iteration and in the next.
-        A phi instruction at the head of the loop selects one of the two. It is written last, when the names of both are known.
+        `s.carried` maps each variable of the loop (a leaf of the graph) to its value in the first iteration, and to its value in
+        the next iteration. A phi instruction at the head of the loop selects the first value when the loop is entered, and the next
+        value when it is repeated. The phi instructions are written last, when the names of both values are known.
         """
         carried, label = self.select_carried(s), self._new_label("loop")
         # names of the first values, which the base class has written, and the block before the loop; loops inside change both
@@ -277,7 +285,11 @@ class Writer(Emitter):
         )
 
     def _if(self, s: If) -> None:
-        """Write a branch; phi instructions after it give each merged leaf its value with the branch taken or not taken."""
+        """Write a branch.
+
+        `s.merged` maps each variable (a leaf of the graph) to its value if the branch is taken, and to its value if not. Phi
+        instructions after the branch select one of the two.
+        """
         condition, old = self.need(s.condition), self.compute([b for _, b in s.merged.values()])
         above, then, join = self.block, self._new_label("then"), self._new_label("join")
         self.line(f"  br i1 {condition}, label %{then}, label %{join}")
@@ -298,10 +310,10 @@ class Writer(Emitter):
             yield self.address(self.base[s.array], self.let(f"call i64 @llvm.smin.i64(i64 {begin}, i64 {last})"), "double")
 
     def _scatter(self, s: Scatter) -> None:
-        """Store the values of each lane side by side at the lane's own address; the values are at least as many as the lanes.
+        """Store all values of each lane in consecutive places, beginning at the lane's own address.
 
-        A vector has one value of all lanes. Blocks of `size` vectors of `size` lanes are transposed, so that each vector then has
-        `size` values of one lane, which one instruction stores.
+        There must be at least as many values as lanes. A vector holds one value for each lane. Blocks of `size` vectors of `size`
+        lanes are transposed; each vector then has `size` values of a single lane, which one instruction stores.
         """
         vectors, start = self.compute(s.values), self.need(s.start)
         for low in range(0, self.lanes, BLOCK):  # lanes low to low + size - 1
@@ -319,8 +331,8 @@ class Writer(Emitter):
     def _transpose(self, rows: list[str]) -> list[str]:
         """Transpose W vectors of W lanes: lane l of row k becomes lane k of row l.
 
-        In rounds d = 1, 2, 4 ..., each row k whose number has the bit d = 0 is paired with row k + d. The two exchange lanes: those
-        of row k whose numbers have the bit d = 1, and those of row k + d whose numbers have the bit d = 0.
+        In rounds d = 1, 2, 4, ..., each row k in whose binary index the bit with the value d is 0 is paired with row k + d. The two
+        rows exchange lanes: row k gives those in whose index the bit d is 1, and row k + d gives those in whose index it is 0.
         """
         size, distance = len(rows), 1
         while distance < size:

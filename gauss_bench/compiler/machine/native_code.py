@@ -1,8 +1,8 @@
 """Machine code of this host: parse LLVM's text, generate object code, load it, and call it.
 
 This is the only file that imports llvmlite. Object code is kept in the user's cache folder (`user_cache.py`), so that a linkage is
-compiled once on a machine. Its arithmetic has been optimised in the graph already: LLVM only generates code, and runs no pass that
-could change rounding.
+compiled once on a machine. The arithmetic of a routine has already been optimised in the graph of machine arithmetic: LLVM only
+generates code, and runs no pass that could change rounding.
 """
 
 import ctypes
@@ -49,10 +49,11 @@ class NativeCode:
     """A loaded function.
 
     Attributes:
-        call: the function, with arguments of the kinds in `signature` (letters of KINDS); Python's global lock is released while
-            it runs.
-        packed: the same function, with the address of a block of all arguments; None if the listing has none.
-        seconds: time [s] to compile or to load.
+        call: the function, with arguments of the kinds in `signature` (letters of KINDS). Python's global interpreter lock is
+            released while the function runs.
+        packed: a variant of `call` with one argument, the address of a block with all arguments; None if the compiled text has no
+            such variant.
+        seconds: time [s] that was needed to compile or to load the function.
         from_cache: whether the object code was in the cache.
         owner: object that keeps the machine code in memory.
     """
@@ -112,7 +113,7 @@ def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
 
 
 def _key(text: str, level: int) -> str:
-    """Return a hash of everything that object code depends on."""
+    """Return a hash of all that the object code of LLVM's `text` at the optimisation `level` depends on: its name in the cache."""
     import llvmlite
 
     parts = (VERSION, llvmlite.__version__, str(_binding().llvm_version_info), *host(), str(level), text)
@@ -133,14 +134,19 @@ def _linker() -> Any:
 
 
 def _load(code: bytes, name: str, packed: str, signature: str) -> tuple[Any, Any, Any]:
-    """Load object code; return its function, the variant with packed arguments, and the object that keeps both in memory."""
+    """Load object code.
+
+    Return the function `name`, its variant `packed` that takes the address of a block of all arguments (None if `packed` is ""),
+    and the object that must be kept alive so that both functions stay in memory.
+    """
     unit = _binding().JITLibraryBuilder().add_object_img(code).export_symbol(name)
     if packed:
         unit.export_symbol(packed)
-    unit.add_current_process()  # a processor without fused multiply-add calls that of the C library
+    unit.add_current_process()  # finds fma() of the C library, which code for a processor without fused multiply-add calls
     owner = unit.link(_linker(), f"{name}{next(_numbers)}")
     prototype = ctypes.CFUNCTYPE(None, *(KINDS[kind] for kind in signature))
-    compact = ctypes.CFUNCTYPE(None)(owner[packed]) if packed else None  # its argument needs no conversion
+    # no argument types are declared for the packed variant: its one argument, a c_void_p, needs no conversion
+    compact = ctypes.CFUNCTYPE(None)(owner[packed]) if packed else None
     return prototype(owner[name]), compact, owner
 
 
@@ -148,20 +154,26 @@ _load_once = lru_cache(KEPT)(_load)
 
 
 def in_lanes(x: Array, lanes: int) -> Array:
-    """Rearrange states (k, rows) to (groups, rows, lanes), one per lane; the last state is repeated to fill the last group."""
+    """Rearrange states (k, rows) into an array (groups, rows, lanes) with one state per lane.
+
+    The last state is repeated to fill the last group.
+    """
     missing = -len(x) % lanes
     full = np.concatenate([x, np.repeat(x[-1:], missing, axis=0)]) if missing else x
     return np.ascontiguousarray(full.reshape(len(full) // lanes, lanes, x.shape[1]).transpose(0, 2, 1))
 
 
 def out_of_lanes(x: Array, count: int) -> Array:
-    """Rearrange (groups, ..., rows, lanes) to the first `count` states (count, ..., rows)."""
+    """Rearrange an array (groups, ..., rows, lanes) into an array (count, ..., rows) of the first `count` trajectories."""
     moved = np.moveaxis(x, -1, 1)
     return np.ascontiguousarray(moved.reshape(-1, *moved.shape[2:])[:count])
 
 
 def share(part: Callable[[int, int], None], groups: int, threads: int) -> None:
-    """Divide groups 0 to `groups` - 1 into ranges low to high - 1, and call part(low, high) for each in a thread of its own."""
+    """Divide groups of trajectories among threads: each thread calls part(low, high) for the groups low to high - 1.
+
+    The groups have the indices 0 to `groups` - 1.
+    """
     count = min(threads, groups)
     if count < 2:  # to divide the groups takes as long as a hundred samples
         part(0, groups)
@@ -187,14 +199,14 @@ class Single:
     """A routine in native code with memory for its arguments, for calls that compute one trajectory.
 
     The arguments stand in a block of 8-byte words, whose address is passed to the code: addresses of arrays, then real numbers,
-    then counts (integers). A caller changes them in place. To convert arguments anew at each call would take as long as several
-    steps. An object of this class also keeps its code in memory.
+    then counts (integers). A caller changes them in place, because to convert arguments anew at each call would take as long as
+    several steps. As long as an object of this class exists, the machine code that it calls stays in memory.
 
     Attributes:
-        arrays: flat arrays, in the order of the routine.
-        q, v: views of the two halves of the first array, which is a state.
-        numbers, counts: views of the real numbers and of the counts in the block, to be set before a call. Every count is 1 at
-            first; the last one is the number of groups, and stays 1.
+        arrays: flat arrays, in the order of the routine's arguments.
+        q, v: views of the two halves of the first array, which is a state: positions and velocities.
+        numbers, counts: views of the real numbers and of the counts in the block of arguments, to be set before a call. Every count
+            is 1 at first; the last count is the number of groups of trajectories, and stays 1.
     """
 
     __slots__ = ("_block", "_code", "_packed", "arrays", "counts", "numbers", "q", "v")
@@ -202,7 +214,7 @@ class Single:
     def __init__(self, code: NativeCode, sizes: Sequence[int]):
         """Prepare the arguments of a routine; `sizes` are the numbers of doubles in its arrays."""
         self.arrays = [aligned_zeros(size) for size in sizes]
-        block = aligned_zeros(len(code.signature))
+        block = aligned_zeros(len(code.signature))  # addresses of arrays, then real numbers, then counts
         integers, first = block.view(np.int64), len(sizes)
         last = first + code.signature.count("d")
         integers[:first] = [address(x) for x in self.arrays]
@@ -218,7 +230,7 @@ class Single:
 
 
 class Singles(threading.local):
-    """The arguments for a single trajectory, of each thread its own; None before the thread's first call."""
+    """The arguments of a routine for a single trajectory; each thread has its own, and None before its first call."""
 
     one: Single | None = None
 
@@ -232,7 +244,7 @@ class Target:
 
     Attributes:
         backend: "llvm" or "numpy".
-        lanes: number of trajectories in one vector.
+        lanes: number of trajectories in one SIMD vector.
         cache: whether object code is kept on disk.
     """
 
@@ -245,8 +257,9 @@ def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target
     """Choose the target of code.
 
     Args:
-        backend: None for the first that is installed.
-        lanes: None for as many as a vector of the host holds.
+        backend: "llvm" or "numpy"; None takes llvm if it is installed, else numpy.
+        lanes: number of trajectories in one SIMD vector; None takes the number of doubles in the widest vector register of this
+            machine.
         cache: whether object code is kept on disk.
 
     Raises:
@@ -269,30 +282,35 @@ def in_plain_c(*routines: Routine) -> str:
 
 
 class Loaded:
-    """A routine on a target: machine code with one lane for a single trajectory and with the target's lanes for many, or Python.
+    """A routine that can be called: as machine code, or as a Python function if the backend is numpy.
+
+    Machine code has one lane for a single trajectory, and as many lanes as the target says for several trajectories.
 
     Attributes:
-        make: function that writes the routine; its argument tells whether it is for several lanes.
-        codes: number of lanes -> machine code. It is compiled, or loaded from the cache, when it is first needed.
-        singles: the arguments of each thread for a single trajectory.
+        make: function that writes the routine; its argument is True if the routine is for several lanes.
+        codes: number of lanes -> machine code for it, which is compiled, or loaded from the cache, when it is first needed.
+        singles: arguments of the routine for a single trajectory, separate for each thread.
     """
 
     def __init__(self, make: Callable[[bool], Routine], target: Target):
-        """Prepare a routine; without a compiler it is made a Python function at once."""
+        """Prepare a routine; with the backend numpy, it is written as a Python function at once."""
         self.make, self.target = make, target
         self.codes: dict[int, NativeCode] = {}
         self.singles = Singles()
         self._lock = threading.Lock()
-        self._plain = in_python(make(True)) if target.backend == "numpy" else None
+        self._plain = in_python(make(True)) if target.backend == "numpy" else None  # Python function that replaces machine code
 
     def lanes(self, count: int) -> int:
-        """Return how many of `count` trajectories make one group."""
+        """Return how many of `count` trajectories are computed together, as one group."""
         if self._plain:
             return min(count, CHUNK)
         return 1 if count == 1 else self.target.lanes
 
     def call(self, lanes: int) -> Any:
-        """Return the function for groups of this many lanes; its arguments are those of the routine, then the number of groups."""
+        """Return the function that computes groups of `lanes` trajectories; its machine code is compiled at the first call.
+
+        Its arguments are those of the routine, followed by the number of groups.
+        """
         if self._plain:
             return self._plain
         with self._lock:
@@ -301,13 +319,13 @@ class Loaded:
             return self.codes[lanes].call
 
     def given(self, arrays: list[Array]) -> list[Any]:
-        """Return arrays as the function of `call` takes them: as their addresses for machine code, unchanged for Python."""
+        """Return arrays as arguments of the function that `call` returns: addresses for machine code, unchanged for Python."""
         return list(arrays) if self._plain else [address(x) for x in arrays]
 
     def single(self, *sizes: int) -> Single:
-        """Return this thread's memory of arguments for one trajectory, which is allocated in its first call.
+        """Return this thread's buffers for the arguments of one trajectory, which are allocated when the thread first calls this.
 
-        `sizes` are the numbers of doubles in the arrays, the same in every call.
+        `sizes` are the numbers of doubles in each array; they must be the same in every call.
         """
         one = self.singles.one
         if one is None:

@@ -1,11 +1,13 @@
-"""Rewriting of a graph: sums and products are regrouped by the times at which their parts are ready, and products fused into sums.
+"""Rewriting of a graph of machine arithmetic, so that its values are ready earlier.
 
-All rewriting is done here and none is left to a compiler, so that one lane and eight lanes compute the same bits.
+Sums and products are regrouped according to the times at which their operands are ready, and products are fused with additions. All
+rewriting is done here and none is left to a compiler, so that a trajectory has bitwise the same results if it is computed alone or
+with seven others in the lanes of a vector.
 
-  sums        two terms at a time, those that are ready earliest first, as in Huffman's code
-  products    likewise
-  a b + c     one operation with one rounding, wherever a product is used in sums only
-  a / b       a (1/b) where b is ready long before a, or where several values are divided by b
+  sums:       two terms are added at a time, those that are ready earliest first, as in Huffman's code
+  products:   factors are multiplied in the same order
+  a b + c:    one fused operation with one rounding, wherever the product is used in sums only
+  a / b:      a (1/b) where b is ready long before a, or where several values are divided by b
 """
 
 import heapq
@@ -27,20 +29,21 @@ class Summand(NamedTuple):
 
 
 class _Rewriter:
-    """Writes the values that the roots need from one graph into another.
+    """Copies given values (the roots) of an old graph, and all values that they depend on, into a new graph, and regroups them.
 
-    A value that is used in one place only need not be computed by itself. A sum is a part of the sum or difference that uses it,
-    if nothing else does: its terms become terms of that sum, which are then regrouped. A product is a part of every sum that uses
-    it, if only sums do (it is fused into the additions), or of the product that uses it, if nothing else does.
+    Some sums and products of the old graph, called parts, have no value of their own in the new graph:
+    - A sum that is used by one other sum or difference and nowhere else: its terms become terms of the other sum.
+    - A product that is used by sums only: it is fused with an addition in each of these sums.
+    - A product that is used by one other product and nowhere else: its factors become factors of the other product.
 
     Attributes:
-        known: old value -> new value.
-        parts: old values that are absorbed into the values that use them, as above.
-        shared: old values by which several others are divided.
+        known: value of the old graph -> value of the new graph.
+        parts: values of the old graph that are parts.
+        shared: values of the old graph by which several other values are divided.
     """
 
     def __init__(self, old: Graph, roots: list[int], new: Graph):
-        """Write everything that the roots of the old graph need into the new one."""
+        """Copy the roots of the old graph, and all values that they depend on, into the new graph."""
         self.old, self.new = old, new
         self.known: dict[int, int] = {}
         needed = [x for x in live(old, roots) if old.operation[x] != "neg"]
@@ -49,7 +52,7 @@ class _Rewriter:
             for k in old.operands[x]:
                 users[self._strip(k)[0]].append(x)
         self.parts = {x for x in needed if self._is_part(x, [old.operation[k] for k in users[x]])}
-        self.parts -= {self._strip(x)[0] for x in roots}
+        self.parts -= {self._strip(x)[0] for x in roots}  # roots must keep values of their own
         divisors = Counter(old.operands[x][1] for x in needed if old.operation[x] == "div")
         self.shared = {x for x, count in divisors.items() if count > 1}
         for x in needed:
@@ -57,25 +60,26 @@ class _Rewriter:
                 self.get(x)
 
     def _strip(self, x: int) -> tuple[int, bool]:
-        """Return an old value without a minus sign in front, and whether there was one."""
+        """Return the operand of a negation of the old graph and True, or any other value unchanged and False."""
         return (self.old.operands[x][0], True) if self.old.operation[x] == "neg" else (x, False)
 
     def _is_part(self, x: int, users: list[str]) -> bool:
-        """Tell whether an old value is absorbed into the sums or products that use it; `users` are the operations that use it."""
+        """Tell whether a value of the old graph is a part (see the class); `users` are the operations that use it."""
         operation, summed = self.old.operation[x], all(user in SUMS for user in users)
         if operation in SUMS:
             return len(users) == 1 and summed
+        # a product: all its users are sums, or its only user is a product
         return operation == "mul" and bool(users) and (summed or users == ["mul"])
 
     def get(self, x: int) -> int:
-        """Return the value in the new graph that corresponds to an old one, and write it there first if necessary."""
+        """Return the value of the new graph that corresponds to the value x of the old graph; write it first if necessary."""
         base, negative = self._strip(x)
         if base not in self.known:
             self.known[base] = self._write(base)
         return self.new.neg(self.known[base]) if negative else self.known[base]
 
     def _write(self, x: int) -> int:
-        """Write an old value, which has no minus sign in front, into the new graph."""
+        """Write the value x of the old graph, which is no negation, into the new graph; return its index there."""
         operation, operands = self.old.operation[x], self.old.operands[x]
         if operation in SUMS:
             return self._sum(self._terms(x))
@@ -86,9 +90,10 @@ class _Rewriter:
         return self.new.make(operation, *map(self.get, operands), payload=self.old.payload[x])
 
     def _terms(self, x: int) -> list[Summand]:
-        """Return the signed terms of the old sum x, in the new graph.
+        """Return the signed terms of the sum x of the old graph, as values of the new graph.
 
-        Parts, which only this sum uses, are expanded: sums into their terms, products into the two factors of a fused multiply-add.
+        Terms that are parts (see the class) are expanded: a sum into its terms, a product into the two factors of a fused
+        multiply-add.
         """
         terms, waiting = [], [(x, False)]  # waiting: old values, and whether each is subtracted
         while waiting:
@@ -107,10 +112,10 @@ class _Rewriter:
         return terms
 
     def _reduce_to_two(self, x: int) -> Pair:
-        """Return two values of the new graph whose product is the old product x.
+        """Return two values of the new graph whose product equals the product x of the old graph.
 
-        Factors are multiplied until two are left, those first that are ready first. The last multiplication is left to the caller,
-        which may fuse it into a sum.
+        The factors that are ready first are multiplied first, until two factors are left. The multiplication of these two is left
+        to the caller, who may fuse it with an addition.
         """
         factors, waiting, ready = [], [x], self.new.ready
         while waiting:
@@ -127,10 +132,14 @@ class _Rewriter:
         return heap[0][1], heap[1][1]
 
     def _sum(self, terms: list[Summand]) -> int:
-        """Add the terms two at a time, those that are ready earliest first."""
+        """Return the sum of terms, added two at a time, those that are ready earliest first.
+
+        A `Summand` is + or - a value, or + or - a product value * factor that is not multiplied yet.
+        """
         heap = [(self._ready(term), n, term) for n, term in enumerate(terms)]
         heapq.heapify(heap)
-        for n in range(len(heap), 2 * len(heap) - 1):  # n orders terms that are ready at the same time by their age
+        # of terms that are ready at the same time, the one with the smaller n is added first
+        for n in range(len(heap), 2 * len(heap) - 1):
             term = self._join(heapq.heappop(heap)[2], heapq.heappop(heap)[2])
             heapq.heappush(heap, (self._ready(term), n, term))
         negative, value, factor = heap[0][2]
@@ -142,8 +151,12 @@ class _Rewriter:
         return max(self.new.ready[k] for k in (term.value, term.factor) if k is not None)
 
     def _join(self, early: Summand, late: Summand) -> Summand:
-        """Return the sum of two terms; if both are products, the earlier is multiplied and the other fused into the addition."""
+        """Return the sum of two terms as one term; if both are products, `late` is fused with the addition of `early`.
+
+        A `Summand` is + or - a value, or + or - a product value * factor that is not multiplied yet.
+        """
         g = self.new
+        # if only one of the terms is a product, let it be `late`, which can be fused with the addition
         if early.factor is not None and late.factor is None:
             early, late = late, early
         value = early.value if early.factor is None else g.mul(early.value, early.factor)
@@ -156,10 +169,10 @@ class _Rewriter:
         return Summand(early.negative ^ minus, total, None)
 
     def _ratio(self, a: int, b: int) -> int:
-        """Return the ratio of the old values a and b in the new graph.
+        """Return the value of the new graph for the ratio a / b of two values of the old graph.
 
-        It is a product with the reciprocal of b if that serves several divisions, or if the reciprocal can be computed before a is
-        ready, so that only the time of a multiplication passes after a.
+        The ratio is computed as the product of a and 1 / b in two cases: if several values are divided by b, so that 1 / b is
+        shared, or if 1 / b can be computed before a is ready, so that only the time of a multiplication passes after that.
         """
         g, numerator, denominator = self.new, self.get(a), self.get(b)
         if g.number(numerator) != 1 and (b in self.shared or g.ready[numerator] > g.ready[denominator] + EARLIER):
@@ -168,6 +181,9 @@ class _Rewriter:
 
 
 def rewrite(g: Graph, roots: list[int], into: Graph | None = None) -> tuple[Graph, list[int]]:
-    """Rewrite the roots into a new graph, or into a given one; return that graph and the roots in it."""
+    """Copy given values (the roots) of graph g, regrouped, into another graph; return that graph and the roots' values in it.
+
+    The other graph is `into`, or a new one if `into` is None.
+    """
     rewriter = _Rewriter(g, roots, Graph() if into is None else into)
     return rewriter.new, [rewriter.get(x) for x in roots]

@@ -1,20 +1,21 @@
-"""Routines, and the base class of the emitters that write routines as text.
+"""Routines, and the base class of the emitters: the classes that write a routine as text in a target language.
 
-A routine is a function with loops and branches, independent of the target machine: a list of statements over the values of one
-graph. A value is computed where a statement first needs it, or where `Compute` lists it. Values that do not change in a loop are
-computed before it. A leaf is a value without operands: an argument, an element that `Load` reads, or a variable that a loop or a
-branch sets. A count is an integer value, a truth a boolean one; both are the same for all trajectories of a group.
+A routine is a function with loops and branches, independent of the target machine: a list of statements that use the values of one
+graph of arithmetic (`graph.py`). A value is computed immediately before the first statement that uses it, or where a `Compute`
+statement lists it. Values that do not change in a loop are computed before the loop. A leaf is a value without operands: an
+argument, an element that `Load` reads, or a variable that a loop or a branch sets. A count is an integer value and a truth is a
+boolean value; both are the same for all trajectories that are computed together.
 
-    Compute(values)                      values in this order
-    Load(array, rows, start)             rows of an array become leaves
-    Store(array, values, start)          values become rows of an array
-    Scatter(array, values, start, block, last)   the values of each lane, side by side, at a place of its own
-    Loop(carried, body, again)           the body; if `again` is true, once more with the next values of the carried leaves
-    If(condition, body, merged)          the body if the condition is true; merged leaves have one value after it, another without
+    Compute(values): compute values in this order.
+    Load(array, rows, start): read rows of an array into leaves.
+    Store(array, values, start): write values into rows of an array.
+    Scatter(array, values, start, block, last): write all values of each trajectory to consecutive places of an array.
+    Loop(carried, body, again): execute the body, and repeat it with the next values of the variables while `again` is true.
+    If(condition, body, merged): execute the body if the condition is true; variables get one value if it is, another if not.
 
-The same routine computes one trajectory, or a group of them with one trajectory in each lane of a vector. An array consists of rows
-with one number for each trajectory of the group, which are neighbours in memory. Each group has its own part of an array. The
-emitters are in `llvm.py` and `source.py`.
+The same routine computes one trajectory, or a group of trajectories with one in each lane of a vector. An array consists of rows. A
+row has one number for each trajectory of the group, and these numbers are neighbours in memory. Each group of trajectories has its
+own part of an array. The emitters are in `llvm.py` and `source.py`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,7 +31,7 @@ class Array:
 
     Attributes:
         rows: number of rows for one group of trajectories; 0 if all groups share the array.
-        by: name of a count by which `rows` is multiplied; "" for 1.
+        by: name of an integer argument of the routine by which `rows` is multiplied, such as the number of samples; "" if none.
     """
 
     rows: int
@@ -46,7 +47,10 @@ class Compute:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Load leaves from an array: `rows` maps each leaf to its row, counted from the row `start` (a count; None for 0)."""
+    """Read leaves from an array: `rows` maps each leaf to its row, counted from the row whose index is the count `start`.
+
+    A `start` of None stands for row 0.
+    """
 
     array: str
     rows: Mapping[int, int]
@@ -55,7 +59,10 @@ class Load:
 
 @dataclass(frozen=True, eq=False)
 class Store:
-    """Store values in consecutive rows of an array, the first one in the row `start` (a count; None for 0)."""
+    """Write values to consecutive rows of an array, the first value to the row whose index is the count `start`.
+
+    A `start` of None stands for row 0.
+    """
 
     array: str
     values: Sequence[int]
@@ -64,7 +71,7 @@ class Store:
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """Store the values of each trajectory side by side in a flat array.
+    """Write all values of each trajectory to consecutive places in a flat array.
 
     The values of trajectory k begin at the index min(k * block, last) + start; `block`, `last` and `start` are counts.
     """
@@ -81,8 +88,8 @@ class Loop:
     """Execute `body`, and repeat it as long as the boolean `again` is true at its end.
 
     Attributes:
-        carried: leaf, a variable of the loop -> its value in the first iteration, and its value in the next iteration, as computed
-            in the present one.
+        carried: variable of the loop (a leaf of the graph) -> pair of its value in the first iteration, and its value in the next
+            iteration, which is computed in the present one.
     """
 
     carried: Mapping[int, tuple[int, int]]
@@ -95,7 +102,8 @@ class If:
     """Execute `body` if the boolean `condition` is true.
 
     Attributes:
-        merged: leaf -> its value after `body`, and its value if the condition is false.
+        merged: variable (a leaf of the graph) -> pair of its value after `body` was executed, and its value if `body` was skipped
+            because the condition is false.
     """
 
     condition: int
@@ -108,11 +116,13 @@ Statement = Compute | Load | Store | Scatter | Loop | If
 
 @dataclass(frozen=True, eq=False)
 class Routine:
-    """A function in statements.
+    """A function as a list of statements.
 
     Attributes:
-        arrays, numbers, counts: arguments in this order, by name; a number or a count named `x` is the leaf "%x" of the graph.
-        sound: mask that is true for trajectories for which the routine has done all that was asked. A routine in C computes one
+        arrays, numbers, counts: names of the arguments, in this order: arrays, real numbers, integers. A number or a count named
+            `x` is the leaf "%x" of the graph.
+        body: the statements.
+        sound: mask that is true for each trajectory that the routine has computed completely. A routine in C computes one
             trajectory, and returns 0 if the mask is true, else 1.
         operations: number of operations in one iteration of its loop, or in one evaluation if it has no loop.
     """
@@ -132,18 +142,21 @@ class Routine:
         return "p" * len(self.arrays) + "d" * len(self.numbers) + "i" * (len(self.counts) + 1)
 
 
-def nest(statements: Sequence[Statement]) -> Iterator[Statement]:
-    """Yield the statements and, after each loop or branch, all statements inside it."""
+def flatten(statements: Sequence[Statement]) -> Iterator[Statement]:
+    """Yield each statement and, after a loop or a branch, all statements inside it, at any depth."""
     for s in statements:
         yield s
         if isinstance(s, Loop | If):
-            yield from nest(s.body)
+            yield from flatten(s.body)
 
 
 def list_needed(r: Routine) -> set[int]:
-    """Return all values that the routine uses; loads and carried values outside this set can be omitted."""
-    roots = [r.sound]
-    for s in nest(r.body):
+    """Return all values of the graph on which results of the routine depend.
+
+    Elements that are loaded, and variables of loops, can be omitted if they are not in this set.
+    """
+    roots = [r.sound]  # a routine in C returns this mask
+    for s in flatten(r.body):
         match s:
             case Compute() | Store():
                 roots += s.values
@@ -157,9 +170,9 @@ def list_needed(r: Routine) -> set[int]:
 
 
 def find_changing(g: Graph, loop: Loop) -> set[int]:
-    """Return the values that may differ between iterations of a loop: all that depend on leaves which it sets or loads."""
+    """Return the values that may differ between iterations of a loop: all that depend on leaves that the loop sets or loads."""
     defined = set(loop.carried)
-    for s in nest(loop.body):
+    for s in flatten(loop.body):
         match s:
             case Loop():
                 defined |= set(s.carried)
@@ -174,9 +187,10 @@ class Emitter:
     """Base class of emitters, which writes every value where it is first needed and gives it a name in the text.
 
     Attributes:
-        names: value -> its name in the text, for the values written so far.
-        needed: all values that the routine uses.
-        first: names of the first values of the variables of the loop that is written next, in the order of `select_carried`.
+        names: value of the graph -> its name in the text, for the values written so far.
+        needed: all values of the graph on which results of the routine depend (`list_needed`).
+        first: for the loop that is written next: names of the values of its variables in the first iteration, in the order of
+            `select_carried`.
     """
 
     def __init__(self, routine: Routine) -> None:
@@ -194,7 +208,7 @@ class Emitter:
         raise NotImplementedError
 
     def statements(self, body: Sequence[Statement]) -> None:
-        """Write statements in their order."""
+        """Write statements in their order; in front of a loop, write what must be computed before it (`_before`)."""
         for s in body:
             if isinstance(s, Compute):
                 self.compute(s.values)
@@ -207,18 +221,18 @@ class Emitter:
         """Write the code in front of a loop: the first values of its variables, and all values that do not change in the loop."""
         self.first = self.compute([first for first, _ in self.select_carried(s).values()])
         changing = find_changing(self.graph, s)
-        for inner in nest(s.body):
+        for inner in flatten(s.body):
             if isinstance(inner, Compute):
                 self.compute([x for x in inner.values if x not in changing])
         # a changing value that has a name was computed by an earlier loop: without a name it is computed anew in this loop
         self.names = {x: name for x, name in self.names.items() if x not in changing}
 
     def select_carried(self, loop: Loop) -> dict[int, tuple[int, int]]:
-        """Return the variables of a loop that the routine needs: leaf -> its first and its next value."""
+        """Return the variables of a loop that are needed: leaf -> its value in the first and in the next iteration."""
         return {x: pair for x, pair in loop.carried.items() if x in self.needed}
 
     def select_rows(self, load: Load) -> dict[int, int]:
-        """Return the leaves that a statement loads and the routine needs: leaf -> its row."""
+        """Return the leaves that a statement loads and that are needed: leaf -> its row in the array."""
         return {x: row for x, row in load.rows.items() if x in self.needed}
 
     def compute(self, values: Sequence[int]) -> list[str]:
@@ -226,7 +240,7 @@ class Emitter:
         return [self.need(x) for x in values]
 
     def need(self, x: int) -> str:
-        """Return the name of a value; if it has none yet, first write it and those of its operands that have none."""
+        """Return the name of value x; if x has none yet, first write x and all values it depends on that have no name."""
         waiting = [x]
         while x not in self.names:
             missing = [k for k in self.graph.operands[waiting[-1]] if k not in self.names]

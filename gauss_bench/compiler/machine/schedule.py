@@ -10,13 +10,15 @@ from collections.abc import Iterable, Mapping
 
 from gauss_bench.compiler.machine.graph import LATENCY, Graph, live
 
-ROUNDS = 6  # passes over a loop, each of which carries times across its end to its beginning; they settle after two or three
+# Number of passes over the body of a loop. Each pass carries the times found at the end of an iteration to the beginning of the
+# next; the times relative to the iteration are steady after two or three passes.
+ROUNDS = 6
 
 
 def ready_times(g: Graph, values: Iterable[int], arrival: Mapping[str, float]) -> dict[int, float]:
-    """Return the time [cycles] at which each value is ready with unlimited execution units.
+    """Return the time [cycles] at which each value is ready, on a processor with unlimited execution units.
 
-    `arrival` has the times at which leaves are there, by name; others are there at 0.
+    `arrival` has the times at which leaves (values without operands) are there, by their names; other leaves are there at 0.
     """
     times: dict[int, float] = {}
     for x in values:
@@ -28,11 +30,15 @@ def ready_times(g: Graph, values: Iterable[int], arrival: Mapping[str, float]) -
 
 
 def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
-    """Return the cycles per iteration of a loop with unlimited execution units.
+    """Return the steady number of cycles per iteration of a loop, on a processor with unlimited execution units.
 
-    `carried` maps the name of each leaf that the loop changes to its value in the next iteration.
+    An iteration need not wait for the end of the previous one, only for the variables that it uses. The times at which these are
+    ready are therefore followed through ROUNDS iterations, until the increment per iteration is steady.
+
+    `carried` maps the name of each variable of the loop to its value in the next iteration.
     """
-    arrival = dict.fromkeys(carried, 0.0)  # [cycles] of the carried leaves, relative to the beginning of an iteration
+    # [cycles] at which each variable is ready, relative to the beginning of the iteration that uses it
+    arrival = dict.fromkeys(carried, 0.0)
     cycles = 0.0
     for _ in range(ROUNDS):
         times = ready_times(g, values, arrival)
@@ -42,19 +48,23 @@ def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
 
 
 def order(g: Graph, roots: Iterable[int], carried: Mapping[str, int], plain: bool = False) -> list[int]:
-    """Return all values that the roots need, the most urgent first, or the oldest first if `plain`.
+    """Return the roots and all values that they depend on, the most urgent first, or in the order of their indices if `plain`.
 
-    The urgency of a value is its height: the length [cycles] of the longest path from it to the end of the iteration, or into later
-    iterations of the loop, each of which counts one period less. `carried` maps the name of each leaf that the loop changes to its
-    value in the next iteration.
+    The urgency of a value is its height: the length [cycles] of the longest path of operations that wait for it. A path may
+    continue in later iterations of the loop; one period (the cycles per iteration) is then subtracted for each:
+
+        height(k) = max over users x of k of (height(x) + latency(x))
+        height(next value of a variable) = height(the variable) - period
+
+    `carried` maps the name of each variable of the loop to its value in the next iteration.
     """
     values = live(g, roots)
     if plain:
         return values
     leaves = {str(g.payload[x]): x for x in values if g.operation[x] == "leaf"}
     cycles = period(g, values, carried)
-    carried_height = dict.fromkeys(carried.values(), 0.0)
-    for _ in range(ROUNDS):  # each pass carries heights through one iteration more
+    carried_height = dict.fromkeys(carried.values(), 0.0)  # heights that follow from the next iteration
+    for _ in range(ROUNDS):  # each pass lets paths continue through one iteration more
         height = dict.fromkeys(values, -cycles) | carried_height  # -cycles: nothing in this iteration or a later one waits for it
         for x in reversed(values):  # users before their operands
             for k in g.operands[x]:

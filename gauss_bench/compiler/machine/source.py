@@ -1,7 +1,7 @@
-"""Routines as source text: Python on arrays, for hosts without a compiler, and plain C for any other machine.
+"""Routines written as source text: as Python on arrays, for hosts without a compiler, and as plain C, for any other machine.
 
-Sines are left to the functions of the language. A routine in C computes one trajectory, and returns 0 if it has done all that was
-asked, or 1 if not, for example because a pivot became too small:
+Sines and cosines are computed by functions of the target language. A routine in C computes one trajectory. It returns 0 if the
+computation is complete, and 1 if not, for example because a pivot became too small:
 
     int NAME(arrays, numbers, counts)
 
@@ -23,14 +23,14 @@ C_HEADER = "#include <math.h>\n\n"
 
 @dataclass(frozen=True)
 class Language:
-    """The text of a programming language for the parts of a routine, in which {0}, {1} ... stand for operands.
+    """The syntax of a programming language: templates for the parts of a routine, in which operands replace {0}, {1} ...
 
     Attributes:
-        operations: operation -> its expression; {p} stands for the payload.
-        assign: assigns {1} to the variable {0}.
-        forever, close: begin and end of an endless loop; `close` also ends a branch.
-        leave: ends a loop if the condition {0} does not hold.
-        branch: begin of a branch, which is taken if the condition {0} holds.
+        operations: name of an operation -> its expression; the payload of the operation, such as a number, replaces {p}.
+        assign: line that assigns {1} to the variable {0}.
+        forever, close: lines that begin and that end an endless loop; `close` also ends a branch.
+        leave: line that ends a loop if the condition {0} is false.
+        branch: line that begins a branch, which is executed if the condition {0} is true.
     """
 
     operations: Mapping[str, str]
@@ -77,8 +77,9 @@ class Source(Emitter):
     """Writes the lines of one function.
 
     Attributes:
-        variables: name of each variable so far -> its type in C.
+        variables: name of each variable written so far -> its type in C.
         depth: number of indentations of the next line.
+        first: names of the first values of the variables of the next loop, which the base class sets.
     """
 
     def __init__(self, routine: Routine, language: Language):
@@ -99,7 +100,7 @@ class Source(Emitter):
 
     @contextmanager
     def block(self, head: str) -> Iterator[None]:
-        """Write the lines that this context makes as an indented block below the line `head`."""
+        """Write the line `head`, and indent all lines that are written inside this `with` statement below it."""
         self.line(head)
         self.depth += 1
         yield
@@ -108,9 +109,10 @@ class Source(Emitter):
             self.line(self.language.close)
 
     def let(self, x: int, text: str, letter: str = "r") -> str:
-        """Write a line that assigns an expression to a variable of value x; return the variable's name, `letter` and then x.
+        """Write a line that assigns the expression `text` to a variable for value x of the graph; return the variable's name.
 
-        The letter is r for a result, v for a leaf that a loop or branch sets, n for a copy that is made before such an assignment.
+        The name is `letter`, followed by the index x. The letter is r for the result of an operation, v for a variable of a loop or
+        branch (a leaf of the graph), n for a copy of a new value that is made before it is assigned.
         """
         name, operation = f"{letter}{x}", self.graph.operation[x]
         self.variables[name] = "double"
@@ -122,21 +124,25 @@ class Source(Emitter):
         return name
 
     def value(self, x: int) -> str:
-        """Return the text for a value whose operands have names: a constant, or a variable to which a line assigns the result."""
+        """Return the text that stands for value x of the graph, whose operands have names already.
+
+        The text is a constant, or the name of a variable; a line that assigns the result to this variable is then written.
+        """
         operation, payload, number = self.graph.operation[x], self.graph.payload[x], self.graph.number(x)
         c = self.language is C
         if number is not None:
             text = number.hex() if c else repr(number)
             return text if number >= 0 else f"({text})"
-        if operation == "all":  # the constant mask True or False
+        if operation == "all":  # the mask that is True, or False, for all trajectories
             return str(int(bool(payload))) if c else str(payload)
         operands = [self.names[k] for k in self.graph.operands[x]]
         return self.let(x, self.language.operations[operation].format(*operands, p=payload))
 
     def assign_leaves(self, values: Mapping[int, str]) -> None:
-        """Write the assignments of values to leaves at once; `values` maps each leaf to the name of its new value.
+        """Write lines that assign new values to variables (leaves of the graph), with the effect of simultaneous assignments.
 
-        Several values are copied to variables of their own first, because a new value may be the old value of another leaf.
+        `values` maps each leaf to the name of its new value. Several new values are first copied (letter n) and then assigned
+        (letter v), because a new value may be the old value of another variable.
         """
         copies = {x: self.let(x, name, "n") for x, name in values.items()} if len(values) > 1 else values
         for x, name in copies.items():
@@ -149,6 +155,7 @@ class Source(Emitter):
                 for x, row in self.select_rows(s).items():
                     self.names[x] = self.let(x, f"{s.array}[{self._row(s.start, row)}]")
             case Store():
+                # copied first: a value may be a view of the array
                 copies = [self.let(x, name, "n") for x, name in zip(s.values, self.compute(s.values), strict=True)]
                 for row, name in enumerate(copies):
                     self.line(self.language.assign.format(f"{s.array}[{self._row(s.start, row)}]", name))
@@ -160,31 +167,31 @@ class Source(Emitter):
                     self.line(f"{s.array}[{place} + {row}] = {name}")
             case Loop():
                 carried = self.select_carried(s)
-                self.assign_leaves(dict(zip(carried, self.first, strict=True)))
+                self.assign_leaves(dict(zip(carried, self.first, strict=True)))  # values in the first iteration
                 with self.block(self.language.forever):
                     self.statements(s.body)
                     self.line(self.language.leave.format(self.need(s.again)))
                     with self.within():
                         self._assign({x: new for x, (_, new) in carried.items()})
-            case If():
+            case If():  # first the values without the branch; the branch assigns others
                 self._assign({x: old for x, (_, old) in s.merged.items()})
                 with self.block(self.language.branch.format(self.need(s.condition))), self.within():
                     self.statements(s.body)
                     self._assign({x: new for x, (new, _) in s.merged.items()})
 
     def _assign(self, values: Mapping[int, int]) -> None:
-        """Write lines that compute values and assign them to leaves; `values` maps each leaf to its new value."""
+        """Write lines that compute new values of variables and assign them; `values`: leaf -> its new value in the graph."""
         self.assign_leaves(dict(zip(values, self.compute([*values.values()]), strict=True)))
 
     def _row(self, start: int | None, row: int) -> str:
-        """Return the index of a row as text; it is counted from the row `start` (a count of the graph; None for 0)."""
+        """Return as text the index of the row that is `row` rows after the row `start`: a count of the graph, or None for 0."""
         return str(row) if start is None else f"{self.need(start)} + {row}"
 
 
 def in_c(routine: Routine) -> str:
-    """Return a routine as a function in C, for one trajectory."""
+    """Return the text of a C function that computes one trajectory; it returns 0, or 1 if the routine's mask `sound` is false."""
     s = Source(routine, C)
-    s.statements(routine.body)
+    s.statements(routine.body)  # writes s.lines, and notes the variables in s.variables
     s.line(f"return !{s.need(routine.sound)};")
     arguments = [f"double *{name}" for name in routine.arrays]
     arguments += [f"double {x}" for x in routine.numbers] + [f"long {x}" for x in routine.counts]
@@ -196,10 +203,10 @@ def in_c(routine: Routine) -> str:
 
 
 def in_python(routine: Routine) -> Callable[..., None]:
-    """Return a routine as a Python function, which takes arrays, numbers and counts as the routine names them, and then a count.
+    """Return a routine as a Python function.
 
-    The last count is the number of groups. Arrays have the axes (groups, rows, trajectories of a group); an array that a `Scatter`
-    statement writes has one axis.
+    Its arguments are the routine's arrays, numbers and counts, in this order, followed by the number of groups of trajectories.
+    Arrays have the axes (groups, rows, trajectories of a group); an array that a `Scatter` statement writes has only one axis.
     """
     s = Source(routine, PYTHON)
     s.statements(routine.body)

@@ -1,20 +1,20 @@
 """Sine and cosine without branches: from the angle, or from sine and cosine of a neighbouring angle.
 
-From the angle: the nearest multiple k of pi/2 is subtracted in three parts, and two short polynomials give sine and cosine of the
-rest r. The low bits of k say which of the two is the sine of x, and with which sign.
+From the angle x: the nearest multiple k pi/2 is subtracted in three parts, and two short polynomials S and C give sine and cosine
+of the remainder r. The two lowest bits of k tell which of sin r and cos r is the sine of x, and with which sign.
 
     k = round(2 x / pi),   r = ((x - k P1) - k P2) - k P3,   P1 + P2 + P3 = pi/2
     sin r = r + r z S(z),   cos r = 1 - z/2 + z^2 C(z),   z = r^2
 
-P1 and P2 have 33 bits, so that k P1 and k P2 are exact while k < 2^20. To round, 1.5 * 2^52 is added and subtracted: the sum has k
-in its low bits. Such a sum must not be reassociated.
+P1 and P2 have 33 bits, so that k P1 and k P2 are exact while k < 2^20. To round 2 x / pi to the integer k, 1.5 * 2^52 is added and
+then subtracted: the lowest bits of the sum hold k. No compiler may simplify this addition and subtraction.
 
 From a neighbouring angle: with d small, sin d = d + d z P(z) and 1 - cos d = z Q(z), z = d^2, and
 
     sin(x + d) = sin x + (cos x sin d - sin x (1 - cos d)),   cos(x + d) = cos x - (sin x sin d + cos x (1 - cos d))
 
-P and Q interpolate the series of sin and cos at Chebyshev nodes. They are made for |d| up to a largest rotation [rad], called the
-reach, and have the fewest terms whose error is below an eighth of a rounding.
+The polynomials P and Q interpolate the series of sin and cos at Chebyshev nodes. They are made for |d| up to a largest rotation
+[rad], called the reach, and have as few terms as keep the error below an eighth of a rounding unit.
 Source: Cody and Waite, Software Manual for the Elementary Functions (1980), chapter 8.
 """
 
@@ -41,7 +41,7 @@ SERIES_TERMS = 8  # coefficients of P and Q at most
 
 
 def polynomial(g: Graph, coefficients: tuple[float, ...], z: int) -> int:
-    """Return the polynomial of z with these coefficients, the lowest degree first, by Estrin's scheme.
+    """Return the value of the polynomial of z with the given coefficients, the lowest degree first, by Estrin's scheme.
 
     Terms are added in pairs, so that the chain of operations is as long as the logarithm of the degree.
     """
@@ -71,14 +71,18 @@ def sincos(g: Graph, x: int) -> Pair:
 
 
 def _sign(g: Graph, odd: int, if_odd: int, if_even: int, k: int) -> int:
-    """Select one of two values, and change its sign if bit 1 of k is set: that bit is shifted to the sign's place."""
+    """Select the sine or the cosine that belongs to quarter turn number k: `if_odd` where the mask `odd` is true, else `if_even`.
+
+    The sign of the selected value changes if bit 1 of k is set, which is so in the quarter turns 2 and 3 of 4. This bit, shifted by
+    62, is at the place of the sign bit of a double.
+    """
     sign = g.make("shl", g.make("and", k, payload=2), payload=62)
     chosen = g.make("bits", g.make("select", odd, if_odd, if_even))
     return g.make("real", g.make("xor", chosen, sign))
 
 
 def rotate(g: Graph, pair: Pair, d: int, reach: float) -> Pair:
-    """Return sine and cosine at x + d from the pair (sine, cosine) at x, valid for |d| <= reach [rad]."""
+    """Return sine and cosine of x + d from `pair`, the sine and cosine of x; the result is valid for |d| <= reach [rad]."""
     s, c = pair
     P, Q = short_series(reach)  # P or Q is empty if the reach is so short that its whole term is below rounding
     z = g.mul(d, d)
@@ -94,10 +98,10 @@ def rotate(g: Graph, pair: Pair, d: int, reach: float) -> Pair:
 
 @cache
 def short_series(reach: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the coefficients of P and Q at the head of this file, the fewest that are exact to rounding for |d| <= reach [rad].
+    """Return the coefficients of the polynomials P and Q, as few as give sine and cosine exact to rounding for |d| <= reach [rad].
 
-    The lowest degree comes first. In sin d = d + d^3 P(d^2) and 1 - cos d = d^2 Q(d^2), an error of P has the factor d^3 and one of
-    Q the factor d^2.
+    P and Q are defined by sin d = d + d^3 P(d^2) and 1 - cos d = d^2 Q(d^2). An error of P therefore has the factor d^3, and an
+    error of Q the factor d^2. The coefficient of the lowest degree comes first.
 
     Raises:
         ValueError: SERIES_TERMS coefficients are not enough.
@@ -108,9 +112,9 @@ def short_series(reach: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def _economise(series: list[Fraction], reach: float, factor: float) -> tuple[float, ...]:
-    """Interpolate a series in z at Chebyshev nodes of [0, reach^2]; return the coefficients, the lowest degree first.
+    """Interpolate a power series in z = d^2 at Chebyshev nodes of [0, reach^2]; return the coefficients, the lowest degree first.
 
-    There are the fewest whose error times `factor` is at most TOLERANCE.
+    The polynomial has as few coefficients as keep its error times `factor` at most TOLERANCE.
     """
     width = reach * reach
     for terms in range(SERIES_TERMS):

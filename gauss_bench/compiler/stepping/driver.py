@@ -1,7 +1,8 @@
 """Continuation of trajectories that a guard has stopped, because a pivot of the program's elimination is too small at a state.
 
-Another program, with other pivots, continues if one is usable there. Otherwise a single step is taken by rank decision: dense
-linear algebra decides at the state which rank the constraint rows have.
+A program is the code generated for one choice of pivots. Another program, with other pivots, continues from this state if one is
+usable. Otherwise a single step is taken by rank decision: dense linear algebra decides at each state which rank the constraint rows
+have.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,14 +16,18 @@ from gauss_bench.compiler.stepping.programs import Batch, Outcome, Programs, Sto
 from gauss_bench.integrate.legs import legs
 from gauss_bench.terms import Array
 
-Numbers = Callable[[float], Array]  # time [s] -> all open numbers (k, n_p), which the code takes as arguments, at that time
+# time [s] -> the open numbers of k trajectories (k, n_p) at this time: all numbers that the code takes as arguments
+Numbers = Callable[[float], Array]
 
 STRIDE = 1e-4  # size of a step by rank decision under step size control, relative to the duration
 INTEGRATORS = ("rk4", "semi_implicit_euler", "dop853_fixed", "gauss_legendre")
 
 
 class ByRank(Protocol):
-    """Single steps of a mechanism with the numbers of its file; the rank of its rows is determined at each step."""
+    """Single integration steps of a mechanism by rank decision: each evaluation determines the rank of the constraint rows.
+
+    The parameters of the mechanism have the values of its linkage file.
+    """
 
     def step(self, integrator: str, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
         """Return q, v (n,) after one step of h [s] from the time t."""
@@ -38,8 +43,8 @@ class Tally:
     """Counts of exceptional events in a rollout.
 
     Attributes:
-        switches: number of times that another program continued a trajectory.
-        fallbacks: number of steps by rank decision, where no program was usable.
+        switches: number of times that a trajectory was continued by another program, with other pivots.
+        fallbacks: number of steps by rank decision (dense linear algebra), because no program was usable.
         lost: number of trajectories that could not be continued.
     """
 
@@ -49,24 +54,27 @@ class Tally:
 
 
 class Driver:
-    """Steps trajectories to their end, and changes the program where a guard fails; a lost trajectory is NaN from there on.
+    """Computes trajectories to their end, and changes to another program at a state where a guard fails.
+
+    A trajectory is lost if it cannot be continued; its later states are NaN.
 
     Attributes:
         by_rank: takes steps by rank decision, for states at which no program is usable.
         projected: whether samples must lie on the constraints.
-        given: number of open parameters, which a user may change. They are the first of the open numbers. The others are functions
-            of time, which `by_rank` evaluates by itself.
+        given: number of open parameters, which a user may change. They are the first of the open numbers, which are all numbers
+            that the code takes as arguments. The remaining open numbers are functions of time, which `by_rank` evaluates by itself.
         tally: counts of the last rollout.
     """
 
     def __init__(self, programs: Programs, by_rank: ByRank, projected: bool, given: int):
+        """Drive the programs of a mechanism; the class explains the arguments."""
         self.programs, self.by_rank, self.projected, self.given = programs, by_rank, projected, given
         self.tally = Tally()
 
     def nominal(self, p: Array) -> bool:
-        """Tell whether the open parameters among the open numbers p (..., n_p) have the values of the linkage file.
+        """Tell whether the open parameters have the values of the linkage file; only then are steps by rank decision possible.
 
-        Steps by rank decision are possible only with these values.
+        The open parameters are the first `given` of the open numbers p (..., n_p).
         """
         return not self.given or bool((p[..., : self.given] == self.programs.values[: self.given]).all())
 
@@ -76,12 +84,13 @@ class Driver:
         return bool(self.programs.dropped) and not self.projected
 
     def best(self, t: float, state: Array, p: Array, without: set[int]) -> int | None:
-        """Return the index of the best program at a state (2n,), or None if none is usable there.
+        """Return the index of the program with the largest margin at a state (2n,), or None if no program is usable there.
 
-        The best is the one with the largest margin: the smallest ratio of a pivot to its threshold, 1 or more if it is usable.
-        Programs are generated until one is usable. Those with the indices in `without` are not considered.
+        The margin of a program is the smallest ratio of one of its pivots to the pivot's threshold. A program is usable if its
+        margin is at least 1. Programs are generated until one is usable. Programs with the indices in `without` are not considered.
         """
-        # a change of the program may need a projection by rank decision if programs leave out rows, see `_switch`
+        # if programs leave out redundant rows, a change of the program may need a projection by rank decision (see `_switch`),
+        # which is possible only with the parameter values of the linkage file
         if not np.isfinite(state).all() or (self.drifting and not self.nominal(p)):
             return None
         while True:
@@ -93,11 +102,11 @@ class Driver:
                 return None
 
     def _switch(self, t: float, state: Array, p: Array, without: set[int]) -> tuple[int, Array] | None:
-        """Return the index of another program and the state (2n,) from which it continues, or None if no program is usable.
+        """Return the index of another, usable program and the state (2n,) from which it continues; None if no program is usable.
 
-        If the old program left out redundant rows and did not project, the errors of these rows are about those of the other rows
-        times the inverse of its smallest pivot. The state is therefore first projected onto the rows that the new program keeps. If
-        that fails, it is projected by rank decision.
+        If the old program left out redundant rows and did not project, the errors of the omitted rows are about the errors of the
+        kept rows divided by its smallest pivot. The state is therefore first projected onto the rows that the new program keeps. If
+        this projection fails, the state is projected by rank decision.
         """
         k, n = self.best(t, state, p, without), self.programs.n
         if k is None:
@@ -109,10 +118,11 @@ class Driver:
         return k, np.concatenate(self.by_rank.project(t, state[:n], state[n:])) if settled is None else settled
 
     def _step(self, integrator: str, t: float, state: Array, p: Array, h: float) -> Array:
-        """Return the state (2n,) after one step by rank decision, which finds the rank of the constraint rows at each evaluation.
+        """Return the state (2n,) after one step by rank decision, for a state at which no program is usable.
 
-        With h = 0 the state is only projected, if samples must lie on the constraints. The state is NaN if it is lost: if it
-        overflows, or if the open parameters p have not the values of the linkage file.
+        Dense linear algebra determines the rank of the constraint rows at each evaluation. If h = 0, no step is taken: the state is
+        projected onto the constraints if samples must lie on them, and returned unchanged if not. The result is NaN if the state
+        overflows, or if the open parameters, the first of p, have not the values of the linkage file.
         """
         self.tally.fallbacks += 1
         q, v = np.split(state, 2)
@@ -127,11 +137,11 @@ class Driver:
         return np.full_like(state, np.nan)
 
     def advance(self, batch: Batch, integrator: str, threads: int = 1) -> Outcome:
-        """Step all trajectories of a batch to their end."""
+        """Compute all trajectories of a batch to their end."""
         return self.resume(batch, self.programs.runner(0, integrator).run(batch, threads), integrator)
 
     def resume(self, batch: Batch, outcome: Outcome, integrator: str) -> Outcome:
-        """Step the trajectories that stopped early to their end, one by one, and store them in the outcome."""
+        """Continue the trajectories that stopped early to their end, one by one, and store their states in the outcome."""
         for row in np.flatnonzero(~outcome.complete).tolist():
             at = int(outcome.done[row])  # number of steps that are done
             samples = self._continue(batch, integrator, outcome.states[row].copy(), batch.parameters[row], at)
@@ -143,9 +153,10 @@ class Driver:
         return outcome
 
     def _continue(self, batch: Batch, integrator: str, state: Array, p: Array, at: int) -> Iterator[Array]:
-        """Yield the remaining samples (2n,) of a trajectory that the first program stopped after `at` steps.
+        """Yield the missing samples (2n,) of a trajectory that a guard of the first program stopped after `at` steps.
 
-        `state` (2n,) is the state after these steps. The last sample is NaN if the trajectory is lost.
+        `state` (2n,) is the state after these steps. If the trajectory cannot be continued to its end, the last sample that is
+        yielded is NaN.
         """
         n = self.programs.n
         used, failed = 0, {0}  # index of the program in use, and those that have failed at the present state
@@ -179,8 +190,18 @@ class Driver:
     def integrate(self, state: Array, p: Array, times: Array, tolerances: tuple[float, float]) -> tuple[Array, int, int]:
         """Integrate one trajectory with step size control.
 
-        Return the states (k, 2n) at the times (k,), NaN after the trajectory is lost, and the numbers of accepted and of attempted
-        steps. `state` (2n,) is that at the first time, p are the open numbers (n_p,), and `tolerances` are relative and absolute.
+        The program in use takes steps until one of its guards fails. Then another program continues, or one short step by rank
+        decision is taken, after which all programs may be tried again.
+
+        Args:
+            state: (2n,) state at the first time.
+            p: (n_p,) open numbers, which are all numbers that the code takes as arguments.
+            times: (k,) times [s] of the states that are returned.
+            tolerances: relative and absolute tolerance.
+
+        Returns:
+            The states (k, 2n) at the times, NaN from where the trajectory cannot be continued; the number of accepted steps; the
+            number of attempted steps.
         """
         samples, accepted, attempted = np.full((len(times), len(state)), np.nan), 0, 0
         stored, t = 0, float(times[0])  # number of samples so far, and time of the state
@@ -211,10 +232,11 @@ class Driver:
                 return samples, accepted, attempted
 
     def advance_over(self, batch: Batch, numbers: Numbers, kinks: Sequence[float], integrator: str, threads: int) -> Outcome:
-        """Step all trajectories to their end as `advance` does, with open numbers that change at the times `kinks` [s].
+        """Compute all trajectories to their end as `advance` does, with open numbers that change at the times `kinks` [s].
 
-        At these times forces or their derivatives jump. A leg (`integrate/legs.py`) is a part of the batch's steps without a kink
-        inside; a step that contains a kink is divided there. `numbers` at the middle of a leg hold for the whole leg.
+        At the times `kinks`, forces or their derivatives jump. The batch's steps are divided into legs (`integrate/legs.py`): runs
+        of equal steps without a kink inside; a step that contains a kink is divided there. The open numbers at the middle of a leg,
+        `numbers(leg.middle)`, are used for the whole leg.
         """
         samples = np.full((len(batch.states), batch.slots, batch.states.shape[1]), np.nan)
         states = batch.states.copy()
@@ -236,13 +258,15 @@ class Driver:
     ) -> tuple[Array, int, int]:
         """Integrate one trajectory as `integrate` does, but restart at each kink [s] of a force, where open numbers change.
 
-        `numbers` at the middle of an interval between kinks hold for the whole interval. Return what `integrate` returns.
+        The open numbers at the middle of an interval between kinks are used for the whole interval. Return the states (k, 2n) at
+        the times (k,), and the numbers of accepted and of attempted steps.
         """
         begin, end = float(times[0]), float(times[-1])
         samples, accepted, attempted = np.full((len(times), len(state)), np.nan), 0, 0
         for a, b in pairwise([begin, *(x for x in kinks if begin < x < end), end]):
             inside = np.flatnonzero((times > a) & (times <= b))
             part = np.unique([a, *times[inside], b])
+            # the open numbers of the one trajectory are row 0
             states, *counts = self.integrate(state, numbers((a + b) / 2)[0], part, tolerances)
             accepted, attempted = accepted + counts[0], attempted + counts[1]
             samples[inside], state = states[1 : 1 + len(inside)], states[-1]

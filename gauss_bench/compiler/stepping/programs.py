@@ -1,12 +1,12 @@
 """Execution of routines: as native code in groups of lanes on several threads, or as Python on arrays of numpy.
 
-A program is the straight-line functions generated for one linkage and one choice of independent coordinates. A `Stepper` steps
-trajectories with one program and one integrator. When a trajectory stops, `driver.py` decides how it continues. Without a compiler,
-numpy computes every sine from scratch. Guards, projection and the order of operations are those of the native code, so that results
-agree to rounding.
+A program is the straight-line functions generated for one linkage and one choice of independent coordinates. A `Stepper` computes
+trajectories with one program and one integrator. When a trajectory stops early, `driver.py` decides how it continues. Without a
+compiler, numpy computes every sine anew. The guards (tests of the pivots), the projection and the order of operations are the same
+as in native code, so that results agree to rounding.
 
-A program is usable only where the pivots of its elimination are far enough from zero. For a crank-slider, the crank is a usable
-independent coordinate everywhere, but the slider is not at the dead centres.
+A program is usable only at states where the pivots of its elimination are far enough from zero. For a crank-slider, the crank angle
+is a usable independent coordinate everywhere; the slider's position is not usable at the dead centres.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,11 +27,11 @@ from gauss_bench.terms import Array
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Trajectories to be stepped.
+    """Trajectories that are to be computed with the same steps.
 
     Attributes:
         states: (k, 2n) q and v at the start.
-        parameters: (k, n_p) open numbers of each trajectory, which the code takes as arguments.
+        parameters: (k, n_p) open numbers of each trajectory: all numbers that the code takes as arguments.
         t0, h: time of the start, and step size [s].
         n: number of steps.
         every: number of steps between samples, at least 1.
@@ -92,20 +92,22 @@ class Course:
 
 
 class Stepper:
-    """Steps trajectories by a routine `rollout`, with one program and one integrator.
+    """Computes trajectories by a routine `rollout`, with one program and one integrator.
 
-    The code of a step is valid up to a largest rotation of links in the step, its reach (`steps.Reach`). The first routine has the
-    code for the smallest reach alone. The routine `further`, if there is one, has code for larger reaches too, and takes longer to
-    compile. It replaces the first routine as soon as a step has exceeded the smallest reach.
+    The code of a step is valid only if no link rotates in the step by more than a limit, called its reach (`steps.Reach`). The
+    first routine contains only the code with the smallest reach. The routine `further`, if there is one, also contains code with
+    larger reaches, and takes longer to compile. It replaces the first routine as soon as a link has rotated by more than the
+    smallest reach in a step.
 
     Attributes:
         loaded: the routine in use.
-        native: whether it is machine code.
-        compiled: all routines in use so far.
+        further: the routine that may replace it; None if there is none, or if it is in use already.
+        native: whether the routines are machine code.
+        compiled: all routines that have been in use so far.
     """
 
     def __init__(self, loaded: Loaded, further: Loaded | None = None):
-        """Begin with the routine `loaded`."""
+        """Begin with the routine `loaded`, which `further` may replace."""
         self.loaded, self.further = loaded, further
         self.native, self.compiled = loaded.target.backend == "llvm", [loaded]
 
@@ -116,7 +118,11 @@ class Stepper:
             self.compiled.append(self.loaded)
 
     def run(self, batch: Batch, threads: int = 1) -> Outcome:
-        """Step each trajectory of a batch until it ends or a guard fails; if a step exceeds the reach, `extend` and begin anew."""
+        """Compute each trajectory of a batch until it ends or a guard fails.
+
+        If a link rotates in a step by more than the routine's reach, `extend` replaces the routine, and all trajectories begin
+        anew.
+        """
         count = len(batch.states)
         lanes = self.loaded.lanes(count)
         # arguments of the routine, see `rollout.py`: states, open numbers, samples, and a report of three rows
@@ -126,12 +132,12 @@ class Stepper:
         call = self.loaded.call(lanes)
 
         def part(low: int, high: int) -> None:
-            """Step the groups low to high - 1."""
+            """Compute the groups of trajectories with the indices low to high - 1."""
             arrays = self.loaded.given([y[low:high], p[low:high], samples[low:high], report[low:high]])
             call(*arrays, batch.h, batch.t0, batch.n, batch.every, batch.slots, high - low)
 
         share(part, groups, threads)
-        # steps that were done; 1 if all were done; 1 if a step only exceeded the reach
+        # of each trajectory: number of steps done; 1 if all were done; 1 if it stopped only because a link rotated too far
         done, complete, too_far = out_of_lanes(report, count).T
         if too_far.any() and self.further is not None:
             self.extend()
@@ -140,11 +146,14 @@ class Stepper:
         return Outcome(out_of_lanes(y, count), stored, done.astype(int), complete > 0)
 
     def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Stop:
-        """Return the state (2n,) after n steps of one trajectory, or its early stop, with the least possible overhead."""
+        """Return the state (2n,) after n steps of one trajectory, or its early stop, with the least possible overhead.
+
+        If a link rotates in a step by more than the routine's reach, `extend` replaces the routine, and the trajectory begins anew.
+        """
         if not self.native:
             outcome = self.run(Batch(np.concatenate([q, v], dtype=float)[None], parameters[None], t0, h, n, max(1, n)))
             return outcome.samples[0, -1] if outcome.complete[0] else Stop(outcome.states[0], int(outcome.done[0]))
-        # this thread's memory of arguments, which is allocated in its first call
+        # this thread's buffers for the arguments, allocated in its first call: states, open numbers, the one sample, the report
         one = self.loaded.singles.one or self.loaded.single(2 * len(q), len(parameters), 2 * len(q), 3)
         (y, p, sample, report), numbers, counts = one.arrays, one.numbers, one.counts
         one.q[...], one.v[...] = q, v  # views of y
@@ -153,9 +162,10 @@ class Stepper:
         numbers[0], numbers[1] = h, t0
         counts[0], counts[1] = n, n or 1  # steps, and steps between samples: the end is the only sample
         one.run()
-        if report[1]:  # all steps were done
+        # report: number of steps done; 1 if all were done; 1 if a step was not done only because a link rotated too far
+        if report[1]:
             return sample.copy()
-        if report[2] and self.further is not None:  # only the reach was exceeded
+        if report[2] and self.further is not None:
             self.extend()
             return self.run_one(q, v, parameters, t0, h, n)
         return Stop(y.copy(), int(report[0]))
@@ -168,7 +178,8 @@ LIMIT = 10**7  # number of steps of one call
 def integrate(loaded: Loaded, state: Array, parameters: Array, times: Array, tolerances: tuple[float, float]) -> Course:
     """Integrate by a routine `integrate` (`rollout.adaptive`) from a state (2n,) at times[0] over the times (k,).
 
-    The routine chooses its steps by the tolerances, relative and absolute. It stops early at the last valid state if a guard fails.
+    The routine chooses its steps by the relative and the absolute tolerance. If a guard fails (a pivot is too small), the routine
+    stops early, at the last valid state.
     """
     # arrays of the routine have the shape (1 group, rows, 1 lane); two times are added, because it reads ahead of the next sample
     y, p, at = state[None, :, None].copy(), parameters[None, :, None], np.append(times, [times[-1]] * 2)[None, :, None]
@@ -186,7 +197,7 @@ def integrate(loaded: Loaded, state: Array, parameters: Array, times: Array, tol
 def evaluate_many(loaded: Loaded, t: Array, states: Array, parameters: Array) -> tuple[Array, Flags]:
     """Return accelerations (k, n) by a routine `accelerate` at states (k, 2n) and times (k,).
 
-    The second result is a flag (k,) for each state that all guards of the routine hold there.
+    The second result has a flag (k,) for each state: True if all guards of the routine are satisfied at this state.
     """
     count = len(states)
     lanes = loaded.lanes(count)
@@ -200,10 +211,11 @@ def evaluate_many(loaded: Loaded, t: Array, states: Array, parameters: Array) ->
 def evaluate_one(loaded: Loaded, t: float, q: Array, v: Array, parameters: Array, size: int) -> Array:
     """Evaluate a routine `accelerate` or `settle` in native code at one state.
 
-    Return its results (size,) and one number more, in memory that the next call overwrites. That number is 1 if the guards hold,
-    else 0; a routine that was made with `margin` gives the smallest ratio of a pivot to its threshold instead.
+    Return an array (size + 1,): the `size` results of the routine, and one number that tells whether they are valid. This number is
+    1 if all guards are satisfied, else 0; a routine that was made with `margin` gives the smallest ratio of a pivot to its
+    threshold instead. The next call overwrites the array.
     """
-    # this thread's memory of arguments, which is allocated in its first call
+    # this thread's buffers for the arguments, which are allocated in its first call
     one = loaded.singles.one or loaded.single(2 * len(q), len(parameters), 1, size + 1)
     _, p, time, out = one.arrays  # the first array has q and v
     one.q[...], one.v[...], time[0] = q, v, t
@@ -218,22 +230,24 @@ margin_routine = partial(acceleration, margin=True)
 
 
 class Programs:
-    """The programs of one mechanism, the best first; more are generated when they are needed.
+    """The programs of one mechanism, the preferred one first; more are generated when they are needed.
+
+    "Program k" is the program with the index k in `codes`, the code for one choice of pivots.
 
     Attributes:
-        plain: whether routines run as Python, because there is no compiler.
-        codes: the programs so far.
+        plain: whether routines run as Python functions on numpy arrays, because there is no compiler.
+        codes: the programs generated so far.
         runners: (index of a program, integrator) -> its stepper.
         n: number of coordinates.
-        values: (n_p,) open numbers as in the linkage file.
-        native: routine for accelerations by the first program.
-        dropped: redundant constraint rows that the first program leaves out; other programs may leave out different ones.
+        values: (n_p,) open numbers (all numbers that the code takes as arguments) with the values of the linkage file.
+        native: routine for accelerations by program 0.
+        dropped: names of redundant constraint rows that program 0 leaves out; other programs may leave out different rows.
     """
 
     def __init__(self, programs: Iterator[Program], stabilization: str, target: Target):
-        """Take the first of the programs; the others are generated while `programs` is read."""
+        """Take the first of the programs; `programs` generates each further program only when it is asked for the next one."""
         self.target, self.plain, self.stabilization = target, target.backend != "llvm", stabilization
-        self._more = (read_code(x, stabilization) for x in programs)  # those that are not generated yet
+        self._more = (read_code(x, stabilization) for x in programs)  # generator of the programs that are not needed yet
         self.codes: list[Code] = []
         self.runners: dict[tuple[int, str], Stepper] = {}
         self._routines: dict[tuple[int, Callable[[Code], Routine]], Loaded] = {}
@@ -244,6 +258,7 @@ class Programs:
         self.native = self._routine(0, "none", partial(acceleration, plain=self.plain))
 
     def __len__(self) -> int:
+        """Return the number of programs generated so far."""
         return len(self.codes)
 
     def generate_next(self) -> bool:
@@ -255,7 +270,7 @@ class Programs:
         return True
 
     def runner(self, k: int, integrator: str) -> Stepper:
-        """Return the stepper of program k, which is compiled on first use."""
+        """Return the stepper of program k with an integrator; it is made, and its code compiled, on first use."""
         return self.runners.get((k, integrator)) or self._make(k, integrator)
 
     def _make(self, k: int, integrator: str) -> Stepper:
@@ -264,7 +279,7 @@ class Programs:
         all_reaches = reaches(code, integrator)  # largest rotations per step for which there is code, the smallest first
 
         def load(count: int) -> Loaded:
-            """Return the routine with code for the first `count` reaches."""
+            """Return the routine that contains code for the first `count` of the reaches."""
             build = cache(lambda: bodies(code, integrator, all_reaches[:count]))  # once, for one lane and for many
             return Loaded(lambda many: rollout(build(), many), self.target)
 
@@ -276,11 +291,11 @@ class Programs:
         return stepper
 
     def adaptive(self, k: int) -> Loaded:
-        """Return the routine `integrate` of program k."""
+        """Return the routine `integrate` of program k, which integrates with step size control."""
         return self._routine(k, self.stabilization, self._integrate)
 
     def _routine(self, k: int, stabilization: str, make: Callable[[Code], Routine]) -> Loaded:
-        """Return the routine that `make` writes for program k; it is compiled on first use.
+        """Return the routine whose code `make` writes for program k; the code is compiled on first use.
 
         A routine is stored under k and `make`: each `make` comes with one stabilisation only.
         """
@@ -290,10 +305,16 @@ class Programs:
         return self._routines[k, make]
 
     def margins(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Array]:
-        """Evaluate program k at states with times t (states,), q, v (states, n) and open numbers p (states, n_p).
+        """Return accelerations and margins by program k, evaluated in numpy.
 
-        Return accelerations (states, n), and for each state the smallest ratio of a pivot to its threshold (states,), or 0 if that
-        is NaN.
+        Args:
+            k: index of the program.
+            t, q, v: times (states,), positions and velocities (states, n).
+            p: (states, n_p) open numbers, which are all numbers that the code takes as arguments.
+
+        Returns:
+            Accelerations (states, n), and for each state the margin (states,): the smallest ratio of a pivot to its threshold, or 0
+            if this ratio is NaN.
         """
         program = self.codes[k].program
         a, guard = program.acceleration(t[:, None], q, v, p)
@@ -302,16 +323,19 @@ class Programs:
         return a, np.nan_to_num(margin.min(axis=1, initial=np.inf), nan=0.0, posinf=np.inf)
 
     def margin(self, k: int, t: float, state: Array, p: Array) -> float:
-        """Return the smallest ratio of a pivot of program k to its threshold at a state (2n,); below 1 it is not usable."""
-        if self.plain:
+        """Return the smallest ratio of a pivot of program k to its threshold at a state (2n,).
+
+        The program must not be used at the state if this ratio, the margin, is below 1.
+        """
+        if self.plain:  # the second result of `margins` has the margin of the single state
             return float(self.margins(k, np.array([t]), state[None, : self.n], state[None, self.n :], p[None])[1][0])
         routine = self._routine(k, "none", margin_routine)
-        return float(evaluate_one(routine, t, state[: self.n], state[self.n :], p, self.n)[-1])
+        return float(evaluate_one(routine, t, state[: self.n], state[self.n :], p, self.n)[-1])  # the last number is the margin
 
     def settled(self, k: int, t: float, state: Array, p: Array) -> Array | None:
-        """Return a state (2n,) projected onto the constraint rows that program k keeps.
+        """Return a state (2n,) projected onto the constraint rows that program k does not leave out as redundant.
 
-        Return None if a guard or Newton's method fails, or if there is no compiler.
+        Return None if a pivot is too small, if Newton's method does not converge, or if there is no compiler.
         """
         if self.plain:
             return None
@@ -319,22 +343,22 @@ class Programs:
         return out[:-1].copy() if out[-1] else None  # the last number tells whether all guards hold
 
     def accelerations(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
-        """Return accelerations (states, n) by program k, and a flag (states,) for each state that its guards hold there."""
+        """Return accelerations (states, n) by program k, and flags (states,): True where all its pivots are large enough."""
         if k == 0 and not self.plain:
             return evaluate_many(self.native, t, np.concatenate([q, v], axis=1), p)
         a, margin = self.margins(k, t, q, v, p)
         return a, margin >= 1.0
 
     def acceleration(self, t: float, q: Array, v: Array, p: Array) -> Array | None:
-        """Return the acceleration (n,) by the first program at one state, with the least overhead.
+        """Return the acceleration (n,) by program 0 at one state, with the least overhead.
 
-        Return None if that program is not usable there, or if there is no compiler.
+        Return None if a pivot of the program is too small at this state, or if there is no compiler.
         """
         out = None if self.plain else evaluate_one(self.native, t, q, v, p, self.n)
-        return out[:-1].copy() if out is not None and out[-1] else None
+        return out[:-1].copy() if out is not None and out[-1] else None  # out[-1] is 1 if all pivots are large enough
 
     def multipliers(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
-        """Return multipliers (states, rows) by program k, and a flag (states,) for each state that its guards hold there."""
+        """Return multipliers (states, rows) by program k, and flags (states,): True where all its pivots are large enough."""
         return self.codes[k].program.multipliers(t[:, None], q, v, p)[0], self.margins(k, t, q, v, p)[1] >= 1.0
 
     @property
@@ -349,16 +373,16 @@ class Programs:
         return in_plain_c(acceleration(read_code(first.program, "none"), plain=True), steps)
 
     def loaded(self) -> list[tuple[float, bool]]:
-        """Return for each piece of machine code so far the seconds to compile or load it, and whether it was in the cache."""
+        """Return for each piece of machine code made so far the time [s] to compile or load it, and whether it was in the cache."""
         routines = [*self._routines.values()]
         for runner in self.runners.values():
             routines += runner.compiled
         return [(code.seconds, code.from_cache) for routine in routines for code in routine.codes.values()]
 
     def prepare(self, integrator: str, many: bool, extended: bool = True) -> None:
-        """Compile in advance all code of the first program that steps of one state, or of `many`, may need.
+        """Compile in advance all code of program 0 that trajectories from one state, or from `many`, may need.
 
-        Without `extended`, code is compiled for the smallest rotations per step alone.
+        If `extended` is False, only the code for the smallest rotations of links per step is compiled.
         """
         if integrator == "dop853":
             self.adaptive(0).call(1)

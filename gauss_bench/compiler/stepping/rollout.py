@@ -1,28 +1,32 @@
-"""Routines that step a linkage: the step of an integrator in a loop whose state stays in registers, and evaluations at one state.
+"""Routines that integrate the motion of a linkage, in a loop whose state stays in registers, and that evaluate it at one state.
 
     rollout(y, p, samples, report; h, t0; n, every, slots)
 
-takes n steps of h from the time t0 with a group of trajectories, one in each lane of a vector. Rows of the arrays, each with one
-number for each trajectory:
+takes n steps of h from the time t0 for a group of trajectories, one in each lane of a vector. The arrays have these rows, each with
+one number for each trajectory:
 
-    y        2 n_q            q and v at the start; on return, if a trajectory stopped early, the state at which it stopped
-    p        n_p              open numbers: the numbers of the linkage that are not constants in the code
-    samples  slots x 2 n_q    states after every `every`-th step and after the last; slots = ceil(n / every), at least one
-    report   3                number of steps done; 1 if all were done; 1 if a step only turned a link farther than the code allows
+    y, 2 n_q rows: q and v at the start; on return, if a trajectory stopped early, the state at which it stopped.
+    p, n_p rows: open numbers, which are the numbers of the linkage that are not constants in the code.
+    samples, slots x 2 n_q rows: states after every `every`-th step and after the last; slots = ceil(n / every), at least one.
+    report, 3 rows: number of steps done; 1 if all were done; 1 if the only fault of a step was that a link turned too far.
 
-A trajectory stops before the first step whose guards fail, and that step is not counted. The other lanes go on. In the stopped lane
-a selection between the old and the new state keeps the old one. A sample is the state at the beginning of a step, where projection
+A guard is a condition for a valid step, above all that no pivot is too small. A trajectory stops before the first step at which a
+guard fails, and this step is not counted. The trajectories in the other lanes go on; in the lane of a stopped trajectory, a
+selection between the old and the new state keeps the old one. A sample is the state at the beginning of a step, where projection
 has corrected the velocities. The loop therefore runs once more than there are steps.
 
-    accelerate(y, p, t, out)     out: n_q accelerations, then 1 if the guards hold
-    settle(y, p, t, out)         out: the state (2 n_q) taken back onto the constraints, then 1 if the guards hold
+Two routines evaluate one state:
+
+    accelerate(y, p, t, out): `out` gets n_q accelerations, then 1 if all guards are satisfied, else 0.
+    settle(y, p, t, out): `out` gets the state (2 n_q) projected onto the constraints, then 1 if all guards are satisfied, else 0.
 
 The code of one step is a `Body`, in which all stages are written out: equal expressions of different stages are one value, sines
-are updated by rotations from stage to stage, and the processor overlaps the stages. A body is valid while no link turns in a step
-by more than its reach (`steps.Reach`). A routine has several bodies with growing reaches.
+are updated by rotations from stage to stage, and the processor overlaps the stages. A body is valid for a step in which no link
+turns by more than a limit, the reach of the body (`steps.Reach`). A routine has several bodies, each with a larger reach than the
+one before.
 
-The code grows with the linkage. If an acceleration has more than `steps.LONG` operations, the body of Runge and Kutta's method
-contains it once, in a loop over the stages.
+The code grows with the linkage. If the acceleration has more than `steps.LONG` operations, the body of the classical Runge-Kutta
+method contains the code of the acceleration only once, in a loop over the stages.
 """
 
 from collections.abc import Sequence
@@ -37,7 +41,7 @@ from gauss_bench.compiler.machine.schedule import order
 from gauss_bench.compiler.machine.trigonometry import sincos
 from gauss_bench.compiler.stepping.steps import EXACT, REACHES, STEPS, TINY, Builder, Reach, Step, dop853, is_looped, rk4_looped
 
-Carried = dict[int, tuple[int, int]]  # leaf, a variable of a loop -> its first value, and its value in the next iteration
+Carried = dict[int, tuple[int, int]]  # variable of a loop (a leaf) -> its value in the first and in the next iteration
 
 # Number of steps after which the state is projected onto the constraints if rows are redundant and there is no stabilisation.
 # Otherwise redundant rows would drift apart and count as independent, and a solver that relies on the rank would find the linkage
@@ -46,29 +50,34 @@ SETTLED = 32
 
 
 class Body:
-    """One step as statements of a routine that repeats it, with the state in registers from step to step.
+    """One step of an integrator as statements inside the loop of a routine, which keeps the state in registers between steps.
+
+    A leaf is a named value of the graph that comes from outside it: an argument, or a variable of the loop.
 
     Attributes:
-        step: the step, with its arithmetic regrouped unless it is plain.
-        graph: graph of the whole routine.
+        step: the values of the step; its arithmetic is regrouped unless the body is plain.
+        graph: graph of arithmetic of the whole routine.
         rows: length 2 n_q of a state.
         values: the values of the step in the order in which they are computed.
         operations: number of operations among these values.
         statements: statements of one step.
-        state: leaves q, then v.
+        state: leaves of the state: q, then v.
         entry: statements before the loop.
         arrays: arguments of the routine besides y, samples and report.
-        carried: leaf -> its first value, and its value at the next step.
-        settled: leaf -> its value at the next step where the state is projected after SETTLED steps, instead of the one in
-            `carried`; empty if it never is.
+        carried: variable of the loop (a leaf) -> its value at the first step, and its value at the next step.
+        settled: variable of the loop (a leaf) -> projected value, which replaces the next value in `carried` after every SETTLED
+            steps; empty if the body never projects in this way.
     """
 
     def __init__(self, code: Code, step: Step, plain: bool = False, into: Graph | None = None):
-        """Put the operations of a step in order, and make the statements around them.
+        """Put the operations of a step in order, and make the statements that load its inputs and compute it.
 
         Args:
-            plain: operations are neither regrouped nor put in another order.
-            into: graph with other bodies of the same routine; None for a new graph.
+            code: functions of the program, with their angles and parameters.
+            step: the values of the step.
+            plain: whether operations are left as they are, neither regrouped nor put in another order.
+            into: graph to which the operations are added, and which may have other bodies of the same routine; None for a new
+                graph.
         """
         self.step = step = step if plain else step.rewrite_into(into)
         self.graph, self.rows = step.graph, 2 * code.program.n
@@ -103,10 +112,11 @@ class Body:
 
 
 def rollout(bodies: Sequence[Body], many: bool) -> Routine:
-    """Build the routine that steps one trajectory, or `many` at once.
+    """Build the routine `rollout`, which computes one trajectory, or `many` at once.
 
-    The bodies have growing reaches, and share one graph. The first one steps until a link turns by more than its reach in a step.
-    The next one continues from there. All lanes change to it together, so that they compute the same bits as a single trajectory.
+    The bodies share one graph, and each has a larger reach than the one before. The first body is used until a link turns by more
+    than its reach in a step; the next body continues from there. All trajectories in the lanes of a vector change to the next body
+    together, so that each has bitwise the same states as if it were computed alone.
     """
     # built from the last body to the first: each loop of steps contains, after its end, a branch with the loops of later bodies
     first, statements = bodies[0], list[Statement]()
@@ -121,12 +131,12 @@ def rollout(bodies: Sequence[Body], many: bool) -> Routine:
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """A loop of steps with one body.
+    """A loop over time steps, all computed by the same body.
 
     Attributes:
-        statements: the loop and what follows it.
+        statements: the loop, and the statements after it that store the results.
         complete: mask of the trajectories of which all steps are done.
-        too_far: mask of the trajectories that stopped only because a link turned by more than the body's reach in a step.
+        too_far: mask of the trajectories that stopped only because a link turned in a step by more than the body's reach.
     """
 
     statements: list[Statement]
@@ -135,10 +145,11 @@ class _Steps:
 
 
 def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
-    """Build the loop that repeats body number `level`.
+    """Build the loop over time steps that uses the body with the index `level`.
 
-    The loop of the first body starts from the initial state, a later one from the values at which the loop before it stopped. The
-    variables of the loop are the state, the time, the numbers `i`, `due`, `slot` and `done`, and the masks `alive` and `far`.
+    The loop of the first body begins with the initial state; the loop of a later body begins with the values at which the loop
+    before it stopped. The variables of the loop are the state, the time, the counts `i`, `due` and `slot`, the number `done` of
+    steps done, and the masks `alive` and `far`. The int variables below are values of the graph.
     """
     body = bodies[level]
     g, is_first, is_last = body.graph, level == 0, level == len(bodies) - 1
@@ -187,12 +198,14 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
 
 
 class _Settling(NamedTuple):
-    """The part of a loop of steps that projects the state after every SETTLED steps.
+    """The part of a loop over time steps that projects the state onto the constraints after every SETTLED steps.
 
     Attributes:
         statements: a branch that is taken after every SETTLED steps.
-        chosen: leaf of the state -> a leaf which the branch sets to its value at the next step, projected or not.
-        counter: a variable of the loop: the number of the next step before which the state is projected.
+        chosen: leaf of the state -> another leaf, which the branch sets to the value at the next step: projected if the branch is
+            taken, not projected if not.
+        counter: a variable of the loop with its first and next value: the number of the step before which the state is next
+            projected.
     """
 
     statements: list[Statement]
@@ -201,15 +214,18 @@ class _Settling(NamedTuple):
 
 
 def _settle_regularly(body: Body, following: int) -> _Settling:
-    """Build the projection after every SETTLED steps, if the body has one; `following` is the number of the next step.
+    """Build the projection of the state after every SETTLED steps, if the body has one; `following` is the number of the next step.
 
-    The projected values are computed inside the branch only, so that other steps do not pay for them.
+    The loop counts in `due` the step before which the state is projected; the branch adds SETTLED to it. The projected values are
+    computed inside the branch only, so that the other steps do not take longer.
     """
     if not body.settled:
         return _Settling([], {}, {})
     g = body.graph
+    # due, due_later: number of the step before which the state is next projected, now and at the next step
     due, due_later = g.count("%settle"), g.count("%settle_later")
     chosen = {x: g.leaf(f"%next{k}") for k, x in enumerate(body.settled)}
+    # leaf -> its value if the branch is taken, and if not
     merged = {chosen[x]: (value, body.carried[x][1]) for x, value in body.settled.items()}
     merged[due_later] = (g.make("sum", due, g.whole(SETTLED)), due)
     return _Settling([If(g.make("same", following, due), (), merged)], chosen, {due: (g.whole(SETTLED), due_later)})
@@ -221,8 +237,11 @@ def _either(g: Graph, a: int, b: int) -> int:
 
 
 def bodies(code: Code, integrator: str, reaches: Sequence[Reach]) -> list[Body]:
-    """Build the code of a step for each reach (largest rotation per step), all in one graph."""
-    if is_looped(code, integrator):  # this code computes sines from scratch, and is valid for any rotation
+    """Build the code of a step for each reach (largest rotation of links per step), all in one graph.
+
+    If the step loops over its stages, there is only one body, because this code is valid for any rotation.
+    """
+    if is_looped(code, integrator):  # this code computes every sine from its angle, without rotations
         return [Body(code, rk4_looped(code))]
     graph = Graph()
     return [Body(code, STEPS[integrator](code, reach), into=graph) for reach in reaches]
@@ -234,11 +253,12 @@ SAFETY, SHRINK, GROW = 0.9, 0.2, 10.0  # usual factors of step size control: saf
 def adaptive(code: Code, plain: bool = False) -> Routine:
     """Build the routine `integrate(y, p, times, samples, report; rtol, atol, longest, least, h0; count, limit)` for one trajectory.
 
-    DOP853 chooses its steps by the tolerances. Steps end at each of `count` times, where the state is stored. `times` has two
-    entries more, equal to the last time, because the loop loads ahead the time at which the next step must end. The first step is
-    h0, and no step is longer than `longest`. The integration stops when a step becomes shorter than `least`, or after `limit`
-    steps. Afterwards y has the state reached, and `report` the numbers of stored samples, accepted steps and attempted steps, and
-    the time reached.
+    DOP853 chooses its steps by the tolerances. A step ends at each of `count` sample times, where the state is stored. `times` has
+    count + 2 entries, the last two equal to the last sample time, because the loop reads the sample time of the next step in
+    advance. The first step is h0, and no step is longer than `longest`. The integration stops when a step becomes shorter than
+    `least`, or after `limit` steps. Afterwards y has the state reached, and `report` has the numbers of stored samples, accepted
+    steps and attempted steps, and the time reached. If the program leaves out redundant rows and no step projects, the state is
+    projected after every SETTLED attempted steps.
     Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), section II.10.
     """
     body = Body(code, dop853(code, EXACT, plain, estimated=True), plain)
@@ -246,7 +266,8 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     assert step.error is not None
     # i: index of the next sample; due: 1 if it is stored at the beginning of this step, else 0; tried: number of attempted steps
     i, due, tried, count = (g.count(f"%{x}") for x in ("i", "due", "tried", "count"))
-    # taken: number of accepted steps; goal: time of the sample that this step must not pass; following: the same of the next step
+    # taken: number of accepted steps; goal: time of the next sample, which this step must not pass; following: time of the sample
+    # after that
     t, h, taken, goal, following = (g.leaf(f"%{x}") for x in ("t", "h", "taken", "goal", "next"))
     # later: i after this step's sample; due_later: `due` of the next step
     later, due_later, one, zero = g.count("%later"), g.count("%due_later"), g.whole(1), g.whole(0)
@@ -285,10 +306,13 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
 
 
 def _choose_step(g: Graph, error: int, sound: int, good: int) -> int:
-    """Return the value of the step size that the error of a step asks for: h clip(SAFETY / root, SHRINK, GROW), at most `longest`.
+    """Return the value of the next step size according to the error of this step.
 
-    `error` is the squared error norm, proportional to h^16, and `root` its 16th root. `sound` is true if all guards hold, and
-    `good` if the error is small enough too. The step shrinks by SHRINK if it is not sound.
+        h clip(SAFETY / root, SHRINK, GROW), at most `longest`
+
+    `error` is the squared norm of the step's error, proportional to h^16, and `root` is the 16th root of `error`. `sound` is true
+    if all guards are satisfied, and `good` if in addition the error is small enough. If the step is not sound, the next step size
+    is h SHRINK.
     """
     h, wanted = g.leaf("%h"), g.leaf("%wanted")
     root = error
@@ -298,15 +322,16 @@ def _choose_step(g: Graph, error: int, sound: int, good: int) -> int:
     most = g.make("select", g.make("mask", payload="%refused"), g.const(1.0), g.const(GROW))  # no growth after a refused step
     factor = g.maximum(g.minimum(ideal, most), g.const(SHRINK))
     new = g.mul(h, g.make("select", sound, factor, g.const(SHRINK)))
-    # a step that a sample has cut short must not reduce the next
+    # a step may have been cut short to end at a sample time: if it was good, the next step is not shorter than the size `wanted`
+    # that was chosen before it was cut
     best = g.make("select", g.both([good, g.make("lt", new, wanted)]), wanted, new)
     return g.minimum(best, g.leaf("%longest"))
 
 
 def _plan_step(g: Graph, left: int, best: int) -> int:
-    """Return the value of the next step size: `best`, or `left`, the time to the next sample, if that is not longer.
+    """Return the value of the next step size, so that a step ends at the next sample and no tiny step remains before it.
 
-    If `left` is longer than one and shorter than two best steps, it is divided into two equal steps, which avoids a tiny last step.
+    The step size is `left`, the time to the next sample, if left <= best; left / 2 if left < 2 best; and else `best`.
     """
     half = g.mul(g.const(0.5), left)
     shorter = g.make("select", g.make("lt", left, g.mul(g.const(2.0), best)), half, best)
@@ -314,9 +339,10 @@ def _plan_step(g: Graph, left: int, best: int) -> int:
 
 
 def plain_body(code: Code, integrator: str) -> Body:
-    """Build the code of a step for C or Python, which is valid for any rotation of the links.
+    """Build the code of a step for C or Python; it is valid however far the links rotate in the step.
 
-    Sines are computed by the functions of the language, and operations are not put in another order.
+    Sines are computed by the functions of the target language, and operations are not put in another order. The last reach of each
+    integrator is the one without a limit.
     """
     return Body(code, STEPS[integrator](code, REACHES[integrator][-1], library=True), plain=True)
 
@@ -325,9 +351,9 @@ def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routi
     """Build the routine `accelerate`, which computes accelerations at a state.
 
     Args:
-        plain: sines are computed by functions of the target, and operations are not put in another order.
-        margin: its last output is the smallest ratio of a pivot to its threshold, or 0 if a number is not finite. Without `margin`
-            it is 1 if the guards hold, else 0.
+        plain: whether sines are computed by functions of the target language, and operations are not put in another order.
+        margin: if True, the last output of the routine is the smallest ratio of a pivot to its threshold, or 0 if an acceleration
+            is not finite. If False, the last output is 1 if all guards are satisfied, else 0.
     """
     b = Builder(code, EXACT, library=plain)
     a = b.acceleration(b.t, b.q, b.v)
@@ -337,11 +363,11 @@ def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routi
 
 
 def settling(code: Code) -> Routine:
-    """Build the routine `settle`, which projects a state back onto the constraint rows of the program.
+    """Build the routine `settle`, which projects a state onto the constraint rows that the program keeps.
 
-    `code` must have been read for the stabilisation "projection". Positions get EXACT.corrections Newton corrections, all with the
-    Jacobian of the state that is given, and velocities get one. The guards also require that the last correction of the positions
-    is at most LAST_CORRECTION, so that what is left is rounding.
+    `code` must have been made by `read_code` for the stabilisation "projection". Positions get EXACT.corrections Newton
+    corrections, all with the Jacobian of the state that is given, and velocities get one correction. The guards also require that
+    the norm of the last correction of the positions is at most LAST_CORRECTION, so that only rounding errors remain.
     """
     b = Builder(code, EXACT)
     q, _ = b.correct_position(b.t, b.q, [], b.q)
@@ -350,9 +376,10 @@ def settling(code: Code) -> Routine:
 
 
 def _at_one_state(name: str, b: Builder, values: Sequence[int], validity: int, plain: bool) -> Routine:
-    """Build the routine name(y, p, t, out), which stores `values` in `out`, and behind them `validity`.
+    """Build the routine name(y, p, t, out), which stores the values `values` of a graph and then the value `validity` in `out`.
 
-    `validity` is a number; the routine is sound where it is positive. With `plain`, operations are not put in another order.
+    `validity` is the graph's value of a real number; the results are valid where it is positive. If `plain`, operations are neither
+    regrouped nor put in another order.
     """
     roots, g = [*values, validity], b.g
     if not plain:

@@ -1,30 +1,32 @@
-"""One step of an integrator as a graph, with its guards and, if asked for, its projection.
+"""One step of an integrator as a graph of arithmetic, with its guards and, under the stabilisation "projection", its projection.
 
-A guard is a condition that the step must meet: no pivot of the elimination is too small, and no link turns too far.
+A guard is a condition that a valid step must satisfy: no pivot of the elimination is too small, and no link turns too far.
 
-Runge-Kutta of order 4 for q'' = a(t, q, v), with the positions of the stages written out (Nystroem's form: the same numbers but for
-rounding, and q_k+1 does not wait for v_k+1):
+Runge-Kutta. The method of order 4 for q'' = a(t, q, v) has the positions of the stages written out in accelerations (Nystroem's
+form). The results are the same but for rounding, and the position of a stage does not wait for its velocity. From q, v, the step
+computes q', v' by
 
     q2 = q + h/2 v,         q3 = q2 + h^2/4 a1,   B = q + h v,   q4 = B + h^2/2 a2
     v2 = v + h/2 a1,        v3 = v + h/2 a2,      v4 = v + h a3
     q' = B + h^2/6 (a1 + a2 + a3),                v' = v + h/6 (a1 + 2 a2 + 2 a3 + a4)
 
-Sines. Sine and cosine of an angle x + d follow from those of x by a rotation by d, which is cheap for small d. They are updated so
-from stage to stage by h/2 v and h v (`Reach.step`), and by the small rest in h^2 (`Reach.bend`). Rotation after rotation would
-accumulate rounding. Sine and cosine at q are therefore also computed from scratch, beside the chain of dependent operations, and
-everything after the second stage starts from those. A step of order 8 goes farther: its later stages rotate sine and cosine from
-the position q + h/2 v.
+Sines. Sine and cosine of an angle x + d follow from those of x by a rotation by d, which is cheap for small d. In this way sines
+and cosines are updated from stage to stage: by a rotation by h/2 v or h v (at most `Reach.step`), and by a further small rotation
+of the order h^2 (at most `Reach.bend`). One rotation after the other would accumulate rounding errors. Sine and cosine at q are
+therefore also computed from the angle itself, which delays nothing, and all stages after the third start from these. In a step of
+order 8, sines and cosines of all later stages are rotated from those at the position q + h/2 v.
 
-Projection. At the end of a step q gets Newton corrections, all with the Jacobian of the last stage, whose factors are known
-already. At its beginning v is corrected with the Jacobian at q, whose factors the first stage needs anyway. Only the first stage is
-evaluated before that correction. The correction is of the size h^5 of the local error, and so does not change the order of the
-method. Samples have corrected states, and the other stages start from them.
+Projection. At the end of a step, q gets Newton corrections, all with the Jacobian of the last stage, whose factors are known
+already. At the beginning of a step, v is corrected with the Jacobian at q, whose factors the first stage needs anyway. Only the
+first stage is evaluated before the correction of v. The correction has the size h^5 of the local error, and so does not change the
+order of the method. Samples have corrected states, and the velocities of all stages but the first start from the corrected
+velocity.
 
 If rows are redundant and no step projects, the loop around the steps corrects the state in the same way after every
 `rollout.SETTLED` steps (`Builder.settle`).
 
-Gauss's collocation (`gauss_legendre`) is implicit: its positions and velocities at the stages follow from the accelerations there,
-which a fixed number of passes computes. A guard demands that the accelerations have converged.
+Gauss's collocation (`gauss_legendre`) is implicit: positions and velocities at the stages follow from the accelerations at all
+stages, which a fixed number of iterations computes. A guard checks that these accelerations have converged.
 Sources: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), sections II.1 and II.14; Hairer and Wanner,
 Solving Ordinary Differential Equations II (1996), section VII.2 (projection).
 """
@@ -45,8 +47,10 @@ from gauss_bench.terms import Array
 
 FINITE = 1e300  # a larger sum has terms that are not finite, or soon will be
 TINY = 1e-300  # keeps a divisor from being zero
-CONVERGED = 2.0**-28  # largest change of velocities in the last pass of an implicit step: less than a tenth of it is left as error
-LAST_CORRECTION = 2.0**-28  # [rad] largest norm of the last correction of positions: less than a thousandth of it is left
+# largest change of velocities in the last iteration of an implicit step; less than a tenth of it is left as error
+CONVERGED = 2.0**-28
+# [rad] largest norm of the last correction of positions; less than a thousandth of it is left as error
+LAST_CORRECTION = 2.0**-28
 
 Coefficients = Sequence[float]
 
@@ -55,8 +59,9 @@ Coefficients = Sequence[float]
 class Tableau:
     """An explicit Runge-Kutta method of s stages for q'' = a(t, q, v).
 
-    A velocity is an integral of accelerations, with the weights A or b; a position is an integral of velocities, and so has the
-    weights A A or b A of the same accelerations.
+    The method has the matrix of weights A and the final weights b. A velocity is an integral of accelerations: the accelerations
+    have the weights A in the velocities of the stages, and b in the velocity after the step. A position is an integral of
+    velocities: the accelerations have the weights A A in the positions of the stages, and b A in the position after the step.
 
     Attributes:
         c: (s,) nodes.
@@ -76,26 +81,27 @@ class Tableau:
 
 @cache
 def order_eight() -> Tableau:
-    """Return the tableau of DOP853, with the weights of accelerations in velocities and in positions."""
+    """Return the Butcher tableau of DOP853, with the weights of the stages' accelerations in velocities and in positions."""
     c, rows, b = dop853_tableau()
     A = np.zeros((len(b), len(b)))
     for k, row in enumerate(rows):
         A[k, :k] = row
+    # of the two error estimates: weights in the error of the velocity, and in the error of the position
     errors = [(e.tolist(), (e @ A).tolist()) for e in dop853_estimates()]
     return Tableau(c, A.tolist(), (A @ A).tolist(), b.tolist(), (b @ A).tolist(), errors)
 
 
 @dataclass(frozen=True)
 class Reach:
-    """The largest changes of angles in a step for which its code is valid.
+    """The largest changes of the links' angles in a step for which the code of the step is valid.
 
-    Sines and cosines that are updated by a rotation are exact to rounding up to these changes. A step with a larger change is not
-    accepted, and is repeated by code with a larger reach.
+    Sines and cosines that are updated by a rotation are exact to rounding if no change is larger. A step in which the angles change
+    by more is not accepted, and is repeated by code with a larger reach.
 
     Attributes:
-        step: largest norm of h v of the angles [rad]; infinite for code that computes every sine from scratch.
-        bend: largest norm of h^2/2 a of the angles at three stages [rad].
-        correction: largest norm of a correction of the angles [rad].
+        step: largest norm of h v over all angles [rad]; infinite for code that computes every sine and cosine from its angle.
+        bend: largest norm of h^2/2 a over all angles and three stages [rad].
+        correction: largest norm of one Newton correction of the positions over all angles [rad].
         corrections: number of Newton corrections of the positions in each step.
     """
 
@@ -110,7 +116,7 @@ class Reach:
         return isfinite(self.step)
 
 
-EXACT = Reach(inf, inf, inf, 4)  # code that computes every sine from scratch, with four Newton corrections
+EXACT = Reach(inf, inf, inf, 4)  # of code that computes every sine and cosine from its angle, with four Newton corrections
 # The series of a rotation (`trigonometry.rotate`) have an error below an eighth of a rounding up to 0.0065 rad with 2 terms, 0.0625
 # rad with 4, and 0.25 rad with 5; a step of order 8 rotates so far from its middle to either side. The series for `bend` have 1 or
 # 2 terms. Each integrator begins with its smallest reach.
@@ -138,25 +144,32 @@ def is_looped(code: Code, integrator: str) -> bool:
 
 def reaches(code: Code, integrator: str) -> tuple[Reach, ...]:
     """Return the reaches (largest changes of angles per step) for which code of a step is generated, the smallest first."""
-    if is_looped(code, integrator):
+    if is_looped(code, integrator):  # this code computes every sine and cosine from its angle, and is valid for any change
         return (EXACT,)
     first, *others = REACHES[integrator]
+    # projected steps of rk4 also have ONCE: code with a single Newton correction for the second reach
     return (first, ONCE, *others) if code.projected and integrator == "rk4" else (first, *others)
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """The values of a step in a graph. A leaf is a value that comes from outside the step, such as the old state.
+    """The values that one integration step computes, as values (node indices) of a graph of arithmetic.
+
+    A leaf is a value that comes from outside the step, such as the state at its beginning.
 
     Attributes:
-        carried: name of a leaf -> its value at the next step.
+        graph: the graph of arithmetic.
+        carried: name of a leaf that changes from step to step, such as a coordinate -> its value at the next step.
         out: q, v (2n) at the beginning of the step, to be stored as a sample.
-        regular: mask that is true where no pivot is too small; regular_out: the same for the pivots on which `out` depends.
-        within: mask that is true where the step stays within its reach and all values are finite.
-        error: squared norm of the estimated local error relative to the tolerances, proportional to h^16; None if not estimated.
-        settled: name of a leaf -> its value at the next step if the state is projected there; empty if it never is.
-        stages: leaf, a variable of a loop over the stages -> its value at the first stage, and at the next one; empty without a
-            loop.
+        regular: mask that is true where no pivot of the step is too small.
+        regular_out: mask that is true where no pivot on which `out` depends is too small.
+        within: mask that is true where the angles change by no more than the reach of the code, and all values are finite.
+        error: squared norm of the estimated local error relative to the tolerances, proportional to h^16; None if it is not
+            estimated.
+        settled: name of a leaf -> its value at the next step if the state is projected there after many steps (`rollout.SETTLED`);
+            empty if the state is never projected in this way.
+        stages: variable of a loop over the stages (a leaf) -> its value at the first stage, and its value at the next stage; empty
+            if there is no such loop.
     """
 
     graph: Graph
@@ -170,13 +183,13 @@ class Step:
     stages: dict[int, tuple[int, int]] = field(default_factory=dict)
 
     def roots(self) -> list[int]:
-        """Return all values that must be computed in every step; those in `settled` are needed in few steps only."""
+        """Return all values that must be computed in every step; the values in `settled` are needed in few steps only."""
         error = [] if self.error is None else [self.error]
         of_stages = [x for pair in self.stages.values() for x in pair]
         return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within, *error, *of_stages]
 
     def rewrite_into(self, into: Graph | None = None) -> "Step":
-        """Return the step with its arithmetic regrouped, in a graph that may have other steps already."""
+        """Return this step with its sums and products regrouped, in the graph `into`, which may have other steps, or a new one."""
         every = [*self.roots(), *self.settled.values()]
         graph, roots = rewrite(self.graph, every, into)
         moved = dict(zip(every, roots, strict=True))  # value of the old graph -> the same value in the new one
@@ -192,21 +205,26 @@ class Step:
 
 
 class Builder:
-    """Writes the stages of a step into a graph, and collects their guards.
+    """Writes the arithmetic of one integration step into a graph, and collects its guards: conditions for a valid step.
 
-    All int values are nodes of the graph. Vectors are lists of n nodes, one per coordinate; `pairs` are lists with sine and cosine
-    of each angle in `code.angles`.
+    All int values, in all methods, are nodes of the graph and stand for a number or a mask. Vectors are lists of n nodes, one for
+    each coordinate; `pairs` are lists with the nodes of sine and cosine of each angle in `code.angles`.
 
     Attributes:
-        library: whether sines are computed by functions of the target, such as those of C.
-        q, v, p, t, h: leaves of the state, the parameters, the time and the step size.
-        known: angle -> its sine and cosine, where a rotation or an earlier stage has computed them.
-        pivots: guards, masks that are true where a pivot is not too small.
-        score: terms (norm / bound)^2 for the norms that are limited; a guard requires that their sum is at most 1.
+        g: the graph.
+        library: whether sines are computed by functions of the target language, such as those of C.
+        code: the functions of the program, such as the acceleration.
+        reach: the largest changes of angles for which the step is valid.
+        n: number of coordinates.
+        q, v, p, t, h: leaves (inputs of the step) of the state, the open numbers, the time and the step size.
+        known: node of an angle -> nodes of its sine and cosine, if they were computed already.
+        pivots: guards: masks that are true where a pivot of an elimination is at least its threshold.
+        score: terms (norm / bound)^2, one for each norm that is limited; the step is valid only if their sum is at most 1
+            (`within`).
     """
 
     def __init__(self, code: Code, reach: Reach, library: bool = False):
-        """Make a graph with the leaves of a step."""
+        """Make a graph whose leaves are the inputs of one integration step."""
         self.g = g = Graph()
         self.library = library
         self.code, self.reach, self.n = code, reach, code.program.n
@@ -222,7 +240,7 @@ class Builder:
         return [self.g.leaf(f"%{letter}{i}") for i in range(self.n)]
 
     def carried_sines(self) -> list[Pair]:
-        """Return leaves for sine and cosine of each angle."""
+        """Return the leaves for sine and cosine of each angle at the beginning of the step, which the step before has computed."""
         return [(self.g.leaf(f"%s{i}"), self.g.leaf(f"%c{i}")) for i in self.code.angles]
 
     def times_h(self, factor: float, power: int = 1) -> int:
@@ -250,7 +268,11 @@ class Builder:
         return [self.g.total([self.g.mul(w, x[i]) for w, x in used]) for i in range(self.n)]
 
     def sincos(self, x: int) -> Pair:
-        """Return sine and cosine of an angle: known ones, or else computed by functions of the target or from scratch."""
+        """Return the nodes of sine and cosine of an angle x, which are stored in `known`.
+
+        If they are not known yet, they are computed: by functions of the target language if `library`, else by `trigonometry`,
+        which is valid for |x| <= LARGEST only.
+        """
         if x not in self.known and self.library:
             self.known[x] = self.g.make("sin", x), self.g.make("cos", x)
         elif x not in self.known:
@@ -259,23 +281,31 @@ class Builder:
         return self.known[x]
 
     def compute_sines(self) -> list[Pair]:
-        """Compute sines and cosines of the angles at the beginning of the step from scratch."""
+        """Compute the sines and cosines at the beginning of the step from the angles, not by a rotation."""
         self.limit([self.q[i] for i in self.code.angles], trigonometry.LARGEST)
         return [trigonometry.sincos(self.g, self.q[i]) for i in self.code.angles]
 
     def limit(self, values: list[int], bound: float, factor: int | None = None) -> None:
-        """Add the guard that the norm of some values, times the node `factor`, stays below a bound; infinite bounds need none."""
+        """Require that the norm of some values, times the node `factor`, is at most `bound`; an infinite bound requires nothing.
+
+        The square of norm / bound is added to `score`. The step is valid only if the sum of `score` is at most 1 (`within`), so
+        that no single norm exceeds its bound.
+        """
         if isfinite(bound):
             g = self.g
             weight = g.const(bound**-2) if factor is None else g.mul(g.const(bound**-2), g.mul(factor, factor))
             self.score.append(g.mul(weight, g.squares(values)))
 
     def turn(self, pairs: list[Pair], change: list[int], bound: float, to: list[int]) -> list[Pair]:
-        """Return sine and cosine of each angle after a change of the positions, rotated from `pairs` before the change.
+        """Return sine and cosine of each angle after a change of the positions, by a rotation of those before the change.
 
-        The change of each angle must be at most `bound` [rad], which the caller guards by `limit`. The results are stored in
-        `known` under the angles of the new positions `to`, so that functions of `to` use them. The list
-        is empty if the step computes sines from scratch.
+        If the step computes every sine from its angle, the result is an empty list.
+
+        Args:
+            pairs: sine and cosine of each angle before the change.
+            change: change (n,) of the positions.
+            bound: largest change of an angle [rad] for which the result is valid; the caller ensures it by `limit`.
+            to: the new positions (n,). The results are stored in `known` under their angles, so that functions of `to` use them.
         """
         if not self.reach.rotates:
             return []
@@ -292,15 +322,16 @@ class Builder:
         return [x[i] for i in self.code.angles]
 
     def acceleration(self, t: int, q: list[int], v: list[int]) -> list[int]:
-        """Return the acceleration at a stage, and add guards for the pivots of its elimination."""
+        """Return the acceleration at a stage, and add the guards that the pivots of its elimination are not too small."""
         a, guard = inline(self.g, self.code.acceleration, ([t], q, v, self.p), self.sincos)
         self._watch(guard, self.code.program.thresholds)
         return a
 
     def directions(self, t: int, q: list[int], v: list[int]) -> list[list[int]]:
-        """Return for each independent coordinate a velocity that the constraints allow, the free motion along it.
+        """Return for each independent coordinate its free motion: a velocity (n,) that the constraints allow.
 
-        In it this coordinate has the velocity 1, and the other independent coordinates have 0. Add guards for the pivots.
+        In the free motion of an independent coordinate, this coordinate has the velocity 1, and every other independent coordinate
+        has the velocity 0. Guards are added that the pivots of the elimination are not too small.
         """
         g, free = self.g, self.code.program.independent
         *motions, guard = inline(g, self.code.program.directions, ([t], q, v, self.p), self.sincos)
@@ -308,24 +339,25 @@ class Builder:
         return [[g.div(x, motion[k]) for x in motion] for k, motion in zip(free, motions, strict=True)]
 
     def constrain(self, t: int, q: list[int], v: list[int], a: list[int], z: list[int]) -> list[int]:
-        """Return the accelerations that satisfy the constraint rows and whose independent components are z.
+        """Return the accelerations (n,) that satisfy the constraint rows and whose independent components are z.
 
-        The accelerations `a` satisfy the rows; they are shifted along each free motion until the component is reached.
+        The given accelerations `a` (n,) satisfy the constraint rows at t, q, v. They are changed by a multiple of each free motion,
+        so that each independent component gets its value in z; the constraint rows stay satisfied.
         """
         for k, wanted, motion in zip(self.code.program.independent, z, self.directions(t, q, v), strict=True):
             a = self.along(a, self.g.sub(wanted, a[k]), motion)
         return a
 
     def newton(self, q: list[int], v: list[int], a: list[int], A: Array) -> Callable[[list[list[int]]], list[list[int]]]:
-        """Return a function that solves for the changes (s, f) of the f independent accelerations of all s stages.
+        """Return a function that computes Newton's corrections (s, f) of the f independent accelerations at all s stages.
 
         The function takes the errors (s, f) of these accelerations, and solves
 
-            (1 - h^2 kron(A A, K) - h kron(A, D)) change = error
+            (1 - h^2 kron(A A, K) - h kron(A, D)) correction = error
 
-        A is the method's matrix of weights (s, s). K and D (f, f) are the derivatives of the independent accelerations along the
-        free motions by positions and by velocities. They are taken by differences at the state q, v, whose acceleration is a, for
-        all stages.
+        A (s, s) is the matrix of weights of the Runge-Kutta method. K and D (f, f) are the derivatives of the independent
+        accelerations with respect to displacements and to velocities along the free motions. These derivatives are computed by
+        finite differences at the state q, v, whose acceleration is a, and are used for all stages.
         """
         g, free = self.g, self.code.program.independent
         moved, per = g.const(DIFFERENCE), g.const(1 / DIFFERENCE)  # displacement of a difference, and its inverse
@@ -341,14 +373,14 @@ class Builder:
         places = [(i, k) for i in range(len(A)) for k in range(len(free))]  # (stage, free motion) of each unknown
 
         def entry(i: int, k: int, j: int, l: int) -> int:
-            """Return the entry in the row of stage i, motion k and the column of stage j, motion l."""
+            """Return the entry of Newton's matrix in the row of stage i, free motion k and the column of stage j, free motion l."""
             stiff = g.add(g.mul(self.times_h(float((A @ A)[i, j]), 2), K[k][l]), g.mul(self.times_h(float(A[i, j])), D[k][l]))
             return g.sub(g.const(float((i, k) == (j, l))), stiff)
 
         solve = self.factorise([[entry(*row, *column) for column in places] for row in places])
 
         def solve_stages(errors: list[list[int]]) -> list[list[int]]:
-            """Return the changes (s, f) for errors (s, f)."""
+            """Return the corrections (s, f) of the independent accelerations at the stages for their errors (s, f)."""
             x = solve([y for row in errors for y in row])
             return [x[i * len(free) : (i + 1) * len(free)] for i in range(len(A))]
 
@@ -381,7 +413,7 @@ class Builder:
         return solve
 
     def _watch(self, guard: list[int], thresholds: Array) -> None:
-        """Add the guards that pivots are not below their thresholds; constant pivots need none."""
+        """Add the guards that pivots are not below their thresholds; a pivot that is constant needs no guard."""
         g = self.g
         for pivot, threshold in zip(guard, thresholds, strict=True):
             if g.number(pivot) is None:
@@ -398,8 +430,8 @@ class Builder:
     def correct_velocity(self, q: list[int] | None = None) -> list[int]:
         """Return the velocity at the beginning of the step.
 
-        Under the stabilisation "projection" it is projected onto the constraints at the positions q, by default those at the
-        beginning of the step.
+        Under the stabilisation "projection", this velocity is projected onto the constraints at the positions q. If q is None, the
+        positions at the beginning of the step are used.
         """
         if not self.code.projected:
             return self.v
@@ -408,13 +440,14 @@ class Builder:
         return nearest
 
     def correct_position(self, t: int, q: list[int], pairs: list[Pair], at: list[int]) -> tuple[list[int], list[Pair]]:
-        """Return the positions and their sines; under the stabilisation "projection" they are projected onto the constraints.
+        """Return positions q with the sines and cosines of their angles; under "projection", after Newton corrections of q.
 
         Args:
             t: time of the positions.
-            pairs: sine and cosine of each angle at q; empty if they are computed from scratch.
-            at: positions whose Jacobian all corrections use, usually those of the last stage. Pass the list `q` itself if no stage
-                was evaluated at q or near.
+            q: positions (n,) that are corrected.
+            pairs: sine and cosine of each angle at q; empty if the step computes every sine from its angle.
+            at: positions at which the Jacobian of all corrections is evaluated, usually those of the last stage. Pass the same list
+                object as `q` if no stage was evaluated at q or near q.
         """
         if not self.code.projected:
             return q, pairs
@@ -427,21 +460,21 @@ class Builder:
             q = self.plus(q, dq)
             last = k == self.reach.corrections - 1
             bound = min(self.reach.correction, LAST_CORRECTION if last else inf)
-            self.limit(self.of_angles(dq) or dq, bound)  # without angles, of all coordinates
+            self.limit(self.of_angles(dq) or dq, bound)  # if no coordinate is such an angle, all coordinates are limited
             pairs = self.turn(pairs, dq, bound, q)
         return q, pairs
 
     def within(self, v: list[int]) -> int:
-        """Return the mask that is true where all limited norms stay within their bounds and v is finite."""
+        """Return the mask that is true where the sum of `score` is at most 1 (no norm exceeds its bound) and v is finite."""
         g = self.g
         # one sum tests all of v: it is infinite or NaN, and fails the comparison, if a component is
         score = g.make("le", g.total(self.score), g.const(1.0))
         return g.both([score, g.make("le", g.abs(g.total(v)), g.const(FINITE))])
 
     def step(self, q: list[int], v: list[int], pairs: list[Pair], out_v: list[int], out_pivots: list[int]) -> Step:
-        """Return the step that ends at positions q and velocities v with the sines `pairs`.
+        """Return the step that ends at positions q and velocities v; `pairs` has sine and cosine of each angle of q.
 
-        The sample at its beginning has the velocity `out_v`, which is valid if the masks `out_pivots` are true.
+        The sample at the beginning of the step has the velocity `out_v`, which is valid where the masks `out_pivots` are true.
         """
         g, regular_out = self.g, self.g.both(out_pivots if self.code.projected else [])
         regular, within = g.both(self.pivots), self.within(v)
@@ -449,16 +482,20 @@ class Builder:
         return Step(g, self.carried(q, v, pairs), [*self.q, *out_v], regular, regular_out, within, settled=settled)
 
     def carried(self, q: list[int], v: list[int], pairs: list[Pair]) -> dict[str, int]:
-        """Return the variables that a step hands to the next one: name of a leaf -> its value at the beginning of the next step."""
+        """Return the variables that a step hands to the next one: name of a leaf -> its value at the beginning of the next step.
+
+        `pairs` has sine and cosine of each angle of q. It is empty if the next step computes them from the angles.
+        """
         carried = {f"%q{i}": x for i, x in enumerate(q)} | {f"%v{i}": x for i, x in enumerate(v)}
         for i, (s, c) in zip(self.code.angles, pairs, strict=False):
             carried |= {f"%s{i}": s, f"%c{i}": c}
         return carried
 
     def settle(self, q: list[int], v: list[int], pairs: list[Pair]) -> tuple[list[int], list[int], list[Pair]]:
-        """Return positions, velocities and sines at the end of the step, projected onto the constraints by one correction.
+        """Return positions, velocities, and sines and cosines at the end of the step, projected by one correction.
 
-        There are no guards for it here, because the next step begins at these values and checks its own pivots there.
+        No guards for the pivots of this projection are added, because the next step begins at the projected state and checks its
+        pivots at this state.
         """
         g, end = self.g, self.g.add(self.t, self.h)
         # the correction has the Jacobian of the first two arguments, time and positions, and corrects the positions of the others
@@ -472,7 +509,8 @@ class Builder:
 def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     """Write one step of the classical Runge-Kutta method, by the formulas at the head of this file.
 
-    `pairs2` and `pairs_B` are sines and cosines at q2 and B, `pairs` those at the end.
+    `pairs2` and `pairs_B` are the sines and cosines at the positions q2 and B of these formulas; `pairs` are the sines and cosines
+    at the end of the step.
     """
     b = Builder(code, reach, library=library)
     g, q, u = b.g, b.q, b.v  # u is the velocity before its correction v: a1 and q2 use u, in order not to wait for v
@@ -489,7 +527,7 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     q3 = b.along(q2, b.times_h(0.25, 2), a1)
     b.turn(pairs2, b.times(b.times_h(0.25, 2), a1), reach.bend, q3)
     a3 = b.acceleration(middle, q3, b.along(v, half, a2))
-    # from here on, sines start from those at q that are computed from scratch
+    # from here on, sines and cosines are rotated from those at q that are computed from the angles themselves
     pairs_B = b.turn(b.compute_sines() if reach.rotates else [], b.times(h, v), reach.step, B)
     q4 = b.along(B, b.times_h(0.5, 2), a2)
     b.turn(pairs_B, b.times(b.times_h(0.5, 2), a2), reach.bend, q4)
@@ -507,19 +545,20 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
 
 
 def rk4_looped(code: Code) -> Step:
-    """Write one step of the classical Runge-Kutta method, with one acceleration in a loop over the stages.
+    """Write one step of the classical Runge-Kutta method; the code of the acceleration occurs once, in a loop over the stages.
 
-    Stage j = 0, 1, 2, 3 is at the position x, the velocity u and the time s. It adds w u and w a to the sums X and U, with
-    w = 1, 2, 2, 1. The next stage is at q + c u, v + c a and the time t + c, with c = h/2, h/2, h. The step ends at q + h/6 X and
-    v + h/6 U.
+    Stage j = 0, 1, 2, 3 is at the position x, the velocity u and the time s, and has the acceleration a. X is the sum of w u, and U
+    is the sum of w a, over all stages, with the weights w = 1, 2, 2, 1. The next stage is at q + c u, v + c a and the time t + c,
+    with c = h/2, h/2, h. The step ends at q + h/6 X and v + h/6 U.
     """
     b = Builder(code, EXACT)
     g, q, h = b.g, b.q, b.h
     first_v = b.correct_velocity()
     if code.projected:
         b.acceleration(b.t, q, b.v)  # for its guards, which the corrected velocity needs
-    out_pivots, b.pivots = list(b.pivots), []  # the loop collects guards of its own
-    # variables of the loop: vectors, number and time of the stage, and a mask that is true while all guards so far hold
+    # guards of the sample at the beginning of the step; the body of the loop collects its own in b.pivots
+    out_pivots, b.pivots = list(b.pivots), []
+    # variables of the loop: vectors, number and time of the stage, and a mask: all guards of the stages so far are satisfied
     x, u, X, U = (b.vector(letter) for letter in "xuXU")
     stage, s, steady = g.count("%stage"), g.leaf("%s"), g.make("mask", payload="%steady")
     # body of the loop, with c = h/2 in the stages 0 and 1, and w = 2 in the stages 1 and 2
@@ -548,8 +587,9 @@ def rk4_looped(code: Code) -> Step:
 def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step:
     """Write one step of v' = v + h a(q, v), q' = q + h v'.
 
-    Under the stabilisation "projection", v and q' are corrected. The sines at q' are rotated by h v' from those at q, computed from
-    scratch, and the next step begins with them; the norm of h v' must stay below `reach.step`.
+    Under the stabilisation "projection", v and q' are corrected. The sines and cosines at q' are those at q, which are computed
+    from the angles, rotated by the angles of h v'. The next step begins with the rotated values. The norm of h v' over all angles
+    must be at most `reach.step`.
     """
     b = Builder(code, reach, library=library)
     g, q = b.g, b.q
@@ -568,15 +608,19 @@ def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step
 def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = False) -> Step:
     """Write one step of Dormand and Prince of order 8, twelve stages, with the positions of the stages written out as in `rk4`.
 
-    With `estimated`, formulas of order 5 and 3 over the same stages give the error. The tolerances are the leaves "%rtol" and
-    "%atol". y and y' are the states (2n,) before and after the step:
+    If `estimated`, formulas of order 5 and 3 over the same stages give the error of the step. The tolerances atol and rtol are the
+    leaves "%atol" and "%rtol" of the graph. With the states y and y' (2n,) before and after the step:
 
-        error = h^2 e5^4 / ((e5^2 + e3^2 / 100) 2 n),   e5, e3 norms of differences / (h (atol + rtol max(|y|, |y'|)))
+        error = h^2 e5^4 / ((e5^2 + e3^2 / 100) 2 n)
+
+    e5 and e3 are the norms of the differences of y' from the results of order 5 and 3, each component divided by h (atol + rtol
+    max(|y|, |y'|)).
     """
     b, method = Builder(code, reach, library=library), order_eight()
     g, q, u, h = b.g, b.q, b.v, b.times_h(1.0)  # u is the velocity before its correction v
     b.share(q, b.compute_sines() if reach.rotates else [])
-    # sines at q + h/2 u, from which those of the stages are rotated; `turned` collects the angles of these rotations for a guard
+    # `middle`: sines and cosines at q + h/2 u, from which those of the stages are rotated; `turned` collects the angles of these
+    # rotations, which are limited below
     to_middle, turned = b.times(b.times_h(0.5), u), list[int]()
     middle = [b.sincos(x) for x in b.of_angles(b.along(q, b.times_h(0.5), u))] if reach.rotates else []
     v = b.correct_velocity()
@@ -584,13 +628,20 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
     out_pivots = list(b.pivots)  # guards of the sample at q, v
 
     def rotate_sines(x: list[int], moved: list[int]) -> list[Pair]:
-        """Return the sines at positions x = q + moved, rotated from those at the middle; add the angles of rotation to `turned`."""
+        """Return sines and cosines at positions x = q + moved, by a rotation of those at q + h/2 u, the middle of the step.
+
+        The angles of the rotation are added to `turned`.
+        """
         from_middle = [g.sub(d, half) for d, half in zip(moved, to_middle, strict=True)]
         turned.extend(b.of_angles(from_middle))
         return b.turn(middle, from_middle, reach.step, x)
 
     def at(c: float, weights: Coefficients, twice: Coefficients) -> tuple[list[int], list[int]]:
-        """Return displacement and velocity at the fraction c of the step: c h v + h^2 sum twice_k a_k, v + h sum weights_k a_k."""
+        """Return displacement and velocity at the fraction c of the step, from the accelerations a_k of the stages so far.
+
+        The displacement is c h v + h^2 sum_k twice_k a_k, and the velocity is v + h sum_k weights_k a_k. `twice` are the weights of
+        accelerations that are integrated twice.
+        """
         moved = b.along(b.times(b.times_h(c), v), b.times_h(1.0, 2), b.weighted(a, twice))
         return moved, b.along(v, h, b.weighted(a, weights))
 
@@ -610,7 +661,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
 
 
 def _error(b: Builder, a: list[list[int]], old: list[int], new: list[int]) -> int:
-    """Return the square of a step's estimated error over the allowed one, by the formula of `dop853`.
+    """Return the square of the ratio of a step's estimated error to the allowed error, by the formula of `dop853`.
 
     Args:
         a: (s, n) accelerations of the stages.
@@ -633,18 +684,19 @@ def _error(b: Builder, a: list[list[int]], old: list[int], new: list[int]) -> in
 def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
     """Write one step of Gauss's collocation with three stages, order 6, implicit, for springs and dampers that are stiff.
 
-    A motion can be stiff only along the free motions N, because constraints and not forces determine all other directions. The
-    unknowns of a stage are its independent accelerations z, the components of the independent coordinates. The accelerations of all
-    coordinates that satisfy the constraint rows at the stage are then a + N (z - a). Each pass solves
+    A motion can be stiff only along the free motions N (n, f), because constraints and not forces determine all other directions.
+    The unknowns of a stage are its independent accelerations z (f,): the accelerations of the independent coordinates. If a (n,) is
+    the acceleration that is evaluated at the stage, a + N (z - a_f) satisfies the constraint rows and has the independent
+    components z; a_f (f,) are the independent components of a. Each iteration of Newton's method solves
 
-        (1 - h^2 kron(A A, K) - h kron(A, D)) dz = a - z
+        (1 - h^2 kron(A A, K) - h kron(A, D)) dz = a_f - z
 
-    for the changes dz of z, with the independent components of a on the right. A is the method's matrix. K and D are the
-    derivatives of these components along N by positions and by velocities, taken by differences at the beginning of the step. A
-    step is accepted only if the change of velocities in its last pass is below CONVERGED.
+    for the corrections dz of z at all stages. A is the method's matrix of weights. K and D are the derivatives of a_f with respect
+    to displacements and to velocities along N, computed by finite differences at the beginning of the step. A step is accepted only
+    if the last iteration changes the velocities by less than CONVERGED.
 
-    A linkage whose inputs are all driven has no free motions. Each pass then replaces the accelerations of the stages by those that
-    are evaluated there.
+    A linkage whose inputs are all driven has no free motions. In each iteration, the accelerations of the stages are then replaced
+    by the accelerations evaluated at the states of the stages.
     Source: Hairer and Wanner, Solving Ordinary Differential Equations II (1996), sections IV.5 and IV.8.
     """
     b, (nodes, A, weights) = Builder(code, reach, library=library), gauss_tableau()

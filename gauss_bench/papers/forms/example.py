@@ -1,10 +1,11 @@
-"""Yuan & Ge (2016), eqs. (17) to (24), and their discrepancies from motions of the linkage file.
+"""Yuan & Ge (2016), eqs. (17) to (24), compared with motions that are computed from the linkage file `crank_slider`.
 
-All equation numbers in this file are those of the paper; `residual`, `jacobian` and others of `crank_slider` are its equations. The
-argument `form` of a measure is the formula or number that is tested, as printed or as corrected.
+All equation numbers in this file are those of the paper. The paper's equations are the functions of the module `crank_slider`, such
+as `residual` and `jacobian`. The argument `form` of a measure (a function NAME_off) is the formula or number that is tested, either
+as printed or as corrected.
 
-The last measures concern data that the example leaves out: inertias, gravity and an integrator. The printed form has other values
-for these data, and its discrepancy is the change that they cause.
+The last measures concern data that the paper leaves out: inertias, gravity and an integrator. In place of a printed form they have
+other values of these data that a reader might assume, and the discrepancy is the change that these values cause.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,24 +36,27 @@ def moving_states() -> tuple[ExampleState, ...]:
 
 
 def mass_off(form: Callable[[], Array]) -> float:
-    """Compare the diagonal of M with that of the linkage file."""
+    """Return the largest relative difference between the diagonal of M, eq. (17), and that of the linkage file."""
     true = linkage().mass[list(KEPT)]
     return float(np.abs(form() / true - 1).max())
 
 
 def power_off(s: ExampleState, f: Array | float, a: Array) -> float:
-    """Return the power of M a + f - Q along the motion, relative to its terms; constraint forces have no power there."""
+    """Return the power v . (M a + f - Q) at the state s, relative to its terms.
+
+    The power is zero for the true accelerations a and the true f, because M a + f - Q is the constraint force, which has no power.
+    """
     inertia = crank_slider.mass() * a
     return float(abs(s.v @ (inertia + f - s.Q)) / (np.abs(s.v) @ (np.abs(inertia) + np.abs(s.Q))))
 
 
 def bias_off(f: float, s: ExampleState) -> float:
-    """Return the relative power that eq. (20), M a + f = Q - J^T lambda, leaves unexplained if every row has the same f."""
+    """Return the relative error of the power balance of eq. (20), M a + f = Q - J^T lambda, if each entry of f is the number f."""
     return power_off(s, f, s.a)
 
 
 def order_off(order: list[int], s: ExampleState) -> float:
-    """Return the relative power that eq. (20) leaves unexplained if the accelerations stand in this order of the coordinates."""
+    """Return the relative error of the power balance of eq. (20) if the accelerations are listed in this order of coordinates."""
     return power_off(s, 0.0, s.a[order])
 
 
@@ -67,9 +71,9 @@ def positions_off(form: Callable[[Number], Number], s: ExampleState) -> float:
 
 
 def jacobian_off(form: Callable[[Number], Number], s: ExampleState) -> float:
-    """Return the largest difference of a Jacobian, a function of q, from the derivatives of eq. (21), but for entry (6, 6).
+    """Return the largest difference of a Jacobian, a function of q, from the derivatives of eq. (21), except for entry (6, 6).
 
-    The paper prints this entry wrongly; it is a line of its own.
+    The paper prints entry (6, 6) wrongly. It is another line of the audit, which `entry_off` measures.
     """
     difference = np.abs(form(s.q) - gradient(crank_slider.residual, s.q))
     difference[5, 5] = 0.0
@@ -77,10 +81,12 @@ def jacobian_off(form: Callable[[Number], Number], s: ExampleState) -> float:
 
 
 def entry(form: dict[str, Any], q: Array) -> float:
-    """Return one version of entry (6, 6) of the Jacobian (22): factor * l2/2 * of(q[angle]).
+    """Return one version of entry (6, 6) of the Jacobian, eq. (22) of the paper: factor * l2/2 * sin or cos of an angle.
 
     Args:
-        form: `of` is "sin" or "cos", `angle` the index of the angle (that of the rod if missing), `factor` 1 if missing.
+        form: has the key `of`, "sin" or "cos". It may have `angle`, the index of the angle in q (5, the rod's, if missing), and
+            `factor` (1 if missing).
+        q: (7,) positions in the paper's coordinates.
     """
     return float(form.get("factor", 1) * L2 / 2 * getattr(np, form["of"])(q[form.get("angle", 5)]))
 
@@ -91,27 +97,35 @@ def entry_off(form: dict[str, Any], s: ExampleState) -> float:
 
 
 def row_off(squared: list[str], s: ExampleState, rows: list[int]) -> float:
-    """Return the largest residual of some rows (counted from 1) of J a = g at a reference motion, relative to its accelerations.
+    """Return the largest residual of some rows of J a = g at a reference motion, relative to its largest acceleration.
 
-    J has the derivatives of eq. (21), and g of eq. (23) contains the squares of angular velocities if `squared` is ["v"]. In some
-    rows the paper prints squares of accelerations, ["a"].
+    J has the derivatives of eq. (21).
+
+    Args:
+        squared: name of the rates whose squares stand in g, eq. (23): ["v"] for velocities, which is right, or ["a"] for
+            accelerations, which the paper prints in some rows.
+        s: state of the reference motion.
+        rows: numbers of the rows, counted from 1.
     """
+    # getattr(s, *squared) is s.v or s.a
     off = crank_slider.bias(s.q, getattr(s, *squared)) - gradient(crank_slider.residual, s.q) @ s.a
     return float(np.abs(off)[[row - 1 for row in rows]].max() / np.abs(s.a).max())
 
 
 def crank_with_entry(form: dict[str, Any]) -> float:
-    """Return the crank's initial acceleration [rad/s^2] if entry (6, 6) of the Jacobian is that of `form` (see `entry`)."""
-    s, zero = states()[0], np.zeros(6)
+    """Return the crank's initial acceleration [rad/s^2] if entry (6, 6) of the Jacobian is as `form` describes it (see `entry`)."""
+    s, zero = states()[0], np.zeros(6)  # the initial state; the constraints are satisfied: their residuals and rates are zero
     J = crank_slider.jacobian(s.q)
     J[5, 5] = entry(form, s.q)
     return float(lagrange(Terms(np.diag(crank_slider.mass()), J, s.Q, crank_slider.bias(s.q, s.v), zero, zero)).a[CRANK])
 
 
 def start_off(form: list[float]) -> float:
-    """Return the error of a start q (7,) at rest, divided by DIMENSION.
+    """Return the error of the paper's initial position q (7,) and of its statement that the linkage starts at rest.
 
-    It is the largest of the residual of eq. (21), of the distance from the linkage file's start, and of the velocities there.
+    The error is the largest of three numbers, divided by DIMENSION [m], the size of the linkage: the residual of the constraints,
+    eq. (21), at q; the largest difference between q and the initial position in the linkage file; and the largest initial velocity
+    in the linkage file.
     """
     own, start = linkage(), np.array(form)
     residual = np.abs(crank_slider.residual(start)).max()
@@ -119,17 +133,18 @@ def start_off(form: list[float]) -> float:
 
 
 def figures_off(form: list[int]) -> float:
-    """Return by how many figures the range [first, last] differs from figures 2 to 5, which show the motion of the crank's centre.
+    """Return the error of a claim that the figures with the numbers form = [first, last] show the motion of the crank's centre.
 
-    Figures in the range that do not show the centre count, and so do figures outside the range that show it. Figures 2 to 5 show
-    displacement and velocity of the centre in x and y; figure 1 is the drawing.
+    In fact the paper's figures 2 to 5 show displacement and velocity of the crank's centre in x and y; figure 1 is the drawing of
+    the linkage. The error is the number of figures in the claimed range that do not show the centre, plus the number of figures
+    outside the range that show it.
     """
     first, last = form
     return float(len({2, 3, 4, 5} ^ set(range(first, last + 1))))
 
 
 def accelerate(p: Problem, bars: Sequence[float] = (1.0, 1.0), gravity: float = GRAVITY) -> float:
-    """Return the crank's acceleration [rad/s^2] in a problem with other data.
+    """Return the crank's acceleration [rad/s^2] in a problem of the crank-slider with other inertias or another gravity.
 
     Args:
         bars: inertias of crank and rod, as multiples of those of uniform bars.
@@ -142,12 +157,18 @@ def accelerate(p: Problem, bars: Sequence[float] = (1.0, 1.0), gravity: float = 
 
 
 def data_off(form: dict[str, Any], p: Problem) -> float:
-    """Return the relative change of the crank's acceleration with the data `form`, which the paper does not give (`accelerate`)."""
+    """Return the relative change of the crank's acceleration if data that the paper does not give have the values in `form`.
+
+    `form` has arguments of `accelerate`.
+    """
     return float(abs(accelerate(p, **form) / p.a[CRANK] - 1))
 
 
 def crank_with(form: dict[str, Any]) -> float:
-    """Return the crank's initial acceleration [rad/s^2] with the data `form`, which the paper leaves out."""
+    """Return the crank's initial acceleration [rad/s^2] if data that the paper does not give have the values in `form`.
+
+    `form` has arguments of `accelerate`.
+    """
     return accelerate(crank_problems()[0], **form)
 
 
@@ -166,7 +187,10 @@ def high_order(motion: CrankMotion) -> float:
 
 @cache
 def reference_motion() -> Reference:
-    """Return the reference motion up to SHOWN: a certified one, or one by two integrators of high order."""
+    """Return the reference motion up to the time SHOWN [s].
+
+    This is a certified motion if there is one, else a motion that is computed now by two integrators of high order.
+    """
     return find_certified(linkage(), SHOWN) or build_reference(linkage(), SHOWN)
 
 

@@ -5,10 +5,12 @@
     G = 1/2 |A h - b|^2,    A = M^(1/2) N,    b = -(M^(1/2) J^- g + M^(-1/2) (f - Q))                       (9)-(11)
     h = A^- b + (I - A^- A) w,    a = J^- g + N A^- b                                                      (12)-(14)
 
-J^- is any matrix with J J^- J = J unless another inverse is named; the Moore-Penrose inverse J^+ is one of them.
+M a + f = Q - J^T lambda and J a = g are the equations of motion and of the constraints. J^- is any generalised inverse, a matrix
+with J J^- J = J, such as the Moore-Penrose inverse J^+; h and w are arbitrary vectors (n,).
 
-Equation numbers are those of the paper. The argument `form` of a measure is the formula, exponent or inverse that is tested, as
-printed or as corrected.
+Equation numbers are those of the paper. The argument `form` of a measure is the formula, exponent or inverse that is tested, either
+as printed or as corrected. The exponents of M that are tested are those in A and in the first term of b; eqs. (10) and (11) print
+-1/2 for both instead of 1/2.
 """
 
 from collections.abc import Callable
@@ -67,13 +69,19 @@ def root_function(p: Problem, a: Number, extra: Array | float = 0.0) -> Number:
 
 
 def slope(p: Problem, G: Callable[[Number], Number], a: Array) -> float:
-    """Return the slope of G at a along the accelerations that the constraints allow, relative to the full gradient."""
+    """Return the gradient of a function G of the accelerations at a, projected on the directions that the constraints allow.
+
+    The result is the largest component of the projected gradient, divided by the largest component of the full gradient.
+    """
     full = gradient(G, a)
     return float(np.abs(projector(p) @ full).max() / np.abs(full).max())
 
 
 def stationary(form: Callable[[Problem, Number], Number], p: Problem) -> float:
-    """Return the slope, which should be 0, of a formula for Gauss's function at the true accelerations."""
+    """Return the projected gradient (`slope`) of a formula for Gauss's function at the true accelerations, where it should be 0.
+
+    `form(p, a)` is the formula, for the problem p and the accelerations a.
+    """
     return slope(p, lambda a: form(p, a), p.a)
 
 
@@ -84,9 +92,10 @@ def same_function(form: Callable[[Problem, Number], Number], x: Trial) -> float:
 
 
 def stationary_with(form: Callable[[Problem, Number, Array], Number], x: Trial) -> float:
-    """Return the slope, which should be 0, of eq. (3) at the true accelerations with random constraint forces that do work.
+    """Return the projected gradient (`slope`) of Gauss's function, eq. (3), at the true accelerations, where it should be 0.
 
-    `form(p, a, extra)` is Gauss's function with constraint forces `extra`. In the true motion they act like applied forces.
+    Eq. (3) has constraint forces that do work, random ones (n,) here. `form(p, a, extra)` is Gauss's function with the constraint
+    forces `extra`. In the true motion, constraint forces that do work act like applied forces, and are added to Q.
     """
     p, extra = x.p, x.rng.normal(size=x.p.n)
     true = solve_problem(p.M, p.f, p.Q + extra, p.J, p.g, p.rank).a
@@ -102,9 +111,9 @@ def differentiate(rate: Rate, q: Array, v: Array) -> Array:
 
 
 def list_motions() -> list[tuple[Rate, Array, Array, Array]]:
-    """Return reference motions: rates of the constraints as a function of q and v, and q, v, a at an instant.
+    """Return states of reference motions of the crank-slider, and of a knife edge that moves on a circle.
 
-    They are motions of the crank-slider, and one of a knife edge that moves on a circle.
+    Each state has four items: the rates of the constraints as a function of q and v, and q, v, a at one instant.
     """
 
     def slider(q: Number, v: Number) -> Number:
@@ -117,26 +126,31 @@ def list_motions() -> list[tuple[Rate, Array, Array, Array]]:
 
     radius, omega, theta = 0.7, 3.0, 0.4  # [m], [rad/s], [rad] of the circular motion
     along, across = np.array([np.cos(theta), np.sin(theta)]), np.array([-np.sin(theta), np.cos(theta)])
+    # at this instant the knife edge is at the origin, and the centre of the circle is at the distance `radius` across its direction
     on_circle = np.array([0.0, 0.0, theta]), np.append(radius * omega * along, omega), np.append(radius * omega**2 * across, 0.0)
     moving = crank_slider.states()[1:]  # without the start, which is at rest
     return [(slider, s.q, s.v, s.a) for s in moving] + [(blade, *on_circle)]
 
 
 def bias_left(form: Callable[[Rate, Array, Array], Array], motion: tuple[Rate, Array, Array, Array]) -> float:
-    """Compare g, computed by a formula from the constraint rates, q and v, with J a of a reference motion from `list_motions`."""
+    """Compare the right-hand side g of J a = g with J a at a state of a reference motion (`list_motions`).
+
+    `form` is a formula that computes g from the function `rate` of the constraint rates and from q and v.
+    """
     rate, q, v, a = motion
     return relative(form(rate, q, v), gradient(lambda x: rate(q, x), v) @ a)
 
 
 def general_solution(p: Problem, J_inverse: Array, h: Array) -> Array:
-    """Return the accelerations of eq. (8), a = J^- g + (I - J^- J) h, for any vector h (n,)."""
+    """Return the accelerations a = J^- g + (I - J^- J) h, eq. (8), for a generalised inverse J^- of J and a vector h (n,)."""
     return J_inverse @ p.g + (np.eye(p.n) - J_inverse @ p.J) @ h
 
 
 def every_solution(form: Callable[[Problem, Array, Array], Array], x: Trial) -> float:
-    """Return the larger error of two: that every h gives a solution of J a = g, and that h = a gives the solution a itself.
+    """Return the larger of the errors of two statements about a formula for eq. (8), a = X g + (I - X J) h.
 
-    `form(p, X, h)` returns accelerations, with X a generalised inverse of J and h (n,) any vector, as eq. (8) does.
+    The first statement is that a random vector h gives a solution of J a = g. The second is that the true accelerations p.a as h
+    give p.a itself. `form(p, X, h)` returns accelerations; X is a random generalised inverse of J.
     """
     p, X = x.p, some_inverse(x.p.J, x.rng)
     a = form(p, X, x.rng.normal(size=p.n))
@@ -152,9 +166,10 @@ def least_squares_residual(A: Array, x: Array, b: Array) -> float:
 
 
 def contradicting_rows(form: Inverse, x: Trial) -> float:
-    """Return the least-squares residual of eq. (8) for redundant rows whose right-hand sides contradict each other by a tenth.
+    """Return the least-squares residual of J a = g for accelerations a by eq. (8), where redundant rows contradict each other.
 
-    `form` is the generalised inverse in eq. (8).
+    The problem has redundant rows of J. Random numbers, about a tenth of the largest right-hand side, are added to the right-hand
+    sides g, so that J a = g has no solution. `form` computes the generalised inverse in eq. (8).
     """
     p, rng = x.p, x.rng
     noisy = replace(p, g=p.g + 0.1 * np.abs(p.g).max() * rng.normal(size=len(p.g)))
@@ -163,35 +178,38 @@ def contradicting_rows(form: Inverse, x: Trial) -> float:
 
 
 def matrix(p: Problem, exponent: float = 0.5) -> Array:
-    """Return A of eq. (10) with this exponent of M."""
+    """Return A = M^exponent N, eq. (10) of the paper if the exponent is 1/2."""
     return power(p.M, exponent) @ projector(p)
 
 
 def vector(p: Problem, exponent: float = 0.5) -> Array:
-    """Return b of eq. (11) with this exponent of M in its first term."""
+    """Return b = -(M^exponent J^+ g + M^(-1/2) (f - Q)), eq. (11) of the paper if the exponent is 1/2."""
     return -(power(p.M, exponent) @ pinv(p.J) @ p.g + power(p.M, -0.5) @ (p.f - p.Q))
 
 
 def matrix_off(exponent: float, p: Problem) -> float:
-    """Compare A with this exponent of M with the factor of h that eq. (2) has after eq. (8) is inserted: M^(-1/2) M N."""
+    """Return the relative error of A = M^exponent N against its derivation: the factor of h if eq. (8) is inserted in eq. (2).
+
+    This factor is M^(-1/2) M N.
+    """
     return relative(matrix(p, exponent), power(p.M, -0.5) @ p.M @ projector(p))
 
 
 def vector_off(exponent: float, p: Problem) -> float:
-    """Compare b with this exponent of M with minus the terms without h that eq. (2) has after eq. (8) is inserted.
+    """Return the relative error of b with the given exponent of M in its first term, against the derivation of b.
 
-    These terms are M^(-1/2) (M J^- g + f - Q).
+    If eq. (8) is inserted in eq. (2), the terms without h are M^(-1/2) (M J^- g + f - Q), and b is minus these terms.
     """
     return relative(vector(p, exponent), power(p.M, -0.5) @ (p.Q - p.f - p.M @ pinv(p.J) @ p.g))
 
 
 def acceleration(p: Problem, exponents: tuple[float, float] = (0.5, 0.5)) -> Array:
-    """Return the accelerations of eq. (14) for w = 0, with these exponents of M in A and b."""
+    """Return the accelerations of eq. (14) for w = 0, with the given exponents of M in A and in the first term of b."""
     return accelerations_with_w(p, np.zeros(p.n), exponents)
 
 
 def pair_off(exponents: tuple[float, float], p: Problem) -> float:
-    """Return the relative error of the accelerations of eq. (14) with these exponents of M in A and b."""
+    """Return the relative error of the accelerations of eq. (14) with the given exponents of M in A and in the first term of b."""
     return relative(acceleration(p, exponents), p.a)
 
 
@@ -217,27 +235,36 @@ def unit_dependence(acceleration_of: Callable[[Problem], Array], p: Problem) -> 
 
 
 def pair_unit_dependence(exponents: tuple[float, float], p: Problem) -> float:
-    """Return `unit_dependence` of eq. (14) with these exponents of M in A and b."""
+    """Return the relative change of the crank's acceleration by eq. (14) if lengths are given in millimetres.
+
+    `exponents` are those of M in A and in the first term of b.
+    """
     return unit_dependence(lambda x: acceleration(x, exponents), p)
 
 
 def sides(A: Array, b: Array, h: Array) -> AB:
-    """Return both sides of A h = b, eq. (12) as printed."""
+    """Return both sides of A h = b, which is eq. (12) of the paper as printed."""
     return A @ h, b
 
 
 def normal_sides(A: Array, b: Array, h: Array) -> AB:
-    """Return both sides of the normal equations A^T A h = A^T b, eq. (12) as intended."""
+    """Return both sides of the normal equations A^T A h = A^T b, which is eq. (12) of the paper as the authors intended it."""
     return A.T @ A @ h, A.T @ b
 
 
 def sides_off(form: Callable[[Array, Array, Array], AB], p: Problem) -> float:
-    """Return the relative difference of both sides of an equation for h at the minimum, where h = a is a solution."""
+    """Return the relative difference of the two sides of an equation for h, such as `normal_sides`, at the minimum of |A h - b|.
+
+    The true accelerations p.a, taken as h, are such a minimum.
+    """
     return relative(*form(matrix(p), vector(p), p.a))
 
 
 def minimum_missed(form: Inverse, x: Trial) -> float:
-    """Return the least-squares residual |A^T (A h - b)| of the h of eq. (13), for a random w and with `form` as inverse of A."""
+    """Return the relative least-squares residual |A^T (A h - b)| for the vector h = A^- b + (I - A^- A) w of eq. (13).
+
+    w is a random vector, and `form` computes the generalised inverse A^- of A.
+    """
     p, A, b = x.p, matrix(x.p), vector(x.p)
     X = form(A, x.rng)
     h = X @ b + (np.eye(p.n) - X @ A) @ x.rng.normal(size=p.n)
@@ -245,24 +272,24 @@ def minimum_missed(form: Inverse, x: Trial) -> float:
 
 
 def expand(p: Problem, w: Array) -> Array:
-    """Return the accelerations of eq. (14) for a vector w (n,), with its brackets multiplied out."""
+    """Return the accelerations of eq. (14) for a vector w (n,), computed with the brackets of the equation multiplied out."""
     A, b = matrix(p), vector(p)
     N, X = projector(p), pinv(A)
     return np.asarray(pinv(p.J) @ p.g + N @ X @ b + N @ w - N @ X @ A @ w)
 
 
 def last_member_alone(p: Problem, w: Array) -> Array:
-    """Return the last term of eq. (14), to which the accelerations are equal as printed."""
+    """Return the last term of eq. (14) alone; as the equation is printed, the accelerations are equal to this term."""
     A = matrix(p)
     return np.asarray(projector(p) @ pinv(A) @ A @ w)
 
 
 def accelerations_with_w(p: Problem, w: Array, exponents: tuple[float, float] = (0.5, 0.5)) -> Array:
-    """Return the accelerations a = J^+ g + N (A^+ b + (I - A^+ A) w) of eq. (14).
+    """Return the accelerations a = J^+ g + N (A^+ b + (I - A^+ A) w) of eq. (14) of the paper.
 
     Args:
         w: (n,) any vector.
-        exponents: exponents of M in A and in the first term of b.
+        exponents: e and k in A = M^e N and b = -(M^k J^+ g + M^(-1/2) (f - Q)); both are 1/2 if the equations are right.
     """
     A, b = matrix(p, exponents[0]), vector(p, exponents[1])
     X = pinv(A)
@@ -270,7 +297,7 @@ def accelerations_with_w(p: Problem, w: Array, exponents: tuple[float, float] = 
 
 
 def with_any_w(form: Callable[[Problem, Array], Array], x: Trial) -> float:
-    """Compare the accelerations of a formula with the reference, for a random w ten times as large as the accelerations."""
+    """Return the relative error of the accelerations form(p, w) for a random vector w, ten times as large as the accelerations."""
     return relative(form(x.p, 10 * np.abs(x.p.a).max() * x.rng.normal(size=x.p.n)), x.p.a)
 
 
@@ -285,5 +312,5 @@ def true_crank_at_start() -> float:
 
 
 def crank_by_pair(exponents: tuple[float, float]) -> float:
-    """Return the crank's initial acceleration [rad/s^2] by eq. (14) with these exponents of M in A and b."""
+    """Return the crank's initial acceleration [rad/s^2] by eq. (14) with these exponents of M in A and in the first term of b."""
     return crank_at_start(lambda p: acceleration(p, exponents))

@@ -1,16 +1,17 @@
-"""Wang et al. (2010), table 1: the units of three kinds of link, compared with exact derivatives and with the suite's own units.
+"""Wang et al. (2010), table 1: the vectors and matrices, called units, that a link of one of three kinds adds to a loop equation.
 
     vector unit A(phi, s),   Jacobian unit J = dA/d(phi, s),   Jacobian-rate unit J' = dJ/dt
 
-J is compared with the derivatives of the printed A, J' with the time derivative of the printed J, and A with that of
-`kinematics.link_units`.
+The vector A leads from the element at which a loop enters the link to the element at which it leaves the link. phi is the angle of
+the link, and s is the position along a slide. J is compared with the derivatives of the printed A, J' with the time derivative of
+the printed J, and A with the vector unit of `kinematics.link_units`.
 
-A unit describes how a loop passes a link, from its entry to its exit. The kinds of links and paths of table 1 are
+The kinds of links, and of paths through them, in table 1 are:
 
-    RRR1           a link with three pins: from the first to the second (length l)
-    RRR1 second    the same link: from the first pin to the third (length l', turned by alpha)
-    RP1            a link with a pin and the block of a slide, whose axis passes the pin at the distance e
-    RP2            a link with a pin and the guide of a slide, whose axis passes the pin at the distance e; s is the place along it
+    RRR1:           a link with three pins, from the first pin to the second (length l)
+    RRR1 second:    the same link, from the first pin to the third (length l', turned by alpha)
+    RP1:            a link with a pin and the block of a slide, whose axis passes the pin at the distance e
+    RP2:            a link with a pin and the guide of a slide, whose axis passes the pin at the distance e; s is the place along it
 
 The paper prints column 1 of J' of RP2 with the rate of phi in its last term, where the rate of s must stand.
 """
@@ -47,7 +48,8 @@ class Pose:
     e: float
 
 
-Units = tuple[Number, ...]  # A (2,), J (2, 1 or 2) with columns for phi and s, and J' unless each column of J' is a line of its own
+# A (2,), J (2, 1 or 2) with columns for phi and s, and J'; J' is missing if the audit has a line for each of its columns
+Units = tuple[Number, ...]
 
 
 @cache
@@ -64,37 +66,43 @@ def bar(length: float, phi: Any, rate: float) -> Units:
 
 
 def first_bar(p: Pose) -> Units:
-    """Return A, J and J' of RRR1."""
+    """Return vector unit A, Jacobian unit J and its rate J' of RRR1: a link with three pins, from the first to the second."""
     return bar(p.l, p.phi, p.phi_rate)
 
 
 def second_bar(p: Pose) -> Units:
-    """Return A, J and J' of the second path of RRR1."""
+    """Return vector unit A, Jacobian unit J and its rate J' of RRR1's second path: from the first of three pins to the third."""
     return bar(p.l2, p.phi + p.alpha, p.phi_rate)
 
 
 def block(p: Pose) -> Units:
-    """Return A, J and J' of RP1."""
+    """Return vector unit A, Jacobian unit J and its rate J' of RP1: a link with a pin and the block of a slide."""
     s, c = p.e * np.sin(p.phi), p.e * np.cos(p.phi)
     return np.array([-s, c]), np.array([[-c], [-s]]), np.array([[p.phi_rate * s], [-p.phi_rate * c]])
 
 
 def guide(p: Pose) -> Units:
-    """Return A and J of RP2; `column_1` and `column_2` are its J'."""
+    """Return vector unit A (2,) and Jacobian unit J (2, 2), by phi and s, of RP2: a link with a pin and the guide of a slide.
+
+    The functions `column_1` and `column_2` return the columns of its rate J'.
+    """
     s, c = np.sin(p.phi), np.cos(p.phi)
     A = np.array([p.e * s + p.s * c, -p.e * c + p.s * s])
     return A, np.array([[p.e * c - p.s * s, c], [p.e * s + p.s * c, s]])
 
 
 def column_1(p: Pose, last: str) -> Array:
-    """Return column 1 of J' of RP2, with this rate in its last term: "s_rate", or "phi_rate" as the paper prints it."""
+    """Return column 1 of J', the time derivative of the Jacobian unit of RP2 (a link with a pin and the guide of a slide).
+
+    `last` names the rate in its last term: "s_rate", which is right, or "phi_rate", as the paper prints it.
+    """
     s, c, rate = np.sin(p.phi), np.cos(p.phi), getattr(p, last)
     along = -p.e * p.phi_rate * s - p.s * p.phi_rate * c - rate * s
     return np.array([along, p.e * p.phi_rate * c - p.s * p.phi_rate * s + rate * c])
 
 
 def column_2(p: Pose) -> Array:
-    """Return column 2 of J' of RP2."""
+    """Return column 2 of J', the time derivative of the Jacobian unit of RP2 (a link with a pin and the guide of a slide)."""
     return np.array([-p.phi_rate * np.sin(p.phi), p.phi_rate * np.cos(p.phi)])
 
 
@@ -111,50 +119,58 @@ def own_vector(p: Pose, kind: str) -> Array:
 
 
 def along(function: Callable[[Pose], Number], p: Pose, phi: float, s: float) -> Array:
-    """Return the derivative of a function of the pose in the direction (phi, s), exact to rounding."""
+    """Return the derivative of a function of the pose, if the angle and the place along the slide change at the rates phi and s.
+
+    The derivative is exact to rounding (complex-step method).
+    """
     return np.asarray(function(replace(p, phi=p.phi + 1j * TINY * phi, s=p.s + 1j * TINY * s)).imag / TINY)
 
 
 def unit_off(form: Callable[[Pose], Units], p: Pose, kind: str) -> float:
-    """Return the largest error of the units that `form` prints for a kind of path.
+    """Return the largest error of the vector unit A, the Jacobian unit J and its rate J' that `form` computes.
 
-    A is compared with the suite's own, J with the exact derivatives of A along phi and s, and J' (if `form` returns it) with the
-    exact time derivative of J.
+    A is compared with the suite's own vector unit for a path of this kind (such as "RP2"), J with the exact derivatives of A by phi
+    and s, and J' (if `form` returns it) with the exact time derivative of J.
     """
     A, J, *J_rate = form(p)
-    slopes = [along(lambda x: form(x)[0], p, *way) for way in ((1.0, 0.0), (0.0, 1.0))[: J.shape[1]]]
+    # derivatives of A by phi and, if J has two columns, by s
+    slopes = [along(lambda x: form(x)[0], p, *direction) for direction in ((1.0, 0.0), (0.0, 1.0))[: J.shape[1]]]
     rate = along(lambda x: form(x)[1], p, p.phi_rate, p.s_rate)
     gaps = [A - own_vector(p, kind), J - np.stack(slopes, axis=1), *(x - rate for x in J_rate)]
     return worst([float(np.abs(gap).max()) for gap in gaps])
 
 
 def true_rate(p: Pose) -> Array:
-    """Return the exact J' (2, 2) of RP2."""
+    """Return the exact rate J' (2, 2) of the Jacobian unit of RP2 (a link with a pin and the guide of a slide)."""
     return along(lambda x: guide(x)[1], p, p.phi_rate, p.s_rate)
 
 
 def column_1_off(last: list[str], p: Pose) -> float:
-    """Return the error of column 1 of J' of RP2, with the rate [name] in its last term."""
+    """Return the error of column 1 of J', the rate of the Jacobian unit of RP2.
+
+    `last` is a list with the name of the rate in the last term of the column (see `column_1`).
+    """
     return float(np.abs(column_1(p, *last) - true_rate(p)[:, 0]).max())
 
 
 def column_2_off(form: Callable[[Pose], Array], p: Pose) -> float:
-    """Return the error of a formula for column 2 of J' of RP2."""
+    """Return the error of a formula for column 2 of J', the rate of the Jacobian unit of RP2."""
     return float(np.abs(form(p) - true_rate(p)[:, 1]).max())
 
 
 def difference_off(factor: float, p: Pose) -> float:
-    """Compare `factor` (phi' - s') [sin phi; -cos phi] with what column 1 of J' of RP2 lacks as printed."""
+    """Compare `factor` (phi' - s') [sin phi; -cos phi] with the true minus the printed column 1 of J' of RP2."""
     claimed = factor * (p.phi_rate - p.s_rate) * np.array([np.sin(p.phi), -np.cos(p.phi)])
     return float(np.abs(claimed - (true_rate(p)[:, 0] - column_1(p, "phi_rate"))).max())
 
 
 @cache
 def shaper_turn() -> tuple[tuple[Pose, Array, Array], ...]:
-    """Return three things for each of 24 instants of a driven turn of the shaper.
+    """Return pose, block acceleration and true second derivatives for each of 24 instants of a driven turn of the shaper.
 
-    They are the pose of the lever, the acceleration (2,) of the block in the lever's guide, and the true phi'' and s'' (2,) of the
-    lever's angle and of the block's place along it. The lever is a link RP2 with e = 0.
+    The three items of an instant are: the pose of the lever; the acceleration (2,) of the block that slides in the lever's guide;
+    and the true phi'' and s'' (2,), the second derivatives of the lever's angle and of the block's place along the lever. The lever
+    is a link RP2 (with a pin and the guide of a slide), whose axis passes through the pin: e = 0.
     """
     mechanism = load("shaper", "driven")
     links = {link.name: 3 * i for i, link in enumerate(mechanism.links)}
@@ -182,18 +198,24 @@ def lever(last: list[str], pose: Pose, acceleration: Array) -> Array:
 
 
 def lever_off(last: list[str]) -> float:
-    """Return the largest error of the lever's phi'' or s'' over the turn, each relative to its largest; `last` as for `lever`."""
+    """Return the larger of the errors of the lever's phi'' and s'' over the turn, each relative to its largest true value.
+
+    `last` has the name of the rate in the last term of column 1 of J' (see `column_1`).
+    """
     computed = np.array([lever(last, pose, acceleration) for pose, acceleration, _ in shaper_turn()])
     true = np.array([x for *_, x in shaper_turn()])
     return worst([relative(computed[:, k], true[:, k]) for k in (0, 1)])
 
 
 def lever_at_start(last: list[str]) -> float:
-    """Return phi'' of the lever at the first instant [rad/s^2]; `last` as for `lever`."""
+    """Return the angular acceleration phi'' [rad/s^2] of the shaper's lever at the first instant of the turn.
+
+    `last` has the name of the rate in the last term of column 1 of J' (see `column_1`).
+    """
     pose, acceleration, _ = shaper_turn()[0]
     return float(lever(last, pose, acceleration)[0])
 
 
 def true_lever_at_start() -> float:
-    """Return the true phi'' of the lever at the first instant [rad/s^2]."""
+    """Return the true angular acceleration phi'' [rad/s^2] of the shaper's lever at the first instant of the turn."""
     return float(shaper_turn()[0][2][0])

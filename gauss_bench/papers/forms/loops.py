@@ -1,14 +1,17 @@
 """Wang et al. (2010), sections 1 and 2: loop equations, the stack of all loops, and the graph of a linkage.
 
-    J phi' = -B q',   J phi'' = -B q'' - B' q' - J' phi'                                                      (4), (5)
-    J_l = sum J_i U_i,   B_l = sum J_i K_i                                                                       (11)
+    J phi' = -B q'                                (4)
+    J phi'' = -B q'' - B' q' - J' phi'            (5)
+    J_l = sum J_i U_i,   B_l = sum J_i K_i        (11)
 
-They are tested on built-in linkages, with matrices from `kinematics` and true rates from the motion in the crank angle. The four
-matrices of the paper's six-bar (section 1.2.5; loops a-b-c-d and d-e-f-g, phi = [phi2, phi3, phi5, s], q = [phi1]) are written
-as printed. The paper does not give its dimensions, and those of the linkage file are used.
+As in the paper, phi are the unknown variables and q the known inputs. J and B are the matrices of all loops, J_l and B_l those of
+one loop. Each link that the loop passes contributes a Jacobian unit J_i (see `link_units`), and the matrices U_i and K_i tell to
+which unknowns and to which inputs the columns of J_i belong. Equation numbers are those of the paper.
 
-phi are the unknown variables, q the known inputs. Each link that a loop passes contributes a Jacobian unit J_i (see `link_units`),
-and the matrices U_i and K_i say which unknowns and which inputs its columns belong to. Equation numbers are those of the paper.
+The equations are tested on built-in linkages, with matrices from the package `kinematics`, and with rates that are computed
+independently from the motion in the crank angle. The four matrices of the paper's six-bar (section 1.2.5; loops a-b-c-d and
+d-e-f-g, phi = [phi2, phi3, phi5, s], q = [phi1]) are written here as printed. The paper gives no dimensions of the six-bar, so that
+the dimensions in the linkage file are used.
 """
 
 from collections.abc import Callable, Sequence
@@ -48,7 +51,8 @@ class DrivenLinkage:
     Attributes:
         equations: loop equations of the linkage.
         x: values of the variables, unknowns before inputs.
-        rate, second: true rates and second rates of the variables; second rates of slides are not computed, and NaN.
+        rate, second: true first and second time derivatives of the variables; the second derivatives of slides are not computed,
+            and are NaN.
     """
 
     equations: LoopEquations
@@ -74,7 +78,10 @@ def list_driven() -> tuple[DrivenLinkage, ...]:
 
 
 def driven_linkage_at(mechanism: Mechanism, t: float) -> DrivenLinkage:
-    """Return the loop equations of a driven linkage at time t [s], with values and true rates of their variables."""
+    """Return the loop equations of a driven linkage at time t [s], with values and time derivatives of their variables.
+
+    The derivatives come from the motion in the crank angle, not from the loop equations.
+    """
     q, v, a = (x[0] for x in MinimalCoordinate(mechanism).state_at(t))
     equations = LoopEquations(replace(mechanism, q0=q))
     slides = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
@@ -95,7 +102,7 @@ def velocities(m: Matrices, q_rate: Array) -> Array:
 
 
 def velocities_off(form: Callable[[Matrices, Array], Array], linkage: DrivenLinkage) -> float:
-    """Return the relative error of phi' as `form` computes it from the matrices and the rates of the inputs."""
+    """Return the relative error of form(matrices, q'), the rates phi' of the unknowns computed from the rates q' of the inputs."""
     return relative(form(linkage.matrices, linkage.rate[linkage.unknowns :]), linkage.rate[: linkage.unknowns])
 
 
@@ -105,7 +112,8 @@ def accelerations_off(last: list[str], linkage: DrivenLinkage) -> float:
     The accelerations of slides follow from the same rows and are not compared.
 
     Args:
-        last: name of the matrix in the last term of eq. (5): ["J_rate"], or ["J"] as the paper prints it.
+        last: list with the name of the matrix in the last term of eq. (5): "J_rate", which is right, or "J", as the paper prints
+            it.
     """
     n, m = linkage.unknowns, linkage.matrices  # `rate` and `second` have n unknowns, then the inputs
     left = m.B @ linkage.second[n:] + m.B_rate @ linkage.rate[n:] + getattr(m, *last) @ linkage.rate[:n]
@@ -119,14 +127,18 @@ Laws = dict[str, Callable[[Array], Array]]
 
 
 def assemble(units: Sequence[Array], U: Sequence[Array], K: Sequence[Array]) -> Parts:
-    """Return J_l and B_l of one loop by eq. (11), from the Jacobian units of its links and their matrices U and K."""
+    """Return J_l and B_l of one loop by eq. (11), from the Jacobian units of the links that the loop passes and their U and K.
+
+    The matrices U and K tell to which unknowns and to which inputs the columns of a Jacobian unit belong.
+    """
     return sum(J @ u for J, u in zip(units, U, strict=True)), sum(J @ k for J, k in zip(units, K, strict=True))  # type: ignore[return-value]
 
 
 def loops_of(linkage: DrivenLinkage) -> list[tuple[list[Array], list[Array], list[Array]]]:
-    """Return for every loop three lists, with an item for each link that it passes: Jacobian units, and matrices U and K.
+    """Return three lists for every loop: Jacobian units, matrices U, matrices K, each with one item for each link of the loop.
 
-    U and K of a link are the columns of its factors for the unknown variables and for the inputs.
+    U and K are matrices whose rows belong to the columns of the link's Jacobian unit; the columns of U belong to the unknown
+    variables, and those of K to the inputs.
     """
     equations, loops = linkage.equations, []
     theta = equations.turning @ linkage.x + equations.phase
@@ -144,14 +156,15 @@ def assembly_off(form: Callable[..., Parts], linkage: DrivenLinkage) -> float:
 
 
 def stack_off(transposed: bool, linkage: DrivenLinkage) -> float:
-    """Return the relative error of the velocities by eq. (4) with the stacked blocks J_l and B_l of all loops.
+    """Return the relative error of the velocities by eq. (4), if J and B are composed of the blocks J_l and B_l of all loops.
 
-    The blocks are stacked one below the other or, if `transposed`, side by side, and the stack is transposed. If J or B then has
-    the wrong number of rows or columns, the number of rows and columns too many or too few is returned, divided by the right one.
+    The blocks are put one below the other. If `transposed`, they are put side by side instead, and the result is transposed. If J
+    or B then has a wrong shape, the velocities cannot be computed. In this case the number of surplus or missing rows and columns
+    of both is returned, divided by the sum of the right numbers.
     """
     parts = [assemble(*loop) for loop in loops_of(linkage)]
     J, B = (np.hstack(blocks).T if transposed else np.vstack(blocks) for blocks in zip(*parts, strict=True))
-    rows, columns = 2 * len(parts), linkage.unknowns
+    rows, columns = 2 * len(parts), linkage.unknowns  # right shapes: J (rows, columns), B (rows, 1)
     misfit = abs(J.shape[0] - rows) + abs(J.shape[1] - columns) + abs(B.shape[0] - rows) + abs(B.shape[1] - 1)
     if misfit:
         return float(misfit / (2 * rows + columns + 1))
@@ -159,9 +172,9 @@ def stack_off(transposed: bool, linkage: DrivenLinkage) -> float:
 
 
 def ones_off(form: list[list[str]]) -> float:
-    """Return the share of rows of matrices that do not consist of one 1 and zeros.
+    """Return the share of rows of matrices U and K that do not consist of one 1 and zeros.
 
-    Each list in `form` names the matrices that are set side by side before their rows are tested: ["U"], ["K"] or ["U", "K"].
+    Each list in `form` names the matrices whose rows are tested: ["U"], ["K"], or ["U", "K"] for the rows of U and K side by side.
     """
     right = []
     for linkage in list_driven():
@@ -175,16 +188,16 @@ def ones_off(form: list[list[str]]) -> float:
 
 
 def columns_off(form: list[int], linkage: DrivenLinkage) -> float:
-    """Return the largest error of a claimed number of columns of a Jacobian unit.
+    """Return the largest error of a claimed number of columns of the links' Jacobian units.
 
-    The claim is form[0] (1 if the link turns, else 0) + form[1] (number of guides) + form[2] (number of blocks). The guides and
-    blocks are counted among the two elements at which the loop enters and leaves the link.
+    The claimed number is form[0] * t + form[1] * g + form[2] * b. t is 1 if the link can turn, else 0. g is the number of guides
+    (and rod ends) and b the number of blocks among the two elements at which the loop enters and leaves the link.
     """
     errors = []
     for p in chain.from_iterable(linkage.equations.ways):
         kinds = [p.way.enter.kind, p.way.leave.kind]
         guides = sum(kind in MOVING for kind in kinds)
-        unit = p.way.units(0.0, 0.0, linkage.x[p.slides], linkage.rate[p.slides])
+        unit = p.way.units(0.0, 0.0, linkage.x[p.slides], linkage.rate[p.slides])  # its shape does not depend on the angle 0.0
         errors.append(count_off(form, (int(p.way.turns), guides, kinds.count("block")), unit.J.shape[1]))
     return worst(errors)
 
@@ -197,7 +210,7 @@ def graphs() -> tuple[LinkageGraph, ...]:
 
 
 def counted() -> list[LoopEquations]:
-    """Return the loop equations of the linkages COUNTED in their driven scenarios."""
+    """Return the loop equations of each linkage named in COUNTED, loaded in its scenario "driven"."""
     return [LoopEquations(load(name, "driven")) for name in COUNTED]
 
 
@@ -209,7 +222,8 @@ def unknowns_off(form: list[int], equations: LoopEquations) -> float:
 def incidence(graph: LinkageGraph, oriented: bool) -> Array:
     """Return the incidence matrix as networkx computes it, with a row for each link (the frame last) and a column for each pair.
 
-    An entry is 1 if the pair is on the link; if `oriented`, it is -1 at one of the two links.
+    An entry of the matrix is 1 if the pair connects this link to another one. If `oriented`, the entry is -1 for one of the two
+    links of the pair.
     """
     links, edges = [*range(graph.links), GROUND], [(*pair.links, pair.name) for pair in graph.pairs]
     return np.asarray(nx.incidence_matrix(nx.MultiGraph(edges), links, edges, oriented).toarray())
@@ -226,10 +240,10 @@ def loop_count_off(form: list[int], graph: LinkageGraph) -> float:
 
 
 def incidence_off(diagonal: bool) -> float:
-    """Return the number of wrong entries of a paper's incidence matrices, divided by the number of ones in the true ones.
+    """Return the number of wrong entries of the incidence matrices by the paper's definition, relative to the number of true ones.
 
-    An entry i, j of the paper's matrix is 1 if joint j is on link i; if `diagonal`, only entries i, i may be 1. The true matrix is
-    that of networkx.
+    Entry i, j of the paper's matrix is 1 if joint j is on link i. If `diagonal`, only entries i, i may be 1. The true matrix is
+    computed by networkx; the number of wrong entries is divided by the number of entries 1 in it.
     """
     wrong = ones = 0
     for graph in graphs():
@@ -249,10 +263,10 @@ def cyclic(loop: str) -> frozenset[frozenset[str]]:
 
 
 def loops_off(form: dict[str, list[str]]) -> float:
-    """Count the loops that only one of the two has: the paper or the suite.
+    """Return the number of loops that only the paper has, plus the number of loops that only the suite has.
 
     Args:
-        form: linkage -> the paper's loops, each as a text "joint-joint-...".
+        form: name of a linkage -> the loops that the paper uses for it, each as a string "joint-joint-...".
     """
     differences = 0
     for name, loops in form.items():
@@ -269,6 +283,7 @@ def six_bar_blocks(phi: Array, rate: Array) -> Blocks:
             and the slide s.
     """
     l1, l2, l3, l3s, l5 = LENGTHS
+    # each entry of these arrays belongs to one arm of a link: its length, its angle and its angular speed
     arms = np.array([l1, l2, l3s, l3, l5])
     angle, speed = phi[[0, 1, 2, 2, 3]] + np.array([0, 0, ALPHA, 0, 0]), rate[[0, 1, 2, 2, 3]]
     s, c = arms * np.sin(angle), arms * np.cos(angle)
@@ -285,9 +300,11 @@ def six_bars() -> list[DrivenLinkage]:
 
 
 def blocks_off(form: Callable[[Array, Array], Blocks], linkage: DrivenLinkage) -> float:
-    """Return the largest difference of J, J', B, B' of the six-bar from the suite's; each loop may have the opposite sense.
+    """Return the largest difference of the paper's matrices J, J', B, B' of the six-bar from those of the suite.
 
-    `form` computes them from angles and rates, as `six_bar_blocks` does.
+    `form` computes the paper's matrices from angles and rates, as `six_bar_blocks` does. J and J' belong to the unknowns, B and B'
+    to the input. The paper may pass a loop in the opposite sense, so that the two equations of each loop may have the opposite
+    sign.
     """
     equations, m, errors = linkage.equations, linkage.matrices, []
     columns = [equations.column[i] for i in (0, 1, 2, 3)]  # of phi1, phi2, phi3, phi5
@@ -300,12 +317,12 @@ def blocks_off(form: Callable[[Array, Array], Blocks], linkage: DrivenLinkage) -
 
 
 def straight() -> Laws:
-    """Return a straight line for each law of motion: the paper names the laws and prints no formula."""
+    """Return a straight line in place of each law of motion, because the paper names the laws but prints no formula for them."""
     return dict.fromkeys(LAWS, lambda u: u)
 
 
 def textbook() -> Laws:
-    """Return the laws of motion of textbooks, as functions of the share u of the rise time."""
+    """Return the motion laws of textbooks, as functions of u, the elapsed fraction of the rise time; they rise from 0 to 1."""
     return {
         "sine": lambda u: u - np.sin(2 * np.pi * u) / (2 * np.pi),
         "cosine": lambda u: (1 - np.cos(np.pi * u)) / 2,
@@ -314,6 +331,6 @@ def textbook() -> Laws:
 
 
 def laws_off(form: Callable[[], Laws]) -> float:
-    """Return the largest difference from the suite's laws over a rise of 1 in 1 s."""
+    """Return the largest difference of the motion laws in form() from the suite's motion laws, over a rise of 1 in 1 s."""
     laws = form()
     return worst([float(np.abs(laws[name](INSIDE) - rise(name, 0.0, 1.0, 1.0)(INSIDE)[0]).max()) for name in LAWS])

@@ -1,11 +1,14 @@
-"""Men et al. (2009), section 1: the shaper by its loops and by its points, at true positions of the linkage file.
+"""Men et al. (2009), section 1: equations of the shaper linkage, tested at true positions of the linkage file.
+
+The paper describes the shaper by two loop equations (1) between vectors r e(th), and by three equations (2) between its points:
 
     r1 e(th1) + r2 e(th2) = r3 e(th3),   r4 e(th4) + r5 e(th5) = r6 e(th6) + r7 e(th7)                                (1)
     |B - O1| = L_O1B,   |C - B| = L_BC,   (X_A - X_B)/(Y_A - Y_B) = (X_O1 - X_B)/(Y_O1 - Y_B)                         (2)
 
-Points are complex numbers. Link 4 is link 3 as far as B, so that th4 = th3; th6 and th7 are the frame's and the slide's directions.
-The lever turns about O1 and carries B; the block A slides on it and is driven by the crank about O2; the rod joins B to the ram C.
-The argument `form` of a measure is the equation, the data or the number that is tested, as printed or as corrected.
+The lever turns about O1 on the frame and carries the pin B. The block A slides on the lever and is driven by the crank about O2.
+The rod joins B to C on the ram. Points are complex numbers here. Vectors 3 and 4 lie along the lever, from O1 to A and to B, so
+that th4 = th3; th6 and th7 are the directions of the frame and of the slide. The argument `form` of a measure is the equation, the
+data or the number that is tested, either as printed or as corrected.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +27,7 @@ from gauss_bench.papers.audit import worst
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 
-POSITIONS = 72  # number of positions of a turn, 5 degrees apart
+POSITIONS = 72  # number of positions of the linkage in a turn of the crank, 5 degrees of crank angle apart
 SEED, STARTS = 2009, 100  # seed and number of random starts
 NEAREST = 1e-6  # [rad] least angle from the direction in which the quotient is undefined; nearer, positions show rounding
 SAME = 1e-6  # [m] largest distance of equal points, far below the distance of two assemblies
@@ -32,7 +35,7 @@ SAME = 1e-6  # [m] largest distance of equal points, far below the distance of t
 
 @dataclass(frozen=True)
 class Shaper:
-    """Positions of the points in the plane as complex numbers [m], and lengths of lever and rod [m]."""
+    """The shaper in one position: its points in the plane as complex numbers [m], and the lengths of lever and rod [m]."""
 
     O1: complex
     O2: complex
@@ -57,7 +60,7 @@ def load_shaper() -> Mechanism:
 
 @cache
 def turn_states() -> Array:
-    """Return q (POSITIONS, n) over a driven turn."""
+    """Return the positions q (POSITIONS, n) of the shaper at equally spaced angles of one turn of its driven crank."""
     mechanism = load_shaper()
     motion, angles = MinimalCoordinate(mechanism), 2 * np.pi * np.arange(POSITIONS) / POSITIONS
     return np.concatenate([motion.geometry(np.array([angle]))[0] for angle in angles])
@@ -65,7 +68,7 @@ def turn_states() -> Array:
 
 @cache
 def shapers() -> tuple[Shaper, ...]:
-    """Return the shaper at POSITIONS angles of a driven turn."""
+    """Return the shaper at POSITIONS equally spaced angles of one turn of its driven crank."""
     shaper, q = load_shaper(), turn_states()
     O1, O2 = (complex(*shaper.ground_points[name]) for name in ("O1", "O2"))
     points = {link.name: link.points for link in shaper.links}
@@ -82,7 +85,7 @@ def cross(a: complex, b: complex) -> float:
 
 
 def sides(x: Shaper) -> tuple[complex, complex]:
-    """Return the residuals of both loops (1) with th4 = th3, the angles and lengths taken from the positions."""
+    """Return the residuals of both loop equations (1) with th4 = th3; angles and lengths are those at the position x."""
     r1, r2 = x.O2 - x.O1, x.A - x.O2
     r3 = x.A - x.O1
     e3 = r3 / abs(r3)
@@ -91,12 +94,12 @@ def sides(x: Shaper) -> tuple[complex, complex]:
 
 
 def loops_off(form: Callable[[Shaper], tuple[complex, complex]], x: Shaper) -> float:
-    """Return the largest residual of the loops (1), relative to the length of the lever."""
+    """Return the larger residual of the two loop equations (1), which `form` computes, relative to the length of the lever."""
     return max(map(abs, form(x))) / x.lever
 
 
 def lengths(x: Shaper) -> tuple[float, float]:
-    """Return the residuals of the first two equations (2)."""
+    """Return the residuals [m^2] of the first two equations (2), squared: |B - O1|^2 - L_O1B^2 and |C - B|^2 - L_BC^2."""
     B, C, O1 = x.B, x.C, x.O1
     return (
         (B.real - O1.real) ** 2 + (B.imag - O1.imag) ** 2 - x.lever**2,
@@ -105,15 +108,17 @@ def lengths(x: Shaper) -> tuple[float, float]:
 
 
 def lengths_off(form: Callable[[Shaper], tuple[float, float]], x: Shaper) -> float:
-    """Return the largest residual of the first two equations (2), relative to the square of the lever's length."""
+    """Return the larger residual of the first two equations (2), squared, relative to the square of the lever's length."""
     return max(map(abs, form(x))) / x.lever**2
 
 
 def basic_off(form: list[str]) -> float:
-    """Return the range, relative to the stroke, that a coordinate has over a turn of the crank; it is claimed to be constant.
+    """Return the range of a point's coordinate over a turn of the shaper's crank, divided by the stroke of the ram.
+
+    The paper claims that this coordinate is constant, so that its range is 0.
 
     Args:
-        form: name of the point, and "real" for its x or "imag" for its y.
+        form: two strings: the name of the point, and "real" for its x coordinate or "imag" for its y coordinate.
     """
     point, axis = form
     values = [getattr(getattr(x, point), axis) for x in shapers()]
@@ -127,7 +132,7 @@ def collinear_off(form: list[str], x: Shaper) -> float:
 
 
 def quotient(O1: complex, A: complex, B: complex) -> float:
-    """Return the residual of the third equation (2) as printed: it divides by zero if the lever is horizontal."""
+    """Return the residual of the third equation (2) as printed in the paper; it divides by zero if the lever is horizontal."""
     return (A.real - B.real) / (A.imag - B.imag) - (O1.real - B.real) / (O1.imag - B.imag)
 
 
@@ -136,14 +141,15 @@ def product(O1: complex, A: complex, B: complex) -> float:
     return cross(A - B, O1 - B) / (abs(A - B) * abs(O1 - B))
 
 
-Line3 = Callable[[complex, complex, complex], float]  # residual of the third equation (2), O1, A and B on one line
+# function of O1, A and B that returns the residual of the third equation (2): the three points lie on one line
+Line3 = Callable[[complex, complex, complex], float]
 
 
 def line_off(form: Line3) -> float:
-    """Return the largest residual of the third equation (2) at true positions with the lever nearly parallel to an axis.
+    """Return the largest residual of the third equation (2) at true positions in which the lever is nearly parallel to an axis.
 
-    There the quotient as printed is ill-conditioned. At four positions of the turn, the whole drawing is turned until the lever is
-    NEAREST to 0.5 rad from each axis.
+    In such positions the quotients that the paper prints are ill-conditioned. The whole linkage is rotated, at four positions of
+    its turn, so that the lever has angles from NEAREST to 0.5 rad to either side of each axis.
     """
     near = np.geomspace(NEAREST, 0.5, 12)
     errors = []
@@ -157,24 +163,29 @@ def line_off(form: Line3) -> float:
 
 
 def search_off(form: Line3) -> float:
-    """Return the share of positions at which Newton's method, started at the position before, does not find B.
+    """Return the share of positions at which Newton's method, started at the position before, does not find the pin B.
 
-    `form` is the third equation (2). Positions are 5 degrees of the crank apart. The shaper is tested as drawn, with its lever near
-    the vertical, and turned onto its side, with its lever near the horizontal.
+    `form` is the residual of the third equation (2). The crank turns by 5 degrees from one position to the next. The shaper is
+    tested as it is drawn, with its lever near the vertical, and rotated by 90 degrees, with its lever near the horizontal.
     """
     return sum(count_lost(form, [x.turn(angle) for x in shapers()]) for angle in (0.0, np.pi / 2)) / (2 * POSITIONS)
 
 
 def count_lost(form: Line3, places: Sequence[Shaper]) -> int:
-    """Count the positions of a turn at which Newton's method, started at the position before, does not find B.
+    """Return at how many positions of a turn Newton's method, started at the position before, does not find the pin B.
 
-    It solves |B - O1| = lever and the third equation (2) as `form` for the two coordinates of B.
+    Newton's method solves two equations of the paper for the two coordinates of B: |B - O1| = L_O1B, the first of the equations
+    (2), and the third, whose residual is `form`. `places` are the true positions of the linkage over one turn; B counts as found if
+    its distance from the true place is less than SAME [m].
     """
     failed = 0
     for before, x in zip(places, [*places[1:], places[0]], strict=True):
 
         def residual(p: Array, x: Shaper = x) -> tuple[Array, Array]:  # the default keeps the x of this iteration
-            """Return the residuals (2,) and their Jacobian (2, 2), by central differences, at the coordinates p (2,) of B."""
+            """Return the residuals (2,) of the two equations, and their Jacobian (2, 2), at the coordinates p (2,) of B.
+
+            The Jacobian is computed by central differences.
+            """
 
             def equations(place: Array) -> Array:
                 """Return the residuals of both equations with B at a place (2,)."""
@@ -191,16 +202,17 @@ def count_lost(form: Line3, places: Sequence[Shaper]) -> int:
 
 
 def from_before() -> float:
-    """Return the largest distance [m] that an unknown point moves between two positions 5 degrees apart."""
+    """Return the largest change [m] of an unknown coordinate of the point equations while the crank turns by 5 degrees."""
     model = PointModel(load_shaper())
     unknown = np.array([model.points.unknown_at(q) for q in turn_states()])
     return float(np.abs(unknown - np.roll(unknown, 1, axis=0)).max())
 
 
 def starts_off(form: Callable[[], float]) -> float:
-    """Return the share of random starts from which the worse of Gauss-Newton and Levenberg-Marquardt misses the assembly.
+    """Return the share of random starts from which a search does not find the assembled position of the shaper.
 
-    `form` returns the largest distance [m] of the random starts from the assembly.
+    The two searches are Gauss-Newton and Levenberg-Marquardt; the larger of their shares is returned. `form` is a function without
+    arguments, which returns the largest distance [m] of the random starts from the assembled position.
     """
     radius = form()
     searches = basins(load_shaper(), [radius], STARTS, SEED)

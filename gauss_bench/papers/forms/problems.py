@@ -2,8 +2,9 @@
 
     M a + f = Q - J^T lambda,   J a = g
 
-f, g and Q are separate, as in the paper. Many books have the opposite sign of lambda. Random problems are solved by the
-saddle-point system. The accelerations of the crank-slider come from its motion in the crank angle, without J and lambda.
+f, g and Q are given separately, as in the paper: f are forces that the paper puts on the left side, and Q the applied forces. Many
+books have the opposite sign of lambda. The reference solutions of random problems are computed from the saddle-point system of both
+equations. The reference accelerations of the crank-slider come from its motion in the crank angle, without J and lambda.
 """
 
 from collections.abc import Sequence
@@ -26,12 +27,12 @@ MILLIMETRES = np.array([1e3, 1e3, 1.0, 1e3, 1e3, 1.0, 1e3])
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """One state of a system with n coordinates and m constraint rows, and its solution.
+    """One state of a system with n coordinates and m constraint rows, with the accelerations and multipliers at this state.
 
     Attributes:
-        M, f, Q, J, g: the given terms.
+        M, f, Q, J, g: the given terms of M a + f = Q - J^T lambda and J a = g.
         a: (n,) reference accelerations.
-        multipliers: (m,) the shortest ones.
+        multipliers: (m,) the multipliers lambda of least norm.
     """
 
     M: Array
@@ -54,7 +55,7 @@ class Problem:
 
     @property
     def terms(self) -> Terms:
-        """The problem in the terms M, J, Q, gamma that the suite's formulations solve: f is subtracted from Q."""
+        """The problem in the terms M, J, Q, gamma that the suite's formulations solve: Q is the problem's Q - f, gamma is its g."""
         zero = np.zeros(len(self.J))
         return Terms(self.M, self.J, self.Q - self.f, self.g, zero, zero)
 
@@ -70,12 +71,15 @@ def solve_problem(M: Array, f: Array, Q: Array, J: Array, g: Array, independent:
 
 
 def multipliers_of(M: Array, f: Array, Q: Array, J: Array, a: Array) -> Array:
-    """Return the shortest multipliers (m,) with J^T lambda = Q - f - M a."""
+    """Return the multipliers lambda (m,) of least norm that satisfy J^T lambda = Q - f - M a."""
     return np.asarray(np.linalg.lstsq(J.T, Q - f - M @ a, rcond=1e-10)[0])
 
 
 def random_problem(rng: np.random.Generator, n: int, m: int, repeated: int = 0) -> Problem:
-    """Return a random problem with a full positive definite M, m independent rows and `repeated` combinations of these."""
+    """Return a random problem with n coordinates, a full positive definite M, and m independent rows of J.
+
+    J has `repeated` further rows, which are linear combinations of the m rows.
+    """
     root = rng.normal(size=(n, n))
     M = root @ root.T + 0.1 * n * np.eye(n)
     mix = np.vstack([np.eye(m), rng.normal(size=(repeated, m))])
@@ -92,7 +96,7 @@ def random_problems() -> tuple[Problem, ...]:
 
 @cache
 def crank_problems() -> tuple[Problem, ...]:
-    """Return the paper's example at its start and at random states."""
+    """Return problems from the example of Yuan & Ge (2016), the crank-slider: its initial state and random states."""
     M, f, problems = np.diag(crank_slider.mass()), np.zeros(7), []
     for s in crank_slider.states():
         J, g, Q = crank_slider.jacobian(s.q), crank_slider.bias(s.q, s.v), crank_slider.forces(s.q, s.v)
@@ -106,35 +110,35 @@ def all_problems() -> tuple[Problem, ...]:
 
 
 class Trial(NamedTuple):
-    """A problem p, and a source of random numbers, which all trials of a list share."""
+    """A problem p and a generator of random numbers, which all trials in one list share."""
 
     p: Problem
     rng: np.random.Generator
 
 
 def random_trials() -> list[Trial]:
-    """Return a trial of each random problem."""
+    """Return each random problem together with a generator of random numbers, as a list of `Trial`."""
     rng = np.random.default_rng(SEED)
     return [Trial(p, rng) for p in random_problems()]
 
 
 def redundant_trials() -> list[Trial]:
-    """Return a trial of each random problem with redundant rows."""
+    """Return each random problem with redundant rows together with a generator of random numbers."""
     return [x for x in random_trials() if len(x.p.J) > x.p.rank]
 
 
 def all_trials() -> list[Trial]:
-    """Return a trial of each problem."""
+    """Return each problem, random or of the crank-slider, together with a generator of random numbers."""
     rng = np.random.default_rng(SEED)
     return [Trial(p, rng) for p in all_problems()]
 
 
 @cache
 def special_problems(kind: str) -> tuple[Problem, ...]:
-    """Return random problems of a kind in which the Euclidean metric gives the right accelerations.
+    """Return random problems of a kind for which a projection in the Euclidean metric gives the right accelerations.
 
-    "even" has M = mu I, "full" as many rows as coordinates, and "idle" no constraint force. In "aligned" M maps range(J^T) to
-    itself.
+    The kinds are "even": M = mu I; "full": there are as many constraint rows as coordinates; "idle": the constraint forces are
+    zero; "aligned": M maps range(J^T) to itself.
     """
     rng = np.random.default_rng(SEED + 1)
     problems: list[Problem] = []
@@ -154,9 +158,11 @@ def special_problems(kind: str) -> tuple[Problem, ...]:
 
 
 def in_millimetres(p: Problem) -> Problem:
-    """Return a problem of the crank-slider in millimetres instead of metres; forces in kg mm/s^2, masses and angles as before.
+    """Return a problem of the crank-slider with lengths in millimetres instead of metres.
 
-    With q' = s q: M' = M / s s^T, Q' = Q / s, J' = 1000 J / s because the rows are lengths, a' = s a.
+    With s = 1000 for each coordinate that is a length and 1 for each angle, and q' = s q: M' = M / (s s^T), f' = f / s, Q' = Q / s,
+    a' = s a. The constraint rows are lengths, so that J' = 1000 J / s and g' = 1000 g. Energies stay in J; the unit of force is
+    then J/mm = 1 kN, and that of mass is J s^2/mm^2 = 1e6 kg.
     """
     s = MILLIMETRES
     return replace(
@@ -165,10 +171,10 @@ def in_millimetres(p: Problem) -> Problem:
 
 
 def relative(x: Array, true: Array) -> float:
-    """Return the largest difference, relative to the largest reference value."""
+    """Return the largest difference of values x from their reference values `true`, divided by the largest reference value."""
     return float(np.abs(x - true).max() / np.abs(true).max())
 
 
 def count_off(factors: Sequence[int], numbers: Sequence[int], true: int) -> float:
-    """Return the error of a claimed count, the sum of `factors` times `numbers`, against the right count."""
+    """Return the error of a claimed count, the sum of the products of `factors` and `numbers`; the right count is `true`."""
     return float(abs(sum(k * x for k, x in zip(factors, numbers, strict=True)) - true))

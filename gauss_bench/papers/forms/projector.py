@@ -3,10 +3,12 @@
     A^- = N^-1 M^(-1/2)                                                                                          (15)
     a = J^- g - N N^-1 {J^- g + M^-1 (f - Q)},    N = I - J^- J                                                  (16)
 
-N has rank n - rank J and no inverse. With N N^-1 = I, (16) is M^-1 (Q - f), the motion without constraints; with Moore-Penrose
-inverses N N^- = N, and (16) projects M^-1 (Q - f) on J a = g in the Euclidean metric instead of that of M:
+The equations of motion are M a + f = Q - J^T lambda, and the constraints are J a = g. The projector N has the rank n - rank J, and
+so has no inverse if there are constraints. If N^-1 was a true inverse, N N^-1 = I, eq. (16) would give M^-1 (Q - f), the
+accelerations without constraints. With Moore-Penrose inverses, N N^- = N. Then eq. (16) projects M^-1 (Q - f) on J a = g in the
+Euclidean metric instead of the metric of M. The difference of its accelerations a_(16) from the true ones is
 
-    a_true - a_(16) = N (a_true - M^-1 (Q - f)) = -N M^-1 J^T lambda        (M a + f + J^T lambda = Q)
+    a_true - a_(16) = N (a_true - M^-1 (Q - f)) = -N M^-1 J^T lambda
 """
 
 from collections.abc import Callable
@@ -24,13 +26,17 @@ Accelerations = Callable[[Problem], Array]
 
 
 def rank_off(form: list[int], p: Problem) -> float:
-    """Return the error of a claimed rank of N: `form` has factors of the numbers of coordinates, rows and independent rows."""
+    """Return the error of a claimed rank of N = I - J^- J.
+
+    The claimed rank is form[0] * n + form[1] * m + form[2] * r, with the numbers n of coordinates, m of rows of J, and r of
+    independent rows.
+    """
     sizes = np.linalg.svd(projector(p), compute_uv=False)  # a projector's singular values are 0 or at least 1
     return count_off(form, (p.n, len(p.J), p.rank), int((sizes > 0.5).sum()))
 
 
 def reverse_order(p: Problem) -> Array:
-    """Return the inverse of A by eq. (15) as printed, with the Moore-Penrose inverse of N."""
+    """Return the inverse of A = M^(1/2) N by eq. (15) as printed, N^+ M^(-1/2) with the Moore-Penrose inverse of N."""
     return pinv(projector(p)) @ power(p.M, -0.5)
 
 
@@ -46,27 +52,30 @@ def inverse_off(form: Accelerations, p: Problem) -> float:
 
 
 def free_motion(p: Problem) -> Array:
-    """Return the accelerations M^-1 (Q - f) of the system without its constraints: (16) with N N^-1 = I."""
+    """Return the accelerations M^-1 (Q - f) of the system without its constraints: eq. (16) if N N^-1 was the unit matrix."""
     return np.asarray(np.linalg.solve(p.M, p.Q - p.f))
 
 
 def euclidean(p: Problem) -> Array:
-    """Return the accelerations of eq. (16) with Moore-Penrose inverses."""
+    """Return the accelerations by eq. (16) of Yuan & Ge (2016), with Moore-Penrose inverses in place of J^- and N^-1."""
     return yuan_ge_eq16(p.terms).a
 
 
 def final_of_14(p: Problem) -> Array:
-    """Return the accelerations of eq. (14), corrected."""
+    """Return the accelerations by eq. (14) of Yuan & Ge (2016), with corrected exponents of M; they are right."""
     return gauss_pinv(p.terms).a
 
 
 def accelerations_off(form: Accelerations, on: str = "") -> float:
-    """Compare the accelerations of a formula with the reference on all problems, or on those of a kind (`special_problems`)."""
+    """Return the largest relative error of the accelerations form(p) on all problems, or only on those of the kind `on`.
+
+    The kinds are listed in `special_problems`.
+    """
     return worst([relative(form(p), p.a) for p in (special_problems(on) if on else all_problems())])
 
 
 def constraints_off(form: Accelerations, p: Problem) -> float:
-    """Return the residual of the constraints J a = g, eq. (6), at the accelerations of a formula, relative to its terms."""
+    """Return the residual of the constraints J a = g, eq. (6), for the accelerations a = form(p), relative to the terms of J a."""
     return float(np.abs(p.J @ form(p) - p.g).max() / (np.abs(p.J) @ np.abs(form(p))).max())
 
 
@@ -76,9 +85,10 @@ def predict(p: Problem) -> Array:
 
 
 def difference_off(factor: float, p: Problem) -> float:
-    """Compare `factor` times the predicted difference a_true - a_(16) with the actual difference.
+    """Return the error of `factor` times -N M^-1 J^T lambda as a prediction of a_true - a_(16), the error of eq. (16).
 
-    The result is relative to the largest acceleration involved: the true one, that of eq. (16), or the one without constraints.
+    The error of the prediction is divided by the largest of three accelerations: the true one, that of eq. (16), and that of the
+    system without constraints.
     """
     wrong = euclidean(p)  # a_(16)
     scale = max(np.abs(wrong).max(), np.abs(p.a).max(), np.abs(free_motion(p)).max())
