@@ -312,6 +312,13 @@ def test_one_sample_in_ten_is_repeated_and_sixteen_at_most(monkeypatch: pytest.M
         assert (found["samples"], found["worst"]) == (checked, None)
 
 
+def test_a_sweep_without_angles_among_its_figures_reports_no_change_of_angles(monkeypatch: pytest.MonkeyPatch) -> None:
+    lengths = {name: unit for name, unit in units(load("crank_slider", "paper")).items() if unit == "m"}
+    monkeypatch.setattr(halving, "units", lambda mechanism: lengths)
+    found = repeated(monkeypatch, 20, {0: 1e-4})
+    assert (found["m"], found["rad"], found["ok"]) == (pytest.approx(1e-4), 0.0, True)
+
+
 @pytest.mark.parametrize("unit", ["m", "rad"])
 def test_a_repetition_may_change_a_fortieth_of_the_size_or_of_a_radian(unit: str, monkeypatch: pytest.MonkeyPatch) -> None:
     limit = 0.025 * (load("crank_slider", "paper").size if unit == "m" else 1.0)

@@ -52,7 +52,7 @@ def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | No
     for unit in UNITS:
         names = [name for name, x in units(mechanism).items() if x == unit]
         # (chosen,) largest change of a figure with this unit
-        gaps = np.abs([finer[name] - good[name].to_numpy()[chosen] for name in names] or [ratios]).max(axis=0)
+        gaps = np.abs([finer[name] - good[name].to_numpy()[chosen] for name in names] or [np.zeros(len(chosen))]).max(axis=0)
         changes[unit] = float(gaps[usable].max(initial=0.0))
         ratios = np.maximum(ratios, gaps / limits[unit])
     largest = float(ratios[usable].max(initial=0.0))

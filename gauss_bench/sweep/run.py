@@ -334,7 +334,7 @@ def _client(where: Backend) -> Any:
     """Return a client of a running Dask scheduler, or of new workers on this machine, which end with the client.
 
     Raises:
-        SweepError: no scheduler answers, or Dask is not installed.
+        SweepError: no scheduler answers, no worker starts, or Dask is not installed.
     """
     try:
         from distributed import Client
@@ -345,4 +345,7 @@ def _client(where: Backend) -> Any:
     try:
         return Client(where.scheduler, timeout=FIRST, **({} if where.scheduler else options))  # type: ignore[no-untyped-call]
     except (OSError, TimeoutError, ValueError) as error:
-        raise SweepError(f"--scheduler {where.scheduler}: no scheduler answers there within {FIRST:g} s") from error
+        missing = (
+            f"--scheduler {where.scheduler}: no scheduler answers there" if where.scheduler else "--backend dask: no worker started"
+        )
+        raise SweepError(f"{missing} within {FIRST:g} s") from error
