@@ -1,8 +1,8 @@
 """Checks of the suite itself with known answers: each check returns None if all is correct, or a sentence on the fault it detects.
 
-The checks call the functions that judge engines, certify references, compare figures with the baseline and measure times. All checks
-together take seconds, because they use small linkages and short motions. The gate (`bench/gate.py`) is the regression test that
-compares figures, such as errors, with those of a stored baseline.
+The checks call the functions that judge engines, certify references, compare figures with the baseline and measure times. Small
+linkages and short motions are used, so that all checks together take seconds. The gate (`bench/gate.py`) is the regression test
+that compares figures, such as errors, with those of a stored baseline.
 """
 
 import gc

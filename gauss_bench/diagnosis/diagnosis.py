@@ -22,7 +22,7 @@ import numpy as np
 
 from gauss_bench.diagnosis import samples, split
 from gauss_bench.diagnosis.causes import Cause, Part
-from gauss_bench.diagnosis.dimensions import misplace
+from gauss_bench.diagnosis.dimensions import find_displaced_pin
 from gauss_bench.diagnosis.explanations import Explained, candidates, constraint_explanations, every_explanation, explain, tell
 from gauss_bench.diagnosis.motion import OwnMotion, TrueMotion
 from gauss_bench.diagnosis.observations import FEWEST, Burst, Runner, burst, observe, sample
@@ -421,7 +421,7 @@ class Case:
         opened = self.closure.closure[-1]
         if len(self.bursts) < 2 or not opened > TINY_GAP:
             return None
-        pin = misplace(self.own, self.bursts[0].at, self.bursts[-1].at)
+        pin = find_displaced_pin(self.own, self.bursts[0].at, self.bursts[-1].at)
         # The squared correlation of gap and force is the share of the squared gap that a compliant constraint would explain.
         # The pin is named only if it explains more.
         by_softness = self.closure.held**2
