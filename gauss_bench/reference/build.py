@@ -116,7 +116,7 @@ def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Arra
     """Integrate with scipy's DOP853, stopped at every sample; return q, v (k, n)."""
     from scipy.integrate import DOP853  # imported here because a driven linkage does not need it, and it takes long
 
-    n, just_before_end = len(q0), np.inf  # the end of the present interval; the loop below sets it
+    n, just_before_end = len(q0), np.inf  # the loop below sets `just_before_end` for each interval between samples
 
     def rate(t: float, y: Array) -> Array:
         """Return v and a (2n,); if a force jumps at the end of an interval, its value before the jump is used."""
