@@ -578,13 +578,13 @@ class Case:
             return Answer(Cause.STALE, old.sentence, [old])
         closure = self.closure
         falls = "falls with the tolerance" if self.adaptive else f"falls with the step by order {self.steps.order:.1f}"
-        # Constraints are soft if the gaps of the loops are proportional to the constraint forces, or if `_constraints_yield`. Gaps
-        # of solvers that correct velocities are proportional to the forces too, but these gaps decrease with the square of the
-        # step, while the error of the steps decreases by order 1. `closure_share` is the share of the error that violates the
-        # constraints.
+        # Constraints are soft if the gaps of the loops are proportional to the constraint forces, or if
+        # `_constraints_are_compliant`. Gaps of solvers that correct velocities are proportional to the forces too, but these gaps
+        # decrease with the square of the step, while the error of the steps decreases by order 1. `closure_share` is the share of
+        # the error that violates the constraints.
         follows_force = closure.held > MIN_CORRELATION and closure.closure_share > NEGLIGIBLE
         gap_is_elastic = follows_force and not closure.grows and not closure.falls_faster(self.steps.order)
-        if gap_is_elastic or self._constraints_yield():
+        if gap_is_elastic or self._constraints_are_compliant():
             gap = f"the loops open by {closure.closure[0]:.1e} (m, rad) at {closure.closure_joint}"
             sentence = f"soft constraints, whose stiffness depends on the step: {gap}, in proportion to the force there"
             return Answer(Cause.SOFTNESS, f"{sentence} ({closure.compliance:.1e} m/N); the error {falls}")
@@ -601,7 +601,7 @@ class Case:
         """Tell whether the motion converges with a lower order than that of the integrator; False if that order is not known."""
         return bool(self.steps.order < ORDERS.get(self.choices[0].integrator, np.nan) - 1)
 
-    def _constraints_yield(self) -> bool:
+    def _constraints_are_compliant(self) -> bool:
         """Tell whether the accelerations show that compliant constraints cause the error.
 
         Three conditions must be met: the order of convergence is lower than that of the integrator, the error of the reported
@@ -657,6 +657,7 @@ class Case:
         if last is None or self.adaptive:
             return None
         euler = [] if self._loses_order() else [last.euler]  # the error of a correct first-order step
+        # error of accelerations (k, n), its relative size, and the known errors that are fitted too
         for error, relative, known in ((last.reported, last.relative_reported, []), (last.implied, last.relative_implied, euler)):
             if not relative > SEEN:
                 continue
@@ -675,7 +676,7 @@ class Case:
 
     def numbers(self) -> Numbers:
         """Return errors, order of convergence, local errors, gaps and time map; `Numbers` tells what each figure means."""
-        worst = int(np.abs(self.off).max(axis=1).argmax())  # checkpoint with the largest position error of the first run
+        worst = int(np.abs(self.off).max(axis=1).argmax())  # index of the checkpoint with the first run's largest position error
         return Numbers(
             **vars(self.closure),
             error=self.error,

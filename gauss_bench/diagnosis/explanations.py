@@ -155,6 +155,7 @@ def _fit(x: Explanation, target: Array, root: Array, size_of_all: float) -> Expl
         """Return the weighted change (k n,) of the accelerations that the fault causes if it has this amount."""
         return np.asarray((x.effect_of(amount) * root).ravel())
 
+    # linear fit of the amount
     unit = SMALL if callable(x.effect) else 1.0
     column = effect(unit) / unit  # the effect of an amount of 1 if the effect is proportional; else its derivative at zero
     square, whole = float(column @ column), float(target @ target)
@@ -164,9 +165,10 @@ def _fit(x: Explanation, target: Array, root: Array, size_of_all: float) -> Expl
     residual = target - column * amount
     if x.exact and float(residual @ residual) > SCREENED * whole:  # saves the refinement of most of the many exact explanations
         return None
-    if callable(x.effect):
+    if callable(x.effect):  # the effect is not proportional to the amount
         amount, residual = _refine(effect, target, float(np.clip(amount, -0.9, 9.0)))
     share = 1.0 - float(residual @ residual) / whole
+    # a fault that is either present or not must have an amount near 1
     if not np.isfinite(share) or (x.once and abs(amount - 1.0) > ONCE):
         return None
     relative_residual = float(np.linalg.norm(target - effect(1.0 if x.once else amount))) / size_of_all
@@ -229,12 +231,14 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     for what, cause, keys in SCALED:
         yield Explanation(cause, what, scale_links(names, keys), f"{what} {{are}}")
     yield from force_explanations(own, x)
-    for i, j in combinations(range(len(names)), 2):  # two links with exchanged masses and inertias
+    # two links with exchanged masses and inertias
+    for i, j in combinations(range(len(names)), 2):
         links, both = list(mechanism.links), f"{names[i]} and {names[j]}"
         for k, other in ((i, mechanism.links[j]), (j, mechanism.links[i])):
             links[k] = replace(links[k], mass=other.mass, inertia=other.inertia)
         swapped = change_by(links=tuple(links))
         yield Explanation(Cause.ORDER, f"masses of {both}", swapped, f"{both} have each other's mass and inertia", once=True)
+    # gravity of a wrong size, or with an additional part in another direction
     g = np.asarray(mechanism.gravity, dtype=float)
     if g.any():
         yield Explanation(Cause.GRAVITY, "gravity", change_by(gravity=2 * g), "gravity {is}")
@@ -245,6 +249,7 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     for name, vector in directions.items():
         template = f"gravity has a part {name} that it should not have, {{amount}} times {float(np.hypot(*vector)):.3g} m/s^2"
         yield Explanation(Cause.GRAVITY, f"gravity {name}", change_by(gravity=g + vector), template)
+    # one force with a wrong number, on a wrong link or in a wrong direction
     for at, force in enumerate(mechanism.forces):
         for key in NUMBERS:
             value = getattr(force, key, 0.0)

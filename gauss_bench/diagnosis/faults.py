@@ -110,7 +110,10 @@ class FaultyModel(InterpretedModel):
         self.running = False
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> State:
-        """Advance `count` steps of length h one by one, so that the planted fault can change the state after each step."""
+        """Advance `count` steps of length h [s] one by one, so that the planted fault can change the state after each step.
+
+        Forces after the time `last` [s] are evaluated at `last`, because a force may jump at the end of a step.
+        """
         for i in range(count):
             t = begin + i * h
             self.recent = [self.recent[1], self.rows(t, x, dx)]  # J and gamma at the beginnings of the last two steps

@@ -54,24 +54,24 @@ def plant(file: str, text: str, mutant: str) -> Iterator[None]:
     source = path.read_text(encoding="utf-8")
     if source.count(text) != 1:
         raise ValueError(f"{file} does not contain {text!r} exactly once")
-    spoilt: dict[str, Any] = {"__name__": module.__name__}  # the module as its altered source makes it
+    spoilt: dict[str, Any] = {"__name__": module.__name__}  # names of the module that its altered source makes
     exec(compile(source.replace(text, mutant), str(path), "exec"), spoilt)
-    sound = vars(module)
-    constants = {name: x for name, x in sound.items() if type(x) in NUMBERS and not name.startswith("__")}
+    original = vars(module)
+    constants = {name: x for name, x in original.items() if type(x) in NUMBERS and not name.startswith("__")}
     # for the module itself and for each of its classes: the names in the original one and in the altered one
-    pairs = [(sound, spoilt), *((vars(x), vars(spoilt[name])) for name, x in sound.items() if isinstance(x, type))]
+    pairs = [(original, spoilt), *((vars(x), vars(spoilt[name])) for name, x in original.items() if isinstance(x, type))]
     own_code, new_code = {}, {}
     for names, altered in pairs:
         for name, function in names.items():
             if type(function) is FunctionType:
                 own_code[function], new_code[function] = function.__code__, altered[name].__code__
     try:
-        sound |= {name: spoilt[name] for name in constants}
+        original |= {name: spoilt[name] for name in constants}
         for function, code in new_code.items():
             function.__code__ = code
         yield
     finally:
-        sound |= constants
+        original |= constants
         for function, code in own_code.items():
             function.__code__ = code
 

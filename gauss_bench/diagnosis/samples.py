@@ -63,6 +63,7 @@ def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | No
     state, best = _state(x, pace), TimeMap(shift, rate, np.inf)
     before = np.linalg.norm(state - _state(truth.at(x.t), pace), axis=1)  # errors without a map
     for _ in range(ITERATIONS):
+        # the reference can be continued only a little before its start and beyond its end
         mapped = truth.at(np.clip(shift + rate * x.t, -0.05 * truth.until, 1.05 * truth.until))
         off = state - _state(mapped, pace)
         remaining_share = float(np.median(np.linalg.norm(off, axis=1) / np.maximum(before, 1e-9 * before.max(initial=1e-300))))

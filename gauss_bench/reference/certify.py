@@ -35,8 +35,8 @@ from gauss_bench.reference.taylor.series import taylor_motion
 from gauss_bench.terms import Array
 
 DIGITS = 12
-SAMPLES = 500  # largest number of samples, so that files stay small
-FINEST = 50  # least number of samples, so that motions over milliseconds have some too
+MAX_SAMPLES = 500  # largest number of samples, so that files stay small
+MIN_SAMPLES = 50  # least number of samples, so that motions over milliseconds have samples too
 SPACING = Decimal("0.01")  # [s] usual distance of samples
 STEPS = 100  # least number of steps of the collocation, which halves its steps itself where the motion needs it
 HALVINGS = 2  # largest number of times that all steps are halved
@@ -132,14 +132,14 @@ def _refuse_unknown(mechanism: Mechanism) -> None:
 def sample_times(duration: float) -> list[str]:
     """Return sample times as decimal texts: multiples of a spacing, and the end of the motion as the last.
 
-    The spacing is 0.01 s. If this gives more than SAMPLES times, it is the smallest sufficient multiple of 0.01 s. If it gives
-    fewer than FINEST times, the spacing is divided by ten until there are enough.
+    The spacing is 0.01 s. If this gives more than MAX_SAMPLES times, it is the smallest sufficient multiple of 0.01 s. If it gives
+    fewer than MIN_SAMPLES times, the spacing is divided by ten until there are enough.
     """
     end = Decimal(repr(float(duration)))
     spacing = SPACING
-    while end / spacing > SAMPLES:
+    while end / spacing > MAX_SAMPLES:
         spacing += SPACING
-    while end > 0 and end / spacing < FINEST:
+    while end > 0 and end / spacing < MIN_SAMPLES:
         spacing /= 10
     times = [k * spacing for k in range(int(end / spacing) + 1)]
     return [str(t) for t in (times if times[-1] == end else [*times, end])]

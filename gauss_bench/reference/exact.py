@@ -64,7 +64,7 @@ def stack_bodies(bodies: Sequence[tuple[Any, Any]]) -> Numbers:
     return np.array([x for place, angle in bodies for x in (place.real, place.imag, angle)])
 
 
-def rotor_angle(k: Any, t: Any, speed: Any) -> Any:
+def _pendulum_angle(k: Any, t: Any, speed: Any) -> Any:
     """Return the angle phi [rad] from the upright position at time t of a pendulum that turns over: phi'' = k sin(phi).
 
     The motion begins at phi = 0 with phi' = `speed`. With s^2 = speed^2 + 4 k, m = 4 k / s^2, the complete elliptic integral K(m)
@@ -95,7 +95,7 @@ def _n_four_bar(name: str, t: list[Any]) -> States:
 
     def coordinates(time: Any) -> Numbers:
         """Return the coordinates of count + 1 uprights at the angle theta from the x axis, and of count horizontal bars on them."""
-        theta = mpmath.pi / 2 - rotor_angle(k, time, speed)
+        theta = mpmath.pi / 2 - _pendulum_angle(k, time, speed)
         top, zero = length * mpmath.expj(theta), mpmath.mpf(0)  # top of the first upright, and the angle of a horizontal bar
         uprights = [(top / 2 + i * length, theta) for i in range(count + 1)]
         return stack_bodies(uprights + [(top + (i + 0.5) * length, zero) for i in range(count)])
