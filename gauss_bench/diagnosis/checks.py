@@ -440,9 +440,9 @@ def check_clocks() -> str | None:
 
 
 def check_gate() -> str | None:
-    """Check that the gate accepts unchanged figures and rejects each of several changed ones; return the first fault or None.
+    """Check the gate, the regression test that compares figures with a stored baseline; return the first fault or None.
 
-    The gate is the regression test, which compares figures with a stored baseline. Each figure has a tolerance of its own, and
+    The gate must accept unchanged figures, and reject each of several changed ones. Each figure has a tolerance of its own, and
     the changed figures lie just inside or just outside this tolerance. A figure that became much better must be rejected too.
     """
     base: Figures = {"status": "ok", "valid": "True", "position_error": 1e-6, "position_drift": 1e-9}

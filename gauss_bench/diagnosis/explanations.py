@@ -176,7 +176,7 @@ def _fit(x: Explanation, target: Array, root: Array, size_of_all: float) -> Expl
 
 
 def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> tuple[float, Array]:
-    """Refine the amount of a fault by Gauss-Newton steps; return the amount and the residual (k n,).
+    """Refine the size (amount) of a wrong mass or inertia by Gauss-Newton steps; return it and the residual (k n,).
 
     The amount is the relative error of a mass or an inertia: the faulty parameter is the correct one times (1 + amount). The limits
     LEAST_AMOUNT and MOST_AMOUNT keep the faulty parameter positive.

@@ -164,7 +164,7 @@ def _columns(mechanism: Mechanism, truth: States, reported: States) -> Iterator[
     """
 
     def links(x: Array) -> Array:
-        """Return x (k, n) as (links, k, 3)."""
+        """Return the coordinates x (k, n) of k states, ordered by links: (links, k, 3)."""
         return bodies(x).transpose(1, 0, 2)
 
     names = [link.name for link in mechanism.links]

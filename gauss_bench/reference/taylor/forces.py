@@ -156,10 +156,13 @@ class Loads(Wrench):
         return self.constant(f.k) * (self.constant(f.rest) - x) - self.constant(f.c) * rate
 
     def _spring(self, f: SpringDamper) -> None:
-        """Apply a spring and damper between two points; terms with a coefficient of zero are left out."""
+        """Apply a spring and damper between two points; terms with a coefficient of zero are left out.
+
+        The force on the point a is `pull` times the vector d from a to b, where pull = k (L - rest) / L + c L' / L.
+        """
         gap = self.gap(f.a, f.b)
         d = self.value(gap)
-        square = dot(d, d)
+        square = dot(d, d)  # L^2
         pull = self.constant(f.k)
         if f.rest != 0 and f.k != 0:
             pull = pull - self.constant(f.k * f.rest) / self.at.arithmetic.sqrt(square)
@@ -168,7 +171,11 @@ class Loads(Wrench):
         self.pull(f.a, f.b, scale_by(pull, d))
 
     def _along(self, f: AxisSpringDamper) -> None:
-        """Apply a spring and damper along an axis of a link: a force at the point, and its reaction on the link of the axis."""
+        """Apply a spring and damper along an axis of a link: a force at the point, and its reaction on the link of the axis.
+
+        The coordinate of the spring is the distance of `f.point` from the origin of the axis along the axis. The force on the point
+        in the direction of the axis is k (rest - x) - c x', where x is this coordinate.
+        """
         gap, u = self.gap(f.origin, f.point), self.turn(unit(f.angle), f.origin.link)  # u: direction of the axis in the world
         d = self.value(gap)  # from the origin of the axis to the point; its length along the axis is u . d
         rate = dot(u, self.at.combine(gap, self.rate)) + self._speed(f.origin.link) * cross(u, d)  # (u . d)', as u turns
