@@ -94,7 +94,7 @@ def test_gaps_that_follow_forces_cause_no_error_that_falls_more_slowly_with_the_
     """A solver on velocities leaves gaps of second order in the step and errors of first order."""
     gaps = Closure((1.6e-4, 4e-5, 1e-5), 1.6e-4, 1.6e-4, False, "D", 0.1, 0.95, 1e-6)
     case = SimpleNamespace(closure=gaps, steps=SimpleNamespace(order=order), adaptive=False, by_step=1e-2, whole=1e-2)
-    case._find_stale_data, case._constraints_yield, case._name_hidden_fault = (lambda: None), (lambda: False), (lambda: "")
+    case._find_stale_data, case._constraints_are_compliant, case._name_hidden_fault = (lambda: None), (lambda: False), (lambda: "")
     assert Case._explain_step_error(case).cause is cause  # type: ignore[arg-type]
     assert not replace(gaps, closure=(1e-4,)).falls_faster(0.0)
     assert not replace(gaps, closure=(0.0, 0.0)).falls_faster(0.0)

@@ -1,1 +1,1 @@
-"""What is wrong with an engine, and whether the suite would notice: see README.md."""
+"""Find the cause of an engine's error, and test with planted faults whether the suite detects errors: see README.md."""

@@ -1,8 +1,8 @@
 """Checks of the suite itself with known answers: each check returns None if all is correct, or a sentence on the fault it detects.
 
-The checks call the functions that judge engines, certify references, compare figures with the baseline and measure times. They use
-small linkages and short motions, so that all checks together take seconds. The gate (`bench/gate.py`) is the regression test that
-compares figures with those of a stored baseline.
+The checks call the functions that judge engines, certify references, compare figures with the baseline and measure times. Small
+linkages and short motions are used, so that all checks together take seconds. The gate (`bench/gate.py`) is the regression test
+that compares figures, such as errors, with those of a stored baseline.
 """
 
 import gc
@@ -55,9 +55,11 @@ def alter(
     """Return an altered linkage.
 
     Args:
-        of, factors: name of a link or force, and attribute -> factor on it.
-        gravity: factor on gravity.
-        joint, by: name of a pin, and its displacement [m] in x in the frame of its second link.
+        of: name of the link or force whose attributes are multiplied; "" for none.
+        factors: attribute of this link or force -> factor by which the attribute is multiplied.
+        gravity: factor by which gravity is multiplied.
+        joint: name of the pin that is displaced; "" for none.
+        by: displacement [m] of this pin in the direction x of the frame of its second link.
     """
 
     def scale(x: Any) -> Any:
@@ -97,19 +99,23 @@ def shift(x: Trajectory, level: str, column: int, by: float) -> Trajectory:
 
 
 def off(figure: Any, expected: float, tolerance: float) -> bool:
-    """Tell whether a figure, or the largest of several, differs from its known value by more than the tolerance; NaN differs.
+    """Tell whether a number, or the largest of several, differs from its expected value by more than the tolerance; NaN differs.
 
-    The tolerance is relative to the value if that is larger than 1, and else absolute.
+    The tolerance is relative if the magnitude of the expected value is larger than 1, and absolute otherwise.
     """
     return not abs(float(np.max(figure)) - expected) <= tolerance * max(1.0, abs(expected))
 
 
 def ask_gate(figures: Figures, baseline: Figures) -> str | None:
-    """Compare a case's figures (name -> value) with those of a baseline; return the gate's first complaint, or None."""
+    """Run the gate (the regression test) on the figures of one invented case, each name -> value.
+
+    Return the first message on a figure that the gate rejects against the baseline, or None if it accepts all of them.
+    """
+    # any values for the columns that identify a case; they are the same in both tables
     key = dict(zip(KEY, ("linkage", "scenario", "engine", "default", "rk4", "none", 1e-3, 1.0), strict=True))
 
     def frame(some: Figures) -> pd.DataFrame:
-        """Return figures as the table that the gate reads, with one row for each figure."""
+        """Return figures as a table of the gate's format, with one row for each figure."""
         texts = {k: x if isinstance(x, str) else f"{x:.15g}" for k, x in some.items()}
         return pd.DataFrame([key | {"metric": k, "value": x, "message": "", "accepted": ""} for k, x in texts.items()])
 
@@ -121,39 +127,47 @@ def ask_gate(figures: Figures, baseline: Figures) -> str | None:
 
 
 def check_model(which: tuple[str, str] = FOUR_BAR, alter: Mapping[str, Any] | None = None) -> str | None:
-    """Compare accelerations of an engine that models an altered linkage with the true ones at known states.
+    """Compare accelerations of the engine `gauss`, which models an altered linkage, with the true ones at known states.
 
-    Return the complaint of the gate, whose baseline is the error of the unaltered linkage; None if it accepts the error.
-    `alter` has arguments of the function `alter`; without them the linkage is not altered.
+    Return the message of the gate (the regression test) if it rejects the error, or None if it accepts the error. The gate's
+    baseline is the error with the unaltered linkage.
+
+    Args:
+        which: linkage and scenario.
+        alter: arguments of the function `alter`; without them the linkage is not altered.
     """
 
-    def error(altered: Mechanism) -> Figures:
-        """Return name -> value of the median relative error of the accelerations of an altered linkage."""
-        x, engine = states(which), Interpreted("gauss").build(altered, Choice(integrator="rk4"))
+    def measure_error(modelled: Mechanism) -> Figures:
+        """Return name -> value of the median relative error of the accelerations if the engine models this linkage."""
+        x, engine = states(which), Interpreted("gauss").build(modelled, Choice(integrator="rk4"))
         accelerations = np.array([engine.acceleration(float(t), q, v) for t, q, v in zip(x.t, x.q, x.v, strict=True)])
         return {"acceleration_error_median": float(np.median(metrics.relative_acceleration_error(accelerations, x.a)))}
 
-    sound = load(*which)
-    return ask_gate(error(change(sound, alter)), error(sound))
+    unaltered = load(*which)
+    return ask_gate(measure_error(change(unaltered, alter)), measure_error(unaltered))
 
 
 def change(mechanism: Mechanism, how: Mapping[str, Any] | None) -> Mechanism:
-    """Return a linkage altered by these arguments of `alter`, or unchanged."""
+    """Return a linkage changed by the function `alter` with the arguments `how`, or unchanged if there are none."""
     return alter(mechanism, **how) if how else mechanism
 
 
 def check_sample_times(late: float) -> str | None:
-    """Return the complaint of the gate about a correct motion whose samples are `late` [s] too late, or None if it accepts them."""
-    reference = truth(FOUR_BAR)
-    sound = reference.samples
-    moved = replace(sound, q=sound.q + late * sound.v + late**2 / 2 * sound.a, v=sound.v + late * sound.a)
+    """Ask the gate (the regression test) about a correct motion of the four-bar linkage whose samples are `late` [s] too late.
 
-    def figures(x: Trajectory) -> Figures:
-        """Return name -> value of the largest errors of a motion."""
+    Return the gate's message if it rejects the errors of these samples, or None if it accepts them.
+    """
+    reference = truth(FOUR_BAR)
+    correct = reference.samples
+    # the states at the time t + late, by Taylor's series to second order
+    delayed = replace(correct, q=correct.q + late * correct.v + late**2 / 2 * correct.a, v=correct.v + late * correct.a)
+
+    def measure_errors(x: Trajectory) -> Figures:
+        """Return name -> value of the largest position error and the largest velocity error of a motion."""
         errors = metrics.state_errors(load(*FOUR_BAR), x, reference)
         return {"position_error": float(errors.position.max()), "velocity_error": float(errors.velocity.max())}
 
-    return ask_gate(figures(moved), figures(sound))
+    return ask_gate(measure_errors(delayed), measure_errors(correct))
 
 
 # formulations and integrators
@@ -185,7 +199,7 @@ def check_integrators() -> str | None:
     """Check the order of convergence of every integrator with q'' = -q, whose solution is q = cos t; return a fault or None."""
 
     def error_of(step: Callable[..., tuple[Array, Array]], count: int) -> float:
-        """Return the error at t = 1 after a number of steps."""
+        """Return the error of (q, v) at t = 1 after `count` equal steps from q = 1, v = 0; step(f, t, q, v, h) -> (q, v)."""
         q, v, h = np.array([1.0]), np.array([0.0]), 1.0 / count
         for k in range(count):
             q, v = step(lambda t, q, v: -q, k * h, q, v, h)
@@ -222,9 +236,12 @@ def check_stabilizations() -> str | None:
 
 
 def check_metrics() -> str | None:
-    """Check the metrics of motions with known, planted errors; return the first wrong metric or None."""
+    """Check the metrics of motions with known, planted errors; return a sentence on the first wrong metric, or None.
+
+    Each planted error is followed by the metrics that must have its size.
+    """
     mechanism, reference = load(*FOUR_BAR), truth(FOUR_BAR)
-    evaluator, sound = Evaluator(mechanism), reference.samples
+    evaluator, sound = Evaluator(mechanism), reference.samples  # `sound`: the correct motion
     x, y = SIZE, SIZE + 1  # columns of the second link's centre of mass
 
     def errors(reported: Trajectory) -> metrics.Errors:
@@ -235,10 +252,10 @@ def check_metrics() -> str | None:
         moved = shift(sound, "q", column, MOVED)
         gaps = metrics.drift(evaluator, moved).position, errors(moved).length, errors(moved).position
         if any(off(gap, MOVED, 1e-6) for gap in gaps):
-            return f"a link that is moved by {MOVED:g} m has another gap or error"
+            return f"a link that is moved by {MOVED:g} m has a gap or an error of another size"
     faster = shift(sound, "v", y, MOVED)
     if off(metrics.drift(evaluator, faster).velocity, MOVED, 1e-6) or off(errors(faster).velocity, MOVED, 1e-6):
-        return "a wrong velocity of a link has another drift or error"
+        return f"a velocity of a link that is wrong by {MOVED:g} m/s has a drift or an error of another size"
     if off(metrics.drift(evaluator, shift(sound, "a", y, 1.0)).acceleration, 1.0, 1e-6):
         return "accelerations off the constraints leave no residual"
     (gained, bar), moves = metrics.energy_error(evaluator, sound), metrics.energy_scale(evaluator, sound)
@@ -247,10 +264,11 @@ def check_metrics() -> str | None:
     if not metrics.energy_error(evaluator, replace(sound, v=1.1 * sound.v))[0].max() > 0.1 * moves:
         return "a motion with velocities 10 % too large gains no energy"
     if off(metrics.relative_acceleration_error(1.01 * sound.a, sound.a), 0.01, 1e-9):
-        return "accelerations that are 1 % too large have another error"
+        return "accelerations that are 1 % too large have an error other than 1 %"
     steps, rounding = np.array([4e-3, 2e-3, 1e-3]), np.full(3, 1e-12)
     if off(metrics.observed_order(steps, steps**3, np.zeros(3))[1], 3.0, 1e-9):
-        return "an error of order three has another order"
+        return "an error proportional to the third power of the step has an order other than three"
+    # errors as large as the error bar are rounding, from which no order can be computed
     return "rounding has an order" if np.isfinite(metrics.observed_order(steps, rounding, rounding)[1]) else None
 
 
@@ -258,19 +276,19 @@ def check_joint_forces() -> str | None:
     """Check that the joint forces and applied forces on each link balance its inertia (Newton's laws); return a fault or None."""
     for which in (FOUR_BAR, CRANK_SLIDER, SHAPER):
         mechanism, reference = load(*which), truth(which)
-        evaluator, sound = Evaluator(mechanism), reference.samples
-        by_joint = metrics.joint_forces(evaluator, sound)
-        own = reference.a * evaluator.mass - evaluator.applied.generalised(reference.q, reference.v)  # M a - Q (k, n)
-        lacking = bodies(own).copy()  # (k, links, 3): what the joints must exert, less what they do exert
+        evaluator = Evaluator(mechanism)
+        by_joint = metrics.joint_forces(evaluator, reference.samples)  # force of the first link of a joint on its second link
+        required = reference.a * evaluator.mass - evaluator.applied.generalised(reference.q, reference.v)  # M a - Q (k, n)
+        unbalanced = bodies(required).copy()  # (k, links, 3): what the joints must exert, less what they do exert
         for joint in mechanism.joints:
-            (first, second), given = joint.ends, by_joint[joint.name]
-            force, at = np.stack([given["fx"], given["fy"]], axis=1), position(reference.q, second)
+            (first, second), exerted = joint.ends, by_joint[joint.name]
+            force, at = np.stack([exerted["fx"], exerted["fy"]], axis=1), position(reference.q, second)
             for body, sign in ((first.link, -1.0), (second.link, 1.0)):
-                if body >= 0:
-                    arm = at - places(reference.q)[:, body]
-                    moment = given["moment"] + arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]
-                    lacking[:, body] -= sign * np.column_stack([force, moment])
-        if not np.abs(lacking).max() <= 1e-8 * max(1.0, float(np.abs(own).max())):
+                if body >= 0:  # not the ground
+                    arm = at - places(reference.q)[:, body]  # from the centre of mass to the joint
+                    moment = exerted["moment"] + arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]
+                    unbalanced[:, body] -= sign * np.column_stack([force, moment])
+        if not np.abs(unbalanced).max() <= 1e-8 * max(1.0, float(np.abs(required).max())):
             return f"forces in the joints of {which[0]} do not balance the inertia of its links"
     return None
 
@@ -333,13 +351,15 @@ def check_run() -> str | None:
 def check_certificate(
     which: tuple[str, str] = FOUR_BAR, nudge: Mapping[str, float] | None = None, alter: Mapping[str, Any] | None = None
 ) -> str | None:
-    """Verify the first samples of a certificate against a linkage; return None if they pass, else a sentence on what fails.
+    """Check the first samples of a certificate (a reference motion with guaranteed digits) against the equations of a linkage.
+
+    Return None if the samples satisfy the equations, and otherwise a sentence with the errors.
 
     Args:
         which: linkage and scenario of the certificate.
-        nudge: level "q", "v", "a" or "multipliers" -> number that is added to the largest entry of the level's middle sample, or
-            "late" -> delay of all samples [s].
-        alter: arguments of `alter` for the linkage against which the certificate is verified.
+        nudge: planted error of the samples. "q", "v", "a" or "multipliers" -> number that is added to the largest entry of the
+            middle sample of this array; "late" -> delay of all samples [s].
+        alter: arguments of the function `alter`, which changes the linkage whose equations are used; None for the true linkage.
     """
     mechanism = load(*which)
     path = certificate_path(mechanism)
@@ -420,14 +440,20 @@ def check_clocks() -> str | None:
 
 
 def check_gate() -> str | None:
-    """Check that the gate accepts unchanged figures and rejects each of several changed ones; return the first fault or None."""
+    """Check the gate, the regression test that compares figures with a stored baseline; return the first fault or None.
+
+    The gate must accept unchanged figures, and reject each of several changed ones. Each figure has a tolerance of its own, and
+    the changed figures lie just inside or just outside this tolerance. A figure that became much better must be rejected too.
+    """
     base: Figures = {"status": "ok", "valid": "True", "position_error": 1e-6, "position_drift": 1e-9}
     base |= {"observed_order": 4.0, "measured_t1": 12.0, "acceleration_error_median": 1e-10}
     if said := ask_gate(base, base):
         return f"the gate rejects unchanged figures: {said}"
+    # inside the tolerances: an error less than twice as large, an order less than 0.2 lower, a reference value changed by rounding
     near: Figures = base | {"position_error": 1.5e-6, "observed_order": 3.9, "measured_t1": 12.0 + 1e-10}
     if said := ask_gate(near, base):
         return f"the gate rejects differences between machines: {said}"
+    # outside the tolerances; the drift is a hundred times smaller than before, which may come from a fault of the metric
     wrong: Figures = {"position_error": 2.1e-6, "position_drift": 1e-11, "observed_order": 3.7}
     wrong |= {"measured_t1": 12.0 + 1e-7, "status": "nan", "valid": "False", "acceleration_error_median": math.nan}
     for key, value in wrong.items():
@@ -436,7 +462,7 @@ def check_gate() -> str | None:
         missing = {k: x for k, x in base.items() if k != key}
         if key not in ("observed_order", "status") and not ask_gate(missing, base):
             return f"the gate accepts that {key} is missing"
-    floor = gate.RULES["acceleration_error_median"].floor
+    floor = gate.RULES["acceleration_error_median"].floor  # errors up to it are rounding and may change freely
     if ask_gate({"acceleration_error_median": 0.9 * floor}, {"acceleration_error_median": floor / 100}):
         return "the gate rejects rounding"
     if not ask_gate({"acceleration_error_median": 1.5 * floor}, {"acceleration_error_median": floor / 100}):

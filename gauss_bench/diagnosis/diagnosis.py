@@ -1,15 +1,17 @@
 """Diagnose an engine on a linkage: split its error against the reference into parts, and give a verdict in words.
 
-The questions have an order in which no fault spoils the answer to a later question: Are the samples in order, and do they move? Did
-the state jump? Do the samples belong to other times? How much of the error remains with smaller steps, how much of it violates the
-constraints, and which explanation predicts the wrong accelerations? A cause is named only if it accounts for most of the error.
+The diagnosis asks questions in such an order that no fault falsifies the answer to a later question. Are the links in the right
+order in the samples, and do the samples move? Did the state jump? Are the samples correct states of wrong times? How much of the
+error remains with smaller steps, how much of it violates the constraints, and which possible fault predicts the wrong
+accelerations? A cause is named only if it accounts for most of the error.
 
-The samples of a run close around its checkpoints (one step before, at, and one step after each) are its burst. Accelerations are
-compared in two ways at the engine's own states: those that the engine reports, and those that its change of velocities implies.
+Checkpoints are the times at which errors are analysed. The samples of a run one step before, at, and one step after each checkpoint
+are called its burst. Two kinds of accelerations are compared with correct ones at the engine's own states: the accelerations that
+the engine reports, and the implied accelerations, which are the change of velocities in a step divided by the step.
 
 The verdict is "no dominant cause" if the largest error of a position is below SMALL or below BARS times the error bar of the
-reference, and if the reported accelerations are wrong by at most OFF_REPORTED at the engine's own states. The small error is split
-into its parts nevertheless.
+reference, and if the reported accelerations are wrong by at most OFF_REPORTED at the engine's own states. An error that is so small
+is still split into its parts.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,7 +22,7 @@ import numpy as np
 
 from gauss_bench.diagnosis import samples, split
 from gauss_bench.diagnosis.causes import Cause, Part
-from gauss_bench.diagnosis.dimensions import misplace
+from gauss_bench.diagnosis.dimensions import find_displaced_pin
 from gauss_bench.diagnosis.explanations import Explained, candidates, constraint_explanations, every_explanation, explain, tell
 from gauss_bench.diagnosis.motion import OwnMotion, TrueMotion
 from gauss_bench.diagnosis.observations import FEWEST, Burst, Runner, burst, observe, sample
@@ -56,22 +58,26 @@ WHOLE = (Cause.RESET, Cause.ORDER, Cause.START, Cause.STALE, Cause.LENGTH)  # ca
 
 @dataclass(frozen=True)
 class Numbers(split.Closure):
-    """The measured figures of a diagnosis, with those of the closure; NaN stands for a figure that could not be determined.
+    """The measured figures of a diagnosis, including the gaps of the loops; NaN stands for a figure that could not be determined.
 
     Attributes:
-        error: largest position error of the run with the requested step [m, rad]; at: time of this error [s]; errors: largest
-            position error of every run [m, rad].
+        error: largest position error of the run with the requested step [m, rad].
+        at: time of this error [s].
+        errors: largest position error of every run [m, rad].
         bar: error bar of the reference [m, rad].
-        steps: step of every run [s]; tolerances: relative tolerance of every run, if the integrator chooses its steps.
-        order: order of convergence of the motion with the step.
-        horizon: time until which errors are small enough to be split [s].
-        limit_error: root mean square of the error extrapolated to step zero [m, rad]; step_error: root mean square of the error
-            that the step causes [m, rad].
-        told: median relative error of the reported accelerations, of every run; moved: median relative error of the accelerations
-            from the change of velocities, of every run.
-        step_exponent: k if the error of one step is proportional to h^k: 0 for round-off, 1 for wrong accelerations, p + 1 for
-            an integrator of order p.
-        shift, rate: shift [s] and rate of the time map; jump_time: time of the jump [s].
+        steps: step of every run [s].
+        tolerances: relative tolerance of every run, if the integrator chooses its steps; otherwise None for every run.
+        order: order of convergence of the motion when the step is reduced.
+        horizon: time until which errors are small enough to be split into parts [s].
+        limit_error: root mean square of the error extrapolated to step zero [m, rad].
+        step_error: root mean square of the part of the error that the step causes [m, rad].
+        told: median relative error of the accelerations that the engine reports, for every run.
+        moved: median relative error of the accelerations that follow from the change of velocities in a step, for every run.
+        step_exponent: exponent k if the error of one step is proportional to h^k: 0 for round-off, 1 for wrong accelerations,
+            p + 1 for an integrator of order p.
+        shift: shift b [s] of the time map, by which a sample reported at t is the true state at b + rate t.
+        rate: the factor `rate` of this time map.
+        jump_time: time of a jump of the state [s].
     """
 
     error: float
@@ -97,7 +103,7 @@ class Ended:
     """The end of a run.
 
     Attributes:
-        status: how the run ended; message: reason of the status, or a remark on the run.
+        status: how the run ended; message: reason for this status, or a remark on the run.
     """
 
     status: Status
@@ -110,11 +116,12 @@ class Verdict:
 
     Attributes:
         cause: the dominant cause; sentence: the verdict in words.
-        parts: part -> size of that part of the error [m, rad].
-        numbers: the measured figures; None if no run reached a checkpoint.
-        explanations: explanations of wrong accelerations, the best first.
+        parts: name of a part of the error -> its size [m, rad].
+        numbers: the measured figures, or None if no run reached its first checkpoint.
+        explanations: possible faults that would cause wrong accelerations, the one that fits best first.
         runs: how each run ended.
-        candidates: the explanations that reproduce the accelerations within the noise and cannot be distinguished.
+        candidates: those explanations that reproduce the wrong accelerations to within the numerical noise, so that they cannot be
+            distinguished.
     """
 
     cause: Cause
@@ -127,14 +134,14 @@ class Verdict:
 
 
 def without_run(*ended: Ended) -> Verdict:
-    """Return the verdict if no run has reached a checkpoint; `ended` has the ends of the runs."""
+    """Return the verdict if no run has reached a checkpoint; `ended` tells how each run ended."""
     first = ended[0]
     why = first.message if first.status is Status.SKIP else f"{first.status}: {first.message}"
     return Verdict(Cause.UNKNOWN, f"there is no run to look at: {why}", {}, None, (), ended)
 
 
 class Answer(NamedTuple):
-    """The answer to one question of the diagnosis: a cause, a sentence, and the explanations that were tried."""
+    """The answer to one question of the diagnosis: a cause of the error, a sentence on it, and the explanations that were tried."""
 
     cause: Cause
     sentence: str
@@ -154,17 +161,19 @@ def diagnose_runs(
     """Diagnose an engine from its runs with several steps or tolerances.
 
     Args:
-        run: function that runs the engine: (choice, sampling) -> Run.
+        run: function that runs the engine: (choice, sampling) -> Run. A choice is a setting of the engine (integrator, step and
+            options), and a sampling has the sample times.
         mechanism: the linkage of the file.
-        reference: motion of the linkage from 0 to `until`.
-        choices: the requested choice, and choices with finer steps or tolerances.
+        reference: true motion of the linkage from 0 to `until`.
+        choices: the requested setting, followed by the same setting with smaller steps or tolerances.
         until: end of the runs [s].
-        adaptive: whether the integrator chooses its own steps, so that the choices differ by tolerance.
-        projected: the first choice with projected steps, or None if the engine does not offer projection.
+        adaptive: whether the integrator chooses its own steps, so that the settings differ by tolerance.
+        projected: the first setting with the state projected on the constraints after each step, or None if the engine does not
+            offer projection.
         told: called with each sentence of progress.
 
     Raises:
-        ChoiceError: the run has too few steps.
+        ChoiceError: until `until` a run has fewer steps than a diagnosis needs.
     """
     own = OwnMotion(mechanism)
     bursts, runs = observe(run, choices, until, told)
@@ -189,22 +198,30 @@ class Case:
 
     Attributes:
         run: function that runs the engine: (choice, sampling) -> Run.
-        own: the linkage's own equations of motion; truth: the reference at any time.
-        choices: the choice of every run; adaptive: whether they differ by tolerance instead of step.
-        projected: the first choice with projected steps, or None.
-        first: samples of the run with the requested choice around its checkpoints, its burst.
-        true, off: reference states and position errors (k, n) at the checkpoints of this run.
-        bursts: bursts of every run at the checkpoints that all runs reached, the finest run last.
+        own: the equations of motion of the linkage, solved by the suite.
+        truth: the reference motion, at any time.
+        choices: the setting of every run, the requested one first.
+        adaptive: whether the settings differ by tolerance instead of step.
+        projected: the first setting with projected steps, or None.
+        first: burst of the run with the requested setting: its samples one step before, at, and one step after each checkpoint.
+        true: reference states at the checkpoints of this run.
+        off: position errors (k, n) of this run at its checkpoints [m, rad].
+        bursts: burst of every run at the checkpoints that all runs reached; the run with the smallest step comes last.
         errors: largest position error of every run [m, rad].
-        error, bar: largest position error of the first run, and largest error bar of the reference [m, rad].
-        steps: errors split by the step. Its `horizon` is the number of checkpoints whose errors are small enough to be split.
-        limit, by_step: root mean square of the error at step zero, and of the error that the step adds [m, rad].
-        whole: root mean square of the first run's error [m, rad]; closure: gaps of the loops.
-        sound: bursts of every run without those checkpoints at which a loop is wide open.
-        local: errors of accelerations of every run at the checkpoints in `sound`, None if there are none.
+        error: largest position error of the first run [m, rad].
+        bar: largest error bar of the reference [m, rad].
+        steps: the first run's error, split into the error that its step causes and the error that would remain at step zero. The
+            `horizon` of `steps` is the number of checkpoints whose errors are small enough to be split.
+        limit: root mean square of the error extrapolated to step zero [m, rad].
+        by_step: root mean square of the error that the step causes [m, rad].
+        whole: root mean square of the first run's error [m, rad].
+        closure: gaps of the loops.
+        sound: burst of every run without the checkpoints at which a loop is wide open (a gap above OPEN times the linkage's size).
+        local: errors of the accelerations of every run at the checkpoints in `sound`; None for a run without such checkpoints.
         start: the start state, repeated once for each checkpoint of `sound[-1]`.
         noise: relative error that correct accelerations may have.
-        map, jump_time: the map from reported times to times of the true motion, and the time of a jump [s], once they are found.
+        map: the map from reported times to times of the true motion; NaN until it is found.
+        jump_time: time of a jump of the state [s]; NaN until it is found.
     """
 
     def __init__(
@@ -217,11 +234,12 @@ class Case:
         adaptive: bool,
         projected: Choice | None,
     ):
-        """Measure errors, gaps and single steps of all runs; the arguments are those of `diagnose_runs`.
+        """Measure errors, gaps and single steps of all runs; the attributes of the class tell what each argument and figure means.
 
-        `own` has the linkage's equations, `truth` its reference at any time, and `bursts` the samples of the runs.
+        `bursts` has the samples of each run at all checkpoints that this run reached.
         """
         self.run, self.own, self.truth, self.choices, self.adaptive, self.projected = run, own, truth, choices, adaptive, projected
+        # errors of positions at the checkpoints
         self.first: Burst = bursts[0]
         self.true = truth.at(self.first.at.t)
         self.off = self.first.at.q - self.true.q
@@ -229,25 +247,35 @@ class Case:
         self.error, self.bar = self.errors[0], float(truth.bar(self.first.at.t).max())
         shortest = min(len(b.at) for b in bursts)
         self.bursts = tuple(b[np.arange(len(b.at)) < shortest] for b in bursts)
+        # the part of the error that the step causes, the part that remains at step zero, and the gaps of the loops
         self.steps = split.by_steps(self.bursts, self.true[slice(0, shortest)], adaptive)
         self.limit, self.by_step = split.size(self.steps.limit), split.size(self.steps.by_step)
         self.whole = split.size(self.off[: self.steps.horizon])
         self.closure = split.closure_of(own, self.bursts, self.off[: self.steps.horizon])
+        # errors of accelerations, only at checkpoints at which no loop is wide open
         self.sound = tuple(b[split.usable(own, b, OPEN * own.mechanism.size)] for b in self.bursts)
         self.local = tuple(split.local(own, b) if len(b.at) else None for b in self.sound)
         count = len(self.sound[-1].at)
         self.start = States(np.zeros(count), *(np.tile(x, (count, 1)) for x in (own.mechanism.q0, own.mechanism.v0)))
         self.noise = self._acceleration_noise()
+        # found by later questions
         self.map = samples.TimeMap(np.nan, np.nan, left=0.0)
         self.jump_time = np.nan
 
     def verdict(self) -> Answer:
-        """Return the first answer that accounts for the error.
+        """Return the answer to the first question whose answer accounts for the error.
 
-        The questions are asked in this order: is the error small, are samples or velocities wrong, does a fault reproduce the
-        accelerations exactly, is a pin displaced, do the samples belong to other times, and what does the step explain? The exact
-        reproduction is not the answer if the error mainly falls with the step; a later answer then lists the explanations of the
-        reproduction if it has none of its own.
+        The questions are asked in this order:
+
+        1. Is the error small?
+        2. Are the samples or the velocities wrong (whole turns, order of links, standstill, a jump, velocities)?
+        3. Does one fault reproduce the reported accelerations to within the numerical noise (`_reproduce`)?
+        4. Is a pin displaced?
+        5. Are the samples correct states of wrong times?
+        6. What does the dependence of the error on the step tell?
+
+        If the error mainly decreases with the step, a fault found by question 3 is not named as the cause, and the later questions
+        are asked. If their answer lists no explanations of its own, it lists those of question 3.
         """
         if self.error <= max(SMALL, BARS * self.bar):
             return self._explain_small_error()
@@ -270,20 +298,23 @@ class Case:
         return max(NOISE, 10 * apart) if np.isfinite(apart) else NOISE
 
     def _explain(self, y: Array) -> list[Explained]:
-        """Return the explanations of acceleration errors y (k, n) of the finest run, the best first."""
+        """Return the possible faults that explain acceleration errors y (k, n) of the run with the smallest step, the best first.
+
+        These are all faults that fit to within the numerical noise, and at least NAMED faults.
+        """
         finest = self.sound[-1]
         tried = every_explanation(self.own, finest.at, finest.before, self.start)
         found = explain(y, self.own.evaluator.mass, tried, self.own.accelerations(finest.at), self.noise)
-        # all that fit within the noise, which come first, but at least NAMED
+        # `found` begins with the faults that fit to within the noise
         return found[: max(NAMED, len(candidates(found, self.noise)))]
 
     def _reproduce(self) -> Answer | None:
-        """Find causes that reproduce the accelerations that the engine reports, each with its fitted amount.
+        """Find possible faults, each of a fitted size, that reproduce the accelerations that the engine reports.
 
-        Return None if these accelerations are correct, or if no cause reproduces them within the noise.
+        Return None if the reported accelerations are correct, or if no fault reproduces them to within the numerical noise.
         """
-        last = self.local[-1]  # of the finest run
-        if last is None or not last.relative_reported > SEEN:
+        last = self.local[-1]  # of the run with the smallest step
+        if last is None or not last.relative_reported > SEEN:  # also if the error is NaN
             return None
         explanations = self._explain(last.reported)
         alike = candidates(explanations, self.noise)
@@ -296,10 +327,10 @@ class Case:
         return Answer(alike[0].cause, f"{named}{more}: {size}, and {each} reproduces them to {self.noise:.0e}", explanations)
 
     def _explain_small_error(self) -> Answer:
-        """Explain a run whose positions are correct: a cause of wrong velocities or accelerations, or no dominant cause.
+        """Explain a run whose positions are correct: name a cause of wrong velocities or accelerations, or no dominant cause.
 
-        If no explanation fits wrong reported accelerations, the constraints are soft if the gaps of loops are proportional to the
-        constraint forces.
+        If the reported accelerations are wrong and no explanation fits them, the verdict is soft constraints if the gaps of the
+        loops are proportional to the constraint forces.
         """
         if answer := self._find_velocities() or self._reproduce():
             return answer
@@ -332,7 +363,8 @@ class Case:
         return Answer(Cause.WRAPPED, f"{sentence}; apart from whole turns they are right")
 
     def _find_order(self) -> Answer | None:
-        """Detect links or joint coordinates in another order, from the first part of the run."""
+        """Detect from the first part of the run whether the engine reports its links or joint coordinates in a wrong order."""
+        # the start and the first third of the checkpoints (at least three), before integration errors have grown
         reported = _join_states(self.first.start, self.first.at[slice(0, max(3, len(self.first.at) // split.PERIODS))])
         found = samples.order(self.own.mechanism, self.truth.at(reported.t), reported)
         return Answer(Cause.ORDER, f"{found.sentence}; in order, {found.left:.1%} of the error is left") if found else None
@@ -350,19 +382,25 @@ class Case:
         return Answer(Cause.VELOCITIES, sentence)
 
     def _find_standstill(self) -> Answer | None:
-        """Detect samples that do not move, and distinguish a driver without its second derivative from frozen output."""
+        """Detect samples that stand still while the true motion moves; the cause is a driver or a frozen output.
+
+        If the engine leaves out the second time derivative of what a driver prescribes, a linkage may stand still that starts at
+        rest. This is the cause if it explains the wrong accelerations.
+        """
         if not samples.stands_still(self.true, self.first.at):
             return None
         last = self.local[-1]
         if self.own.mechanism.drivers and last is not None:
-            # an engine that leaves out the second derivative of the drivers may stand still
             best = next(iter(self._explain(last.reported)), None)
             if best and best.share >= EXPLAINS and best.cause is Cause.SECOND_RATE:
                 return Answer(Cause.SECOND_RATE, f"{best.sentence}, so that the linkage stands still")
         return Answer(Cause.STATIONARY, "the samples stand still while the linkage moves")
 
     def _find_jump(self) -> Answer | None:
-        """Detect a jump of the state, with a second run that is sampled at every step of the interval that may contain it."""
+        """Detect a jump of the state between two checkpoints.
+
+        A second run is sampled at every step between the two checkpoints between which the displacement is suspicious.
+        """
         reported = _join_states(self.first.start, self.first.at)
         k = samples.suspicious_window(reported, np.vstack([self.own.accelerations(self.first.start), self.first.a]))
         if k is None or self.adaptive:
@@ -379,11 +417,11 @@ class Case:
         return Answer(Cause.RESET, f"{sentence}, as an engine does that resets itself after an error")
 
     def _find_length(self) -> Answer | None:
-        """Detect a pin at another place than in the file: its gap turns with its link and does not depend on the step."""
+        """Detect a pin that the engine has at another place of a link than the file: its gap turns with the link at any step."""
         opened = self.closure.closure[-1]
         if len(self.bursts) < 2 or not opened > TINY_GAP:
             return None
-        pin = misplace(self.own, self.bursts[0].at, self.bursts[-1].at)
+        pin = find_displaced_pin(self.own, self.bursts[0].at, self.bursts[-1].at)
         # The squared correlation of gap and force is the share of the squared gap that a compliant constraint would explain.
         # The pin is named only if it explains more.
         by_softness = self.closure.held**2
@@ -393,7 +431,7 @@ class Case:
         return Answer(Cause.LENGTH, f"{pin.sentence}: {gap}; this explains {format_share(pin.share)} of the gaps")
 
     def _find_other_times(self) -> Answer | None:
-        """Test whether the samples belong to shifted or scaled times or to a wrong start, while the steps themselves are right."""
+        """Test whether the steps are correct, but the reported states belong to shifted or scaled times, or the start is wrong."""
         h = self.first.step
         for stretch in (False, True):  # first a shift alone, then a shift and a factor on time
             found = samples.time_map(self.truth, self.first.at, stretch)
@@ -420,10 +458,12 @@ class Case:
         return None
 
     def _scales_with_step(self, time_map: samples.TimeMap, stretch: bool) -> bool:
-        """Tell whether the samples of a finer run are late by the same time or the same number of steps.
+        """Tell whether the time map of the run with the smallest step shows that the fault lies in the sampling.
 
-        Then the fault lies in the sampling, since the delay by an integration error would fall faster with the step. With
-        `stretch` the factor on time is compared instead of the delay. True if no run has a smaller step.
+        Without `stretch`, this is so if the samples of that run are late by the same time, or by the same number of its own steps,
+        as those of the first run, whose map is `time_map`. The delay by an integration error would decrease faster with the step.
+        With `stretch`, the factor on time is compared instead of the delay: it must not decrease with the step. The result is True
+        too if there is nothing to compare, because no run has a smaller step or the integrator chooses its own steps.
         """
         finest = self.bursts[-1]
         if self.adaptive or finest.step == self.first.step:
@@ -439,14 +479,16 @@ class Case:
     def _shift_of_first_step(self) -> float:
         """Return the time shift [s] of all samples but the start, found from the first step of every run; 0 if there is none.
 
-        A first step that is too long or too short reveals a shift even if integration errors hide it in the samples of all times.
+        If the first step ends at the state of a later or earlier time, all times of the samples are shifted. This can be seen even
+        if the integration errors of the later steps are so large that a fit to all samples does not find the shift.
         """
         shifts = []
         for b, x in zip(self.bursts, self.local, strict=True):
             if self.adaptive or x is None or not len(b.stepped):
                 return 0.0
             expected = self.own.flow(b.start, np.array([b.step]))
-            # change of the state (positions, and velocities times the step) in one step more, and its gap after the first step
+            # slope: change of the state (positions, and velocities times the step) in one more step
+            # gap: error of the state after the first step
             slope = np.concatenate([expected.v[0] * b.step, self.own.accelerations(expected)[0] * b.step**2])
             gap = np.concatenate([b.stepped.q[0] - expected.q[0], (b.stepped.v[0] - expected.v[0]) * b.step])
             steps = float(gap @ slope) / max(float(slope @ slope), 1e-300)
@@ -460,15 +502,16 @@ class Case:
         return shifts[0] if same else 0.0
 
     def _steps_are_sound(self, time_map: samples.TimeMap) -> bool:
-        """Tell whether the accelerations are correct, both those that are reported and those that the steps imply.
+        """Tell whether the steps are correct: both the reported accelerations and those that the change of velocities implies.
 
-        The implied ones may be wrong by the factor `rate` that the map puts on time.
+        If the samples are the true states of the times shift + rate t, the implied accelerations of correct steps are wrong by the
+        factor `rate`. This is allowed.
         """
-        # A map that explains nearly the whole error is accepted without this test: if forces or drivers depend on time, samples of
-        # other times have other accelerations, and the test would reject a correct map.
+        # A map that explains nearly the whole error is accepted without a comparison of accelerations. If forces or drivers depend
+        # on time, correct states of wrong times have other accelerations, and the comparison would reject a correct map.
         if time_map.left < NEGLIGIBLE:  # share of the error that the map does not explain
             return True
-        last, by_rate = self.local[-1], abs(time_map.rate - 1)
+        last, by_rate = self.local[-1], abs(time_map.rate - 1)  # by_rate: relative error of implied accelerations due to the rate
         if last is None:
             return False
         implied = last.relative_implied
@@ -487,13 +530,17 @@ class Case:
         return self.limit <= self.by_step and (self.steps.converges or self.adaptive)
 
     def step_exponent(self) -> float:
-        """Return the exponent k of the error of one step, h^k, from the two smallest steps h; NaN if it cannot be determined."""
-        pairs = zip(self.local[-2:], self.sound[-2:], strict=True)
-        # (error of velocities in one step, the step); an entry of `local` is None if no state of that run could be compared
-        found = [(split.size(x.implied) * b.step, b.step) for x, b in pairs if x is not None]
-        if self.adaptive or len(found) < 2 or not all(error for error, _ in found):
+        """Return the exponent k if the velocity error of a single step h is proportional to h^k; NaN if it cannot be determined.
+
+        The exponent follows from the two runs with the smallest steps, whose single steps begin at states of the engine itself.
+        """
+        runs = zip(self.local[-2:], self.sound[-2:], strict=True)
+        # the velocity error of one step is the error of the mean acceleration in it, times the step. An entry of `local` is None
+        # if no state of that run could be compared
+        errors_and_steps = [(split.size(x.implied) * b.step, b.step) for x, b in runs if x is not None]
+        if self.adaptive or len(errors_and_steps) < 2 or not all(error for error, _ in errors_and_steps):
             return np.nan
-        (coarse_error, coarse_step), (fine_error, fine_step) = found
+        (coarse_error, coarse_step), (fine_error, fine_step) = errors_and_steps
         return float(np.log(coarse_error / fine_error) / np.log(coarse_step / fine_step))
 
     def _is_round_off(self) -> bool:
@@ -523,16 +570,21 @@ class Case:
         return Answer(Cause.ACCELERATIONS, f"{stays}: {off}, which no parameter of the linkage explains", explanations)
 
     def _explain_step_error(self) -> Answer:
-        """Explain an error that falls with the step: old constraint data, soft constraints, drift, or the integrator."""
+        """Explain an error that decreases with the step: old constraint data, soft constraints, drift, or the integrator.
+
+        The causes are tested in this order. The integrator is named if none of the others is found. Drift needs a further run.
+        """
         if old := self._find_stale_data():
             return Answer(Cause.STALE, old.sentence, [old])
         closure = self.closure
         falls = "falls with the tolerance" if self.adaptive else f"falls with the step by order {self.steps.order:.1f}"
-        # constraints are soft if the gaps follow the closing forces, or if the accelerations show it. Solvers on velocities also
-        # leave gaps that follow the forces, but these fall with the square of the step, and the error of the steps by order 1.
+        # Constraints are soft if the gaps of the loops are proportional to the constraint forces, or if
+        # `_constraints_are_compliant`. Gaps of solvers that correct velocities are proportional to the forces too, but these gaps
+        # decrease with the square of the step, while the error of the steps decreases by order 1. `closure_share` is the share of
+        # the error that violates the constraints.
         follows_force = closure.held > MIN_CORRELATION and closure.closure_share > NEGLIGIBLE
         gap_is_elastic = follows_force and not closure.grows and not closure.falls_faster(self.steps.order)
-        if gap_is_elastic or self._constraints_yield():
+        if gap_is_elastic or self._constraints_are_compliant():
             gap = f"the loops open by {closure.closure[0]:.1e} (m, rad) at {closure.closure_joint}"
             sentence = f"soft constraints, whose stiffness depends on the step: {gap}, in proportion to the force there"
             return Answer(Cause.SOFTNESS, f"{sentence} ({closure.compliance:.1e} m/N); the error {falls}")
@@ -549,11 +601,12 @@ class Case:
         """Tell whether the motion converges with a lower order than that of the integrator; False if that order is not known."""
         return bool(self.steps.order < ORDERS.get(self.choices[0].integrator, np.nan) - 1)
 
-    def _constraints_yield(self) -> bool:
-        """Tell whether compliant constraints cause the error.
+    def _constraints_are_compliant(self) -> bool:
+        """Tell whether the accelerations show that compliant constraints cause the error.
 
-        They do if the order of convergence is too low, the error of the reported accelerations is not halved by the smaller steps,
-        and the gaps of the loops correlate at least weakly with the constraint forces.
+        Three conditions must be met: the order of convergence is lower than that of the integrator, the error of the reported
+        accelerations is not halved by the smaller steps, and the gaps of the loops correlate with the constraint forces by more
+        than 0.5 (`closure.held`).
         """
         first, last = self.local[0], self.local[-1]  # runs with the largest and the smallest step
         if first is None or last is None or not self._loses_order():
@@ -562,9 +615,10 @@ class Case:
         return stays_wrong and self.closure.held > 0.5
 
     def _name_hidden_fault(self) -> str:
-        """Return a clause on a fault that the larger error of the step hides; an empty text if there is none.
+        """Return a clause on a second fault, smaller than the error that the step causes; an empty text if there is none.
 
-        It names the explanation of wrong reported accelerations, or else the error that remains at step zero.
+        The clause names the fault that explains wrong reported accelerations. Without such a fault, it gives the size of the error
+        that remains at step zero, unless this error is negligible.
         """
         last = self.local[-1]
         if last is not None and last.relative_reported > SOUND:
@@ -575,7 +629,10 @@ class Case:
         return f"; an error of {self.limit:.1e} (m, rad) remains at any step" if stays else ""
 
     def _share_after_projection(self) -> float:
-        """Return the share of the error that is left if the engine projects its steps; 1 if it has no such run."""
+        """Return the share of the error that is left if the engine projects the state on the constraints after each step.
+
+        Return 1 if the engine does not offer projection, or if the run with projection fails.
+        """
         if self.projected is None:
             return 1.0
         at = self.first.at.t[: self.steps.horizon]
@@ -586,23 +643,28 @@ class Case:
         return split.size(projected.q - self.truth.at(projected.t).q) / self.whole
 
     def _find_stale_data(self) -> Explained | None:
-        """Detect constraint data older than the integrator's state, in the reported accelerations or in those that the steps imply.
+        """Detect that an engine uses constraint data (Jacobian, bias) of an earlier state than the integrator's present state.
 
-        The data are old if their effect, with an age of OLD to 5 steps, leaves less than 1 - EXPLAINS of the squared error, and
-        less than 1 / BETTER of what remains without this effect. From implied accelerations of a first-order method, the error of
-        a correct Euler step is taken away in both cases.
+        The error of the accelerations is fitted by age * effect of data that are one step old: first the error of the reported
+        accelerations, then that of the implied ones. Old data are the cause if three conditions are met. The fitted age is between
+        OLD and 5 steps. The squared error that remains after the fit is less than 1 - EXPLAINS of the whole squared error. It is
+        also less than 1 / BETTER of the squared error that remains without the effect of old data.
+
+        The implied accelerations of a first-order method contain the error of a correct Euler step. This error is fitted too, both
+        with and without the effect of old data.
         """
         last, finest, root = self.local[-1], self.sound[-1], np.sqrt(self.own.evaluator.mass)
         if last is None or self.adaptive:
             return None
         euler = [] if self._loses_order() else [last.euler]  # the error of a correct first-order step
+        # error of accelerations (k, n), its relative size, and the known errors that are fitted too
         for error, relative, known in ((last.reported, last.relative_reported, []), (last.implied, last.relative_implied, euler)):
             if not relative > SEEN:
                 continue
             _, residual_without = _fit(error, known, root)
             whole = float(np.sum((error * root) ** 2))
             for x in constraint_explanations(self.own, finest.at, finest.before, self.start):
-                if x.cause is not Cause.STALE or x.once:
+                if x.cause is not Cause.STALE or x.once:  # `once`: data of the start, which have no age in steps
                     continue
                 age, residual_with = _fit(error, [*known, x.effect_of(1.0)], root)  # age in steps
                 explains = residual_with * BETTER < residual_without and residual_with < (1 - EXPLAINS) * whole
@@ -613,8 +675,8 @@ class Case:
         return None
 
     def numbers(self) -> Numbers:
-        """Return the measured figures, whose meaning is given with the attributes of `Numbers`."""
-        worst = int(np.abs(self.off).max(axis=1).argmax())  # checkpoint with the largest position error of the first run
+        """Return errors, order of convergence, local errors, gaps and time map; `Numbers` tells what each figure means."""
+        worst = int(np.abs(self.off).max(axis=1).argmax())  # index of the checkpoint with the first run's largest position error
         return Numbers(
             **vars(self.closure),
             error=self.error,
@@ -638,12 +700,14 @@ class Case:
     def parts(self, cause: Cause) -> dict[Part, float]:
         """Return the size of each part of the error [m, rad], given the cause that was found.
 
-        Sizes are root mean squares over the checkpoints whose errors are small enough to be split: `whole` of the first run's
-        error, `limit` of the error extrapolated to step zero, `by_step` of the error that the step adds.
+        Sizes are root mean squares over those checkpoints at which the error is small enough to be split. `whole` is the size of
+        the first run's error, `limit` that of the error extrapolated to step zero, and `by_step` that of the error that the step
+        causes.
 
-        Of the error that falls with the step, the share that violates the constraints is drift, and the rest is the integrator's.
-        The error that remains is attributed to soft constraints if they are the cause, and otherwise to the model. A cause in the
-        sampling, in round-off or listed in WHOLE accounts for the whole error.
+        The error that decreases with the step has two components. The component that violates the constraints is drift, and the
+        rest is due to the integrator. The error that remains at step zero is attributed to soft constraints if they are the cause,
+        and otherwise to the model. If the cause is the sampling of the output, round-off or one of the causes in WHOLE, the whole
+        error is attributed to this cause.
         """
         by_part = dict.fromkeys(Part, 0.0)
         if cause.part in (Part.SAMPLING, Part.ROUND_OFF) or cause in WHOLE:
@@ -666,7 +730,7 @@ class Case:
 
 
 def _join_states(early: States, late: States) -> States:
-    """Return states one after the other."""
+    """Return the states `early` followed by the states `late`."""
     return States(*(np.concatenate([getattr(early, x), getattr(late, x)]) for x in "tqv"))
 
 
@@ -676,21 +740,26 @@ def _largest(x: Array) -> float:
 
 
 def _fit(y: Array, columns: list[Array], root: Array) -> tuple[float, float]:
-    """Fit columns, each (k, n), to y (k, n) by least squares with weights `root` (n,).
+    """Fit a linear combination of columns, each (k, n), to y (k, n) by weighted least squares.
 
-    Return the coefficient of the last column and the squared residual.
+    Return the coefficient of the last column and the squared weighted residual. The columns before the last are fitted only to
+    remove known errors.
+
+    Args:
+        y, columns: the errors, and what they may be composed of.
+        root: (n,) square roots of the weights of the squared residual.
     """
     b = (y * root).ravel()
     if not columns:
         return 0.0, float(b @ b)
     A = np.array([(c * root).ravel() for c in columns]).T
-    amounts = np.linalg.lstsq(A, b, rcond=None)[0]
-    left = b - A @ amounts
-    return float(amounts[-1]), float(left @ left)
+    coefficients = np.linalg.lstsq(A, b, rcond=None)[0]
+    residual = b - A @ coefficients
+    return float(coefficients[-1]), float(residual @ residual)
 
 
 def format_share(share: float) -> str:
-    """Return a share in words, with more digits if it would round to 100 %."""
+    """Return a share as a percentage, with more digits if it would round to 100 %, and "all" from 99.995 % on."""
     if share < 0.995:
         return f"{share:.0%}"
     return f"{100 * share:.4g} %" if share < 0.99995 else "all"

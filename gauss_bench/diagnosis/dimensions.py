@@ -1,13 +1,14 @@
-"""Detect a pin that an engine has at another place in its link than the linkage file: its gap turns with the link.
+"""Detect a pin that an engine has at another place in its link than the linkage file: the gap of this pin turns with the link.
 
-Suppose that an engine has a pin of link a displaced by d (2,) in the frame of that link, and closes its loops with that pin. If the
-gap of this joint is computed from the engine's states with the dimensions of the file, it is
+Suppose that an engine has a pin of link a displaced by the vector d (2,) in the frame of that link, and closes its loops with the
+displaced pin. If the gap of this pin is computed from the engine's states with the dimensions of the file, the gap is
 
     phi(t) = R(theta_a(t)) d + c
 
-R is the rotation by the link's angle. c is 0 if the engine closes its loops at the start too, and -R(theta_a(0)) d if it starts
-from the state of the file and keeps the error of closure that it has there. Neither d nor c depends on the step or on a force. A
-displaced pin of the ground causes a constant gap, which is not detected here.
+Here R is the rotation by the angle theta_a of link a, and c (2,) is a constant vector. If the engine closes its loops at the start
+too, c is 0. If the engine starts from the state of the file and keeps the error of closure that it has there, c is
+-R(theta_a(0)) d. Neither the vector d nor the vector c depends on the step or on a force. A displaced pin of the ground causes a
+constant gap, which is not detected here.
 """
 
 from dataclasses import dataclass
@@ -31,8 +32,8 @@ class Misplaced:
 
     Attributes:
         joint, link: names of the pin and of the link.
-        off: displacement (2,) [m] in the frame of the link.
-        share: share of the squared gaps that the displacement explains.
+        off: displacement (2,) [m] of the pin in the frame of the link.
+        share: share of the sum of all squared gaps that this displacement explains.
     """
 
     joint: str
@@ -47,10 +48,11 @@ class Misplaced:
         return f"the pin {self.joint} of {self.link} is elsewhere than the file says, by [{off}] m in the frame of {self.link}"
 
 
-def misplace(own: OwnMotion, coarse: States, fine: States) -> Misplaced | None:
-    """Return the displaced pin that explains all gaps of two runs with different steps; None if there is none.
+def find_displaced_pin(own: OwnMotion, coarse: States, fine: States) -> Misplaced | None:
+    """Return the one pin whose displacement accounts for all gaps of the joints in two runs with different steps, or None.
 
-    Both runs must give the same pin and about the same displacement, because the cause does not depend on the step.
+    The gaps at the states `coarse` and `fine` of the two runs must be explained by the same pin and by about the same displacement
+    (up to the relative difference SAME), because a wrong dimension does not depend on the step.
     """
     first, second = (_explain(own, x) for x in (coarse, fine))
     if first is None or second is None or (first.joint, first.link) != (second.joint, second.link):
@@ -59,7 +61,10 @@ def misplace(own: OwnMotion, coarse: States, fine: States) -> Misplaced | None:
 
 
 def _explain(own: OwnMotion, x: States) -> Misplaced | None:
-    """Return the displaced pin that best explains the gaps at states x, if it explains the share FITS of their squared sum."""
+    """Return the pin whose displacement best explains the gaps of the joints at states x.
+
+    Return None if no displaced pin explains the share FITS of the sum of all squared gaps.
+    """
     mechanism, gaps = own.mechanism, own.gaps(x)  # (k, rows)
     squares = float((gaps**2).sum())
     found: list[Misplaced] = []
@@ -80,10 +85,10 @@ def _explain(own: OwnMotion, x: States) -> Misplaced | None:
 
 
 def _fit_turning(gap: Array, theta: Array) -> tuple[Array, float]:
-    """Fit gap (k, 2) = R(theta) d + c at angles (k,) [rad]; return d (2,) [m] and the squared residual [m^2].
+    """Fit gap (k, 2) = R(theta) d + c at angles theta (k,) [rad]; return d (2,) [m] and the squared residual [m^2].
 
-    If the link hardly turns, d cannot be distinguished from c. Then nothing is fitted: d is zero, and the residual is the whole
-    squared gap.
+    The vector d turns with the link, and the vector c is constant. If the link turns by less than TURNS, d cannot be distinguished
+    from c. In this case nothing is fitted: d is zero, and the residual is the sum of the squared gaps.
     """
     cosine, sine, one, none = np.cos(theta), np.sin(theta), np.ones_like(theta), np.zeros_like(theta)
     # (2 k, 4): first the rows of x, then those of y, with the unknowns d_x, d_y, c_x, c_y

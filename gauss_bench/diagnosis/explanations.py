@@ -3,13 +3,13 @@
 y (k, n) is the error of the engine's accelerations at k of its own states, and x (k, n) is the error that a fault of unit amount
 would cause. The faults are a wrong mass, inertia, gravity or number of a force, a torque on another link, exchanged masses of two
 links, missing velocity terms, a missing second derivative of a driver, a missing joint, constraint data of an earlier state, and a
-factor on all accelerations. The amount c of a fault is fitted by least squares in the metric of the mass matrix, as in Gauss's
-principle:
+factor on all accelerations. The amount c of a fault, which is its size relative to the unit amount, is fitted by least squares in
+the metric of the mass matrix, as in Gauss's principle. The share of the squared error that the fault explains is
 
     share = 1 - |y - c x|^2 / |y|^2
 
-A fault without an amount, such as a missing joint, is accepted only if c is near 1. Masses and inertias have a nonlinear effect;
-their amount is refined by Gauss-Newton steps.
+Some faults are either present or not, such as a missing joint. Such a fault is accepted only if its fitted c is near 1. A wrong
+mass or inertia changes the accelerations nonlinearly, so that the fitted amount of such a fault is refined by Gauss-Newton steps.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -53,9 +53,10 @@ class Explanation:
         cause: cause of the error.
         what: the fault in words, such as "inertia of crank".
         effect: (k, n) change of the accelerations by an amount of 1, or a function amount -> (k, n) if it is not proportional.
-        template: sentence on the fault, with {is}, {are} or {amount} in the place of the amount, which `tell` fills in.
-        once: whether the fault has no amount, such as a missing joint: its fitted amount must be about 1.
-        exact: whether only a fit within the noise counts; with very many candidates, one always fits a part of the error.
+        template: sentence on the fault, with the placeholder {is}, {are} or {amount}, which `tell` replaces by the amount in words.
+        once: whether the fault is either present or not, such as a missing joint, so that its fitted amount must be about 1.
+        exact: whether the fault is accepted only if it reproduces the error to within the numerical noise. This is so where very
+            many faults are tried, one of which would always fit a part of the error by chance.
     """
 
     cause: Cause
@@ -72,13 +73,14 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Explained:
-    """The fit of one explanation.
+    """The fit of one possible fault to an engine's wrong accelerations.
 
     Attributes:
-        cause, what: cause and fault of the explanation.
-        amount: amount that fits best; share: share of the squared error that it explains, at most 1.
-        sentence: the fault with its amount in words.
-        residual: relative error of the accelerations that this amount leaves.
+        cause: the cause of the error to which the fault belongs.
+        what: the fault in words, such as "inertia of crank".
+        amount: size of the fault that fits best; share: share of the squared error that a fault of this size explains, at most 1.
+        sentence: a sentence on the fault and its size.
+        residual: relative error of the accelerations that remains if a fault of this size is taken into account.
     """
 
     cause: Cause
@@ -90,9 +92,10 @@ class Explained:
 
 
 def tell(template: str, amount: float) -> str:
-    """Return a sentence with the amount filled in, as a number for {amount}, and as a relative change for {is} or {are}.
+    """Return the sentence `template` with its placeholder filled in.
 
-    A relative change of -1 means that the term is left out, and -2 that it has the wrong sign.
+    {amount} becomes the amount as a number. {is} or {are} becomes the amount as a relative change in words, such as "is 5 % too
+    large". A relative change of -1 is expressed as "left out", and one of -2 as "has the wrong sign".
     """
     off = f"{abs(100 * amount):.3g} % too {'large' if amount > 0 else 'small'}"
     words = {"amount": f"{amount:.2g}"}
@@ -106,16 +109,18 @@ def tell(template: str, amount: float) -> str:
 
 
 def explain(y: Array, mass: Array, tried: Iterator[Explanation], a: Array | None = None, noise: float = 0.0) -> list[Explained]:
-    """Return the fits of explanations to errors y (k, n) of accelerations, the best first.
+    """Fit possible faults to errors y (k, n) of accelerations; return the fits, the best first.
 
-    Explanations without effect are left out, and so are those marked `exact` whose residual exceeds the noise. Explanations with a
-    residual within the noise cannot be distinguished: they come first, in the order in which they were tried.
+    Faults that do not change the accelerations are left out. Faults marked `exact` whose residual exceeds the numerical noise are
+    left out too. Faults whose residual does not exceed the noise cannot be distinguished: they come first, in the order in which
+    they were tried.
 
     Args:
-        mass: (n,) diagonal of the mass matrix, by which errors are weighted.
-        tried: explanations that are fitted.
-        a: (k, n) correct accelerations, to which residuals are relative; by default residuals are relative to y.
-        noise: relative error of correct accelerations.
+        y: (k, n) error of the engine's accelerations at k states.
+        mass: (n,) diagonal of the mass matrix, by which squared errors are weighted.
+        tried: the possible faults, whose amounts are fitted.
+        a: (k, n) correct accelerations, by whose size residuals are divided; by default residuals are divided by the size of y.
+        noise: relative error that correct accelerations may have (numerical noise).
     """
     root = np.sqrt(mass)
     target = (y * root).ravel()
@@ -130,21 +135,27 @@ def explain(y: Array, mass: Array, tried: Iterator[Explanation], a: Array | None
 
 
 def candidates(explanations: list[Explained], noise: float) -> list[Explained]:
-    """Return the explanations that reproduce the accelerations within the noise."""
+    """Return those explanations that reproduce the engine's accelerations to within the numerical noise."""
     return [x for x in explanations if x.residual <= noise]
 
 
 def _fit(x: Explanation, target: Array, root: Array, size_of_all: float) -> Explained | None:
-    """Fit an explanation to weighted errors (k n,); return None if it has no effect or does not fit.
+    """Fit the amount of a possible fault to errors of accelerations; return None if the fault has no effect or does not fit.
+
+    The amount is fitted linearly first, and then refined if the effect is not proportional to it.
 
     Args:
-        root: (n,) roots of the masses; size_of_all: norm to which the residual is relative.
+        x: the possible fault.
+        target: (k n,) errors of the accelerations, times the square roots of the masses.
+        root: (n,) square roots of the masses.
+        size_of_all: norm by which the residual is divided.
     """
 
     def effect(amount: float) -> Array:
-        """Return the weighted effect (k n,) of an amount."""
+        """Return the weighted change (k n,) of the accelerations that the fault causes if it has this amount."""
         return np.asarray((x.effect_of(amount) * root).ravel())
 
+    # linear fit of the amount
     unit = SMALL if callable(x.effect) else 1.0
     column = effect(unit) / unit  # the effect of an amount of 1 if the effect is proportional; else its derivative at zero
     square, whole = float(column @ column), float(target @ target)
@@ -154,9 +165,10 @@ def _fit(x: Explanation, target: Array, root: Array, size_of_all: float) -> Expl
     residual = target - column * amount
     if x.exact and float(residual @ residual) > SCREENED * whole:  # saves the refinement of most of the many exact explanations
         return None
-    if callable(x.effect):
+    if callable(x.effect):  # the effect is not proportional to the amount
         amount, residual = _refine(effect, target, float(np.clip(amount, -0.9, 9.0)))
     share = 1.0 - float(residual @ residual) / whole
+    # a fault that is either present or not must have an amount near 1
     if not np.isfinite(share) or (x.once and abs(amount - 1.0) > ONCE):
         return None
     relative_residual = float(np.linalg.norm(target - effect(1.0 if x.once else amount))) / size_of_all
@@ -164,12 +176,15 @@ def _fit(x: Explanation, target: Array, root: Array, size_of_all: float) -> Expl
 
 
 def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> tuple[float, Array]:
-    """Refine the amount of a fault by Gauss-Newton steps; return the amount and the residual (k n,).
+    """Refine the size (amount) of a wrong mass or inertia by Gauss-Newton steps; return it and the residual (k n,).
 
-    The faulty parameter is 1 + amount times the correct one: the limits of the amount keep it positive.
+    The amount is the relative error of a mass or an inertia: the faulty parameter is the correct one times (1 + amount). The limits
+    LEAST_AMOUNT and MOST_AMOUNT keep the faulty parameter positive.
 
     Args:
-        effect: amount -> predicted error (k n,); target: error (k n,) that is to be explained; amount: first guess.
+        effect: amount -> predicted error (k n,) of the accelerations.
+        target: error (k n,) that is to be explained.
+        amount: first guess.
     """
     residual = target - effect(amount)
     for _ in range(REFINEMENTS):
@@ -183,14 +198,16 @@ def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> t
 
 
 def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield the possible faults that are a wrong parameter of links, gravity or forces, with their effects at states x (k, n).
+    """Yield the possible faults in which a parameter of a link, of gravity or of a force is wrong.
 
-    The effect of a mass or inertia is a function of its relative change, and that of a force or of gravity is proportional to it.
+    Each fault has its effect, which is the change of the accelerations at the states x (k, n). The effect of a wrong mass or
+    inertia is a nonlinear function of the relative error of the parameter. The effect of a wrong force or of wrong gravity is
+    proportional to this error, so that its effect for the amount 1 is that of the doubled parameter.
     """
     mechanism, parts = own.mechanism, own.parts(x)
 
     def change_by(**changes: Any) -> Array:
-        """Return the change (k, n) of the accelerations if fields of the mechanism have other values."""
+        """Return the change (k, n) of the accelerations if these attributes of the mechanism have these values."""
         changed = Evaluator(replace(mechanism, **changes))
         return parts.effect(mass=changed.mass, Q=changed.applied.generalised(x.q, x.v, x.t))
 
@@ -198,13 +215,13 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
         """Return the function c -> change (k, n) of the accelerations if attributes `keys` of the links are multiplied by 1 + c."""
 
         def scale(link: Link, c: float) -> Link:
-            """Return a link, with the factor 1 + c if its name is among the names."""
+            """Return a link with its attributes `keys` multiplied by 1 + c if its name is in `names`, otherwise unchanged."""
             return replace(link, **{key: getattr(link, key) * (1 + c) for key in keys}) if link.name in names else link
 
         return lambda c: change_by(links=tuple(scale(link, c) for link in mechanism.links))
 
     def with_force(at: int, **changes: Any) -> Array:
-        """Return the change (k, n) of the accelerations if fields of the force with this index have other values."""
+        """Return the change (k, n) of the accelerations if these attributes of the force number `at` have these values."""
         return change_by(forces=tuple(replace(f, **changes) if k == at else f for k, f in enumerate(mechanism.forces)))
 
     names = [link.name for link in mechanism.links]
@@ -214,12 +231,14 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     for what, cause, keys in SCALED:
         yield Explanation(cause, what, scale_links(names, keys), f"{what} {{are}}")
     yield from force_explanations(own, x)
-    for i, j in combinations(range(len(names)), 2):  # two links with exchanged masses and inertias
+    # two links with exchanged masses and inertias
+    for i, j in combinations(range(len(names)), 2):
         links, both = list(mechanism.links), f"{names[i]} and {names[j]}"
         for k, other in ((i, mechanism.links[j]), (j, mechanism.links[i])):
             links[k] = replace(links[k], mass=other.mass, inertia=other.inertia)
         swapped = change_by(links=tuple(links))
         yield Explanation(Cause.ORDER, f"masses of {both}", swapped, f"{both} have each other's mass and inertia", once=True)
+    # gravity of a wrong size, or with an additional part in another direction
     g = np.asarray(mechanism.gravity, dtype=float)
     if g.any():
         yield Explanation(Cause.GRAVITY, "gravity", change_by(gravity=2 * g), "gravity {is}")
@@ -230,6 +249,7 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     for name, vector in directions.items():
         template = f"gravity has a part {name} that it should not have, {{amount}} times {float(np.hypot(*vector)):.3g} m/s^2"
         yield Explanation(Cause.GRAVITY, f"gravity {name}", change_by(gravity=g + vector), template)
+    # one force with a wrong number, on a wrong link or in a wrong direction
     for at, force in enumerate(mechanism.forces):
         for key in NUMBERS:
             value = getattr(force, key, 0.0)
@@ -247,15 +267,16 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
 
 def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield the possible faults that are a wrong factor or sign of one force, of all forces of a kind, or of all forces.
+    """Yield the possible faults in which one force, all forces of a kind, or all forces have a wrong factor or sign.
 
-    The amount is the relative change of the force: 1 counts it twice, -1 leaves it out. The effects are those at states x (k, n).
-    `exact`: so many sums of forces are tried that one would always fit a part of the error.
+    The amount is the relative change of the force: with 1 the force is counted twice, with -1 it is left out. The effects on the
+    accelerations are computed at states x (k, n). The faults are marked `exact`, because so many sums of forces are tried that one
+    of them would always fit a part of the error by chance.
     """
     mechanism, parts = own.mechanism, own.parts(x)
 
     def force_of(*forces: Force) -> Array:
-        """Return the generalised force (k, n) of these forces alone, without gravity."""
+        """Return the generalised force (k, n) of these forces alone, without gravity and the other forces."""
         alone = Evaluator(replace(mechanism, forces=forces, gravity=0 * np.asarray(mechanism.gravity)))
         return alone.applied.generalised(x.q, x.v, x.t)
 
@@ -265,15 +286,16 @@ def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     sums = {"all angular forces": force_of(*angular), "all moments on links": moments}
     sums |= {"all forces but gravity": force_of(*mechanism.forces), "all forces and gravity": parts.Q}
     sums |= {f"all of the force {f.name}": force_of(f) for f in mechanism.forces}
-    for what, Q in sums.items():
+    for what, Q in sums.items():  # the effect of an amount of 1: the sum Q acts once more
         yield Explanation(Cause.FORCE, what, parts.effect(Q=parts.Q + Q), f"{what} {{are}}", exact=True)  # {are}: see `tell`
 
 
 def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield the possible faults that are a wrong factor on entries, rows or velocity terms of the constraints.
+    """Yield the possible faults in which entries, rows or velocity terms of the constraints are multiplied by a wrong factor.
 
-    The amount is the relative change: -1 leaves the entries out. The effects are those at states x (k, n). `exact`: so many entries
-    are tried that one would always fit a part of the error.
+    The amount is the relative change of these entries: with -1 they are left out. The effects on the accelerations are computed at
+    states x (k, n). The faults are marked `exact`, because so many entries are tried that one of them would always fit a part of
+    the error by chance.
     """
     mechanism, parts = own.mechanism, own.parts(x)
     # names of the rows of J, in the order of the evaluator
@@ -290,7 +312,7 @@ def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
         yield Explanation(Cause.VELOCITY_TERMS, what, parts.effect(gamma=gamma), f"{what} {{are}}", exact=True)
 
     def scale_entries(row: int, column: Any, c: float) -> Array:
-        """Return the change (k, n) of the accelerations by a factor 1 + c on the entries of J in one row."""
+        """Return the change (k, n) of the accelerations if the entries of J in this row and column are multiplied by 1 + c."""
         J = parts.J.copy()
         J[:, row, column] *= 1 + c
         return parts.effect(J=J)
@@ -304,11 +326,15 @@ def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
 
 def constraint_explanations(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
-    """Yield the possible faults that constraints are left out, lack their velocity terms, or belong to an earlier state.
+    """Yield the possible faults in which an engine treats constraints wrongly.
 
-    A fault with `once` has no amount: its fitted amount must be about 1. The amount of old data is their age in steps.
+    The engine may leave out a joint, the closing joints of all loops or all constraints; the second time derivative of what a
+    driver prescribes; or the velocity terms -J' v of a joint or of all constraints. Or it may use the Jacobian, or the Jacobian and
+    gamma, of the start or of an earlier step. The last fault has an amount, which is the age of the old data in steps. All others
+    are marked `once`, because they are either present or not.
 
     Args:
+        own: the equations of motion of the linkage.
         x: states at which the accelerations are compared; before: states one step earlier.
         start: the start state, repeated once for each state of `x`.
     """
@@ -316,7 +342,7 @@ def constraint_explanations(own: OwnMotion, x: States, before: States, start: St
     rows = own.evaluator.constraints
 
     def with_gamma(columns: Any, value: Array | float) -> Array:
-        """Return the change (k, n) of the accelerations if these columns of gamma have another value."""
+        """Return the change (k, n) of the accelerations if these columns of gamma (k, m) are set to `value`."""
         gamma = parts.gamma.copy()
         gamma[:, columns] = value
         return parts.effect(gamma=gamma)
@@ -327,6 +353,7 @@ def constraint_explanations(own: OwnMotion, x: States, before: States, start: St
         rows_of.setdefault(joint.joint, []).extend(range(at, at + len(joint.held)))
         at += len(joint.held)
     closing = sorted(row for joint in spanning_tree(mechanism).closures for row in rows_of[joint.joint])
+    # constraints that are left out: name, verb of the sentence, rows
     dropped = [(f"the joint {name}", "is", indices) for name, indices in rows_of.items()]
     dropped += [("the loops' closing joints", "are", closing), ("all constraints", "are", list(range(rows.m)))]
     for what, be, indices in dropped:
@@ -337,13 +364,14 @@ def constraint_explanations(own: OwnMotion, x: States, before: States, start: St
         effect = with_gamma(row, parts.gamma[:, row] - second[:, row])
         template = f"the second time derivative of what {driver.name} prescribes is left out"
         yield Explanation(Cause.SECOND_RATE, f"second derivative of {driver.name}", effect, template, once=True)
+    # velocity terms that are left out; gamma without velocity terms is `second`, which is zero for joints
     position = slice(0, rows.holonomic)
     terms = {"all constraints": ("the constraints (J' v)", with_gamma(position, second[:, position]))}
     terms |= {f"joint {name}": (f"the joint {name} (J' v)", with_gamma(indices, 0.0)) for name, indices in rows_of.items()}
     for what, (whose, effect) in terms.items():
         template = f"the velocity terms of {whose} are left out"
         yield Explanation(Cause.VELOCITY_TERMS, f"velocity terms of {what}", effect, template, once=True)
-    # {amount} in a sentence is filled in by `tell`
+    # constraint data of an earlier state; {amount} in a sentence is filled in by `tell`
     for when, then, age in (("the start", start, "stays that of the start"), ("earlier steps", before, "is {amount} steps old")):
         old = own.parts(then)
         for what, effect in (("Jacobian", parts.effect(J=old.J)), ("Jacobian and bias", parts.effect(J=old.J, gamma=old.gamma))):
@@ -352,7 +380,13 @@ def constraint_explanations(own: OwnMotion, x: States, before: States, start: St
 
 
 def every_explanation(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
-    """Yield every explanation; arguments as in `constraint_explanations`."""
+    """Yield every possible fault that is tried.
+
+    Args:
+        own: the equations of motion of the linkage.
+        x: states (k, n) at which the accelerations are compared; before: states one step earlier.
+        start: the start state, repeated once for each state of `x`.
+    """
     yield from parameter_explanations(own, x)
     yield from constraint_explanations(own, x, before, start)
     yield Explanation(Cause.ACCELERATIONS, "all accelerations", own.accelerations(x), "every acceleration {is}")

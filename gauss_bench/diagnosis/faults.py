@@ -34,16 +34,18 @@ def same(item: Any, *_: Any) -> Any:
 
 @dataclass(frozen=True)
 class Fault:
-    """One planted fault; each function replaces a correct value of the engine by a wrong one.
+    """One planted fault: an error that is put into an engine on purpose.
+
+    Each attribute that is a function replaces a correct value of the engine by a wrong one; by default it changes nothing.
 
     Attributes:
         name, sentence: name of the fault, and its description.
         cause: the cause that the diagnosis must name.
-        linkage: mechanism -> the mechanism that is modelled.
-        terms: (terms, model, t, q, v) -> terms that are solved.
-        solved: (solution, terms, model) -> solution.
-        stepped: (state, model, t) -> state after the step that ended at t.
-        times: (requested times, step) -> times that are sampled, as many.
+        linkage: mechanism -> the mechanism that is modelled instead.
+        terms: (terms M, J, Q and gamma at a state; model, t, q, v) -> terms that are solved for accelerations instead.
+        solved: (solution, terms, model) -> solution that is used instead; a solution has accelerations and multipliers.
+        stepped: (state, model, t) -> state with which the engine goes on after the step that ended at t.
+        times: (requested times, step) -> as many times, at which samples are taken instead.
         read: (trajectory, mechanism) -> the trajectory that the engine returns.
         where: linkage and scenario in which the fault shows.
     """
@@ -61,19 +63,19 @@ class Fault:
 
 
 class FaultyModel(InterpretedModel):
-    """The model of an engine with a fault.
+    """The model of a linkage by an engine that has a planted fault.
 
     Attributes:
-        fault: the fault; true: the linkage without the fault.
+        fault: the planted fault; true: the linkage without the fault.
         asked: requested times [s].
-        recent: constraint rows (J, gamma) at the beginnings of the last two steps.
-        first: constraint rows at the start.
-        running: whether the run is under way.
-        reset: whether the state was reset.
+        recent: constraint Jacobian and right-hand side (J, gamma) at the beginnings of the last two steps, used by `stale`.
+        first: the same at the start, used by `keep_first_jacobian`.
+        running: whether the run is under way; outside it the model is asked for the accelerations that it reports.
+        reset: whether the function `reset` has already reset the state.
     """
 
     def __init__(self, fault: Fault, mechanism: Mechanism, choice: Choice):
-        """Model the linkage as the fault alters it; `mechanism` is the true one."""
+        """Build the model of a linkage with the planted fault; `mechanism` is the linkage without the fault."""
         super().__init__(FORMULATION, fault.linkage(mechanism), choice)
         self.fault, self.true, self.running = fault, mechanism, False
         self.first = self.rows(0.0, self.mechanism.q0, self.mechanism.v0)
@@ -84,7 +86,7 @@ class FaultyModel(InterpretedModel):
         return found.J, found.gamma
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Return the accelerations (n,) that follow from the faulty terms."""
+        """Return the accelerations (n,) at a state, computed from terms that the planted fault may have changed."""
         return self._solve(t, self.fault.terms(self.evaluator.terms(t, q, v), self, t, q, v)).a
 
     def stabilized(self, t: float, q: Array, v: Array) -> Array:
@@ -93,11 +95,11 @@ class FaultyModel(InterpretedModel):
         return self.acceleration(t, q, v)
 
     def _solve(self, t: float, terms: Terms) -> Solution:
-        """Return the solution of the terms, as the fault alters it."""
+        """Solve the terms for accelerations and multipliers; return the solution as the planted fault changes it."""
         return self.fault.solved(super()._solve(t, terms), terms, self)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Prepare a run that samples the faulty times, but reports the requested ones."""
+        """Prepare a run that takes its samples at the wrong times of the fault, but labels them by the requested times."""
         self.asked, self.reset, self.recent = times, False, [self.first, self.first]
         super().prepare(self.fault.times(times, self.choice.step), native)
 
@@ -108,7 +110,10 @@ class FaultyModel(InterpretedModel):
         self.running = False
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> State:
-        """Advance `count` steps of length h one by one, so that the fault can change the state after each of them."""
+        """Advance `count` steps of length h [s] one by one, so that the planted fault can change the state after each step.
+
+        Forces after the time `last` [s] are evaluated at `last`, because a force may jump at the end of a step.
+        """
         for i in range(count):
             t = begin + i * h
             self.recent = [self.recent[1], self.rows(t, x, dx)]  # J and gamma at the beginnings of the last two steps
@@ -117,21 +122,21 @@ class FaultyModel(InterpretedModel):
         return x, dx
 
     def read(self) -> Trajectory:
-        """Return the samples at the requested times, as the fault alters them."""
+        """Return the samples, labelled by the requested times and changed by the planted fault."""
         trajectory = replace(super().read(), t=self.asked)
         return self.fault.read(trajectory, self.true)
 
 
 class Faulty(Interpreted):
-    """An engine with one fault."""
+    """An engine with one planted fault."""
 
     def __init__(self, fault: Fault):
-        """Make an engine with the name of its fault."""
+        """Make an engine that has a planted fault and the name of this fault."""
         super().__init__(FORMULATION)
         self.fault, self.name = fault, fault.name
 
     def build(self, mechanism: Mechanism, choice: Choice) -> FaultyModel:
-        """Build a model with the fault."""
+        """Build the faulty model of a linkage."""
         return FaultyModel(self.fault, mechanism, choice)
 
 
@@ -146,7 +151,7 @@ def last_pin(mechanism: Mechanism) -> list[int]:
 
 
 def without(terms: Terms, rows: list[int]) -> Terms:
-    """Return the terms without the constraint rows of these indices."""
+    """Return the terms of the equations of motion without the constraint rows that have these indices."""
     kept = np.delete(np.arange(len(terms.J)), rows)
     return replace(terms, J=terms.J[kept], gamma=terms.gamma[kept], phi=terms.phi[kept], phi_dot=terms.phi_dot[kept])
 
@@ -169,13 +174,16 @@ def ignore_constraints(terms: Terms, *_: object) -> Terms:
 
 
 def stale(terms: Terms, model: FaultyModel, *_: object) -> Terms:
-    """Use the constraint data of the step before, but only during the run: the reported accelerations are correct."""
+    """During the run, use the constraint data J and gamma of the previous step.
+
+    After the run, when accelerations are computed for the report, the present data are used. Reported accelerations are correct.
+    """
     J, gamma = model.recent[0] if model.running else (terms.J, terms.gamma)
     return replace(terms, J=J, gamma=gamma)
 
 
 def keep_first_jacobian(terms: Terms, model: FaultyModel, *_: object) -> Terms:
-    """Use the Jacobian of the start at all times."""
+    """Use the Jacobian at the start state for all later states."""
     return replace(terms, J=model.first[0])
 
 
@@ -193,7 +201,7 @@ def without_second_rate(terms: Terms, model: FaultyModel, t: float, *_: object) 
 
 
 def compliant(solution: Solution, terms: Terms, model: FaultyModel, epsilon: float = 0.5, rate: float = 50.0) -> Solution:
-    """Solve with regularised constraints, J a = gamma + epsilon lambda, and Baumgarte's terms at a rate [1/s]."""
+    """Solve with regularised constraints, J a = gamma + epsilon lambda; gamma has Baumgarte's terms with the rate `rate` [1/s]."""
     n, m = len(terms.Q), len(terms.gamma)
     gamma = terms.gamma - 2 * rate * terms.phi_dot - rate**2 * terms.phi
     K = np.block([[terms.M, terms.J.T], [terms.J, -epsilon * np.eye(m)]])
@@ -227,12 +235,12 @@ def single_precision(state: State, *_: object) -> State:
 
 
 def resample(times: Array, step: float, late: float = 0.0, rate: float = 1.0) -> Array:
-    """Return times that are `rate` times the requested ones and `late` steps later; the start stays."""
+    """Return the requested times multiplied by `rate` and increased by `late` steps; the time 0 is not changed."""
     return np.where(times > 0, rate * times + late * step, times)
 
 
 def standing_still(trajectory: Trajectory, *_: object) -> Trajectory:
-    """Report the first position at all times, at rest."""
+    """Report the initial position at all sample times, with zero velocities and accelerations."""
     return replace(trajectory, q=0 * trajectory.q + trajectory.q[0], v=0 * trajectory.v, a=0 * trajectory.a)
 
 
@@ -256,9 +264,11 @@ def links_in_another_order(trajectory: Trajectory, mechanism: Mechanism) -> Traj
 
 
 def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
-    """Plant a fault: read joint coordinates that are listed by their depth in the tree as if they were listed branch by branch.
+    """Report a motion whose joint coordinates are taken in a wrong order.
 
-    If both orders are equal, the joint coordinates are reversed. Reported accelerations are those of joints that do not accelerate.
+    Joint coordinates that are listed by their depth in the joint tree are read as if they were listed branch by branch. If the two
+    orders are equal for this tree, the joint coordinates are read in reversed order. The reported accelerations are computed with
+    joint accelerations of zero.
     """
     tree = spanning_tree(mechanism)
     depth = {-1: 0}
@@ -273,14 +283,15 @@ def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajec
 
 
 def read_engine(name: str, sentence: str, cause: str, where: Any = FOUR_BAR, **spoils: Any) -> Fault:
-    """Return the fault of one [[engine]] table of `planted.toml`.
+    """Return the fault of an engine that one [[engine]] table of `planted.toml` describes.
 
     Args:
         name, sentence: name and description of the fault.
         cause: the cause that the diagnosis must name, a value of `Cause`.
         where: linkage and scenario in which the fault shows.
-        spoils: attribute of `Fault` -> name of the function of this file that plants the fault; or arguments of `alter`, which
-            changes the linkage, or of `resample`, which changes the times.
+        spoils: what plants the fault. It is either the name of an attribute of `Fault` -> the name of a function of this file, or
+            "alter" -> arguments of `alter`, which changes the linkage, or "resample" -> arguments of `resample`, which changes the
+            sample times.
     """
     functions: Any = {key: globals()[x] for key, x in spoils.items() if key not in ("alter", "resample")}
     if "alter" in spoils:

@@ -4,8 +4,9 @@ In weighted coordinates b = M^(1/2) a, with the singular values of K = J M^(-1/2
 
     b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q
 
-Each term can be replaced, to predict the effect of a fault. If an engine leaves loops open by some micrometres, redundant rows
-contradict each other slightly, and the tolerance is large enough that they still count as redundant.
+Each term can be replaced, to predict the effect of a fault. If an engine leaves loops open by some micrometres, redundant
+constraint rows contradict each other slightly. The tolerance for singular values, RANK_TOLERANCE, is so large that such rows still
+count as redundant.
 """
 
 from dataclasses import dataclass, replace
@@ -31,8 +32,9 @@ class Parts:
     """The terms of the equations of motion at k states.
 
     Attributes:
-        mass: (n,) diagonal of M; J: (k, m, n); gamma: (k, m); Q: (k, n).
-        tolerance: singular values below it, relative to the largest, count as zero.
+        mass: (n,) diagonal of the mass matrix M.
+        J, gamma: constraint Jacobian (k, m, n) and right-hand side (k, m) of J a = gamma; Q: applied forces (k, n).
+        tolerance: singular values below this tolerance, relative to the largest, count as zero.
     """
 
     mass: Array
@@ -42,7 +44,7 @@ class Parts:
     tolerance: float
 
     def accelerations(self) -> Array:
-        """Return a (k, n) of M a + J^T lambda = Q, J a = gamma."""
+        """Return the accelerations a (k, n) that solve M a + J^T lambda = Q, J a = gamma."""
         root = np.sqrt(self.mass)
         free = self.Q / root  # M^(-1/2) Q
         if not self.J.shape[1]:
@@ -61,7 +63,7 @@ class Parts:
         return self.accelerations()
 
     def effect(self, **terms: Any) -> Array:
-        """Return the change (k, n) of the accelerations if some terms are replaced by others."""
+        """Return the change (k, n) of the accelerations if some of the terms mass, J, gamma and Q are replaced by others."""
         return replace(self, **terms).accelerations() - self.unaltered
 
     def multipliers(self, a: Array) -> Array:
@@ -70,28 +72,30 @@ class Parts:
         return np.asarray((inverse @ (self.Q - self.mass * a)[..., None])[..., 0])
 
     def without(self, rows: list[int]) -> "Parts":
-        """Return the terms without the constraint rows of these indices."""
+        """Return the terms of the equations of motion without the constraint rows that have these indices."""
         kept = [k for k in range(self.J.shape[1]) if k not in rows]
         return replace(self, J=self.J[:, kept], gamma=self.gamma[:, kept])
 
 
 class OwnMotion:
-    """The equations of motion of a linkage by the suite's own formulation.
+    """The equations of motion of a linkage, solved by the suite itself.
 
     Attributes:
-        mechanism, evaluator: the linkage, and its terms.
-        absolute: a second solver, for linkages with friction.
-        tolerance: relative tolerance of singular values.
+        mechanism: the linkage.
+        evaluator: object that evaluates the terms of the equations of motion.
+        absolute: a second solver of these equations, which also finds dry friction in joints.
+        tolerance: singular values below this tolerance, relative to the largest, count as zero.
     """
 
     def __init__(self, mechanism: Mechanism):
         """Prepare the equations of a mechanism."""
         self.mechanism, self.evaluator = mechanism, Evaluator(mechanism)
         self.absolute = AbsoluteCoordinates(mechanism)
+        # singular values of redundant rows are zero only up to the gaps of loops; without redundant rows, small ones count too
         self.tolerance = RANK_TOLERANCE if mechanism.redundant else DEPENDENT
 
     def parts(self, x: States) -> Parts:
-        """Return the terms of the equations of motion at states x, without dry friction, which would need the multipliers."""
+        """Return the terms of the equations of motion at states x; dry friction, which depends on the multipliers, is left out."""
         rows = self.evaluator.constraints(x.t, x.q, x.v)
         Q = self.evaluator.applied.generalised(x.q, x.v, x.t)
         return Parts(self.evaluator.mass, rows.J, rows.gamma, Q, self.tolerance)
@@ -110,8 +114,8 @@ class OwnMotion:
         return rows.phi[:, : self.evaluator.constraints.holonomic]
 
     def accelerations(self, x: States) -> Array:
-        """Return the accelerations (k, n)."""
-        if self.evaluator.friction:
+        """Return the accelerations (k, n) at states x."""
+        if self.evaluator.friction:  # which `parts` leaves out
             return self.absolute.acceleration(x.t, x.q, x.v)
         return self.parts(x).accelerations()
 
@@ -144,28 +148,32 @@ class OwnMotion:
 
 
 class TrueMotion:
-    """The reference at any time, by the linkage's flow from the nearest sample.
+    """The reference motion at any time: the equations of motion are integrated from the nearest sample of the reference.
 
     Attributes:
-        motion: the equations of motion; reference: the reference.
+        motion: the equations of motion.
+        reference: samples of the motion that is taken as true.
         until: time of the last sample [s].
     """
 
     def __init__(self, motion: OwnMotion, reference: Reference):
-        """Continue the samples of a reference by the equations of motion."""
+        """Store the samples of a reference, and the equations of motion by which states between them are computed."""
         self.motion, self.reference, self.until = motion, reference, float(reference.t[-1])
 
     def at(self, t: Array) -> States:
-        """Return the reference states at times t (k,), also a little before the start and beyond the end."""
+        """Return the reference states at times t (k,); t may lie a little before the first sample or after the last."""
         r = self.reference
         after = np.clip(np.searchsorted(r.t, t), 1, len(r.t) - 1)
-        near = after - (t - r.t[after - 1] < r.t[after] - t)
-        x = States(r.t[near], r.q[near], r.v[near])
-        by = np.where(np.abs(t - x.t) < 1e-9, 0.0, t - x.t)  # times that differ by rounding need no flow
-        return self.motion.flow(x, by) if by.any() else x
+        nearest = after - (t - r.t[after - 1] < r.t[after] - t)  # index of the sample before t if that is nearer (True is 1)
+        x = States(r.t[nearest], r.q[nearest], r.v[nearest])
+        remaining = np.where(np.abs(t - x.t) < 1e-9, 0.0, t - x.t)  # [s]; times that differ by rounding count as equal
+        return self.motion.flow(x, remaining) if remaining.any() else x
 
     def bar(self, t: Array) -> Array:
-        """Return the error bar (k,) of the positions [m, rad] at times t."""
+        """Return the error bar (k,) of the reference's positions [m, rad] at times t.
+
+        It is that of the sample at t, or of the next sample, and never below the floor that the rounding of parameters causes.
+        """
         r = self.reference
         k = np.clip(np.searchsorted(r.t, t - 1e-9), 0, len(r.t) - 1)
-        return np.fmax(r.error_q, r.floor_q)[k]
+        return np.fmax(r.error_q, r.floor_q)[k]  # fmax ignores NaN

@@ -1,9 +1,11 @@
 """The runs of a diagnosis: one motion with steps h, h/2 and h/4, each sampled three times around every checkpoint.
 
-The three samples are the states at a checkpoint, one step before it and one step after it. A `Burst` has those of all checkpoints
-of a run. The step after a checkpoint is compared with the linkage's true step from the engine's own state, however far the motion
-is off. The step before it shows whether the engine used old data. All runs have the same checkpoints. An integrator that chooses
-its own steps runs with three tolerances instead.
+Checkpoints are the times at which errors are analysed; all runs have the same ones. The three samples are the states at a
+checkpoint, one step before it and one step after it. A `Burst` has these three samples for all checkpoints of a run. The engine's
+step after a checkpoint is compared with the exact motion of the linkage over this step, which begins at the engine's own state,
+even if this state is far from the reference motion. The state one step before a checkpoint shows whether the engine used constraint
+data of the previous step. If an integrator chooses its own steps, the three runs have different tolerances instead of different
+steps.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,12 +32,12 @@ Runner = Callable[[Choice, Sampling], Run]
 
 @dataclass(frozen=True, eq=False)
 class Burst:
-    """The samples of one run around its checkpoints.
+    """The samples of one run at its start, and one step before, at, and one step after each of its checkpoints.
 
     Attributes:
         step: the requested step [s]; tolerance: the tolerance if the integrator chooses its own steps, else None.
-        start: the first sample; stepped: the sample after one step.
-        before, at, after: k states, one step before the checkpoints, at the checkpoints, and one step after.
+        start: the first sample of the run; stepped: the sample after the first step. Both are a single state.
+        before, at, after: the k states one step before the k checkpoints, at the checkpoints, and one step after them.
         a: (k, n) accelerations that the engine reports at the checkpoints.
     """
 
@@ -56,23 +58,25 @@ class Burst:
 def checkpoints(step: float, until: float) -> Array:
     """Return the times (k,) [s] of the checkpoints, each at least one step before the end of the run.
 
-    They are multiples of the step, and on the references' grid if that is possible.
+    The times are multiples of the step. They are also multiples of GRID, the spacing of the reference's samples, if this is
+    possible with multiples of at most 100 steps and leaves enough checkpoints. There are at most COUNT checkpoints, evenly spaced.
 
     Raises:
-        ChoiceError: the run has too few steps.
+        ChoiceError: the run has fewer than FEWEST steps.
     """
     steps = int(np.floor(until / step * (1 + 1e-12)))
     if steps < FEWEST:
         raise ChoiceError(f"a diagnosis needs {FEWEST} steps, and {until:g} s have {steps} of {step:g} s: take a smaller step")
-    # smallest number of steps that is a multiple of the grid's spacing; 1 if it would leave too few checkpoints
+    # smallest number of steps that is a multiple of the grid's spacing; 1 if it would leave less than a quarter of COUNT
+    # checkpoints
     to_grid = next((m for m in range(1, 101) if abs(m * step / GRID - round(m * step / GRID)) < 1e-9), 1)
     unit = to_grid if to_grid * COUNT <= 4 * steps and to_grid < steps else 1
-    each = unit * max(1, int(np.ceil((steps - 1) / unit / COUNT)))  # steps between two checkpoints
-    return step * np.arange(each, steps, each)
+    between = unit * max(1, int(np.ceil((steps - 1) / unit / COUNT)))  # steps from one checkpoint to the next
+    return step * np.arange(between, steps, between)
 
 
 def ladder(choice: Choice, adaptive: bool) -> list[Choice]:
-    """Return the requested choice and two choices with smaller steps or tolerances."""
+    """Return the requested setting, followed by the same setting with two smaller steps, or tolerances if `adaptive`."""
     if adaptive:
         return [choice, *(replace(choice, tolerance=x) for x in REFINED)]
     return [replace(choice, step=choice.step / 2**k) for k in range(HALVINGS)]
@@ -85,12 +89,15 @@ def sample(step: float, at: Array) -> Sampling:
 
 
 def burst(choice: Choice, at: Array, trajectory: Trajectory) -> Burst:
-    """Return the samples before, at and after those checkpoints `at` (k,) [s] after which a trajectory has one step more."""
-    whole = np.round(trajectory.t / choice.step).astype(int)
+    """Return the burst of a run: its samples one step before, at, and one step after each of the checkpoints `at` (k,) [s].
+
+    Checkpoints that are not followed by at least one more step of the trajectory are left out.
+    """
+    steps = np.round(trajectory.t / choice.step).astype(int)  # number of the step after which each sample was taken
     wanted = np.round(at / choice.step).astype(int)
-    wanted = wanted[wanted + 1 <= whole[-1]]
+    wanted = wanted[wanted + 1 <= steps[-1]]
     x = States(trajectory.t, trajectory.q, trajectory.v)
-    before, here, after = (np.searchsorted(whole, wanted + k) for k in (-1, 0, 1))
+    before, here, after = (np.searchsorted(steps, wanted + k) for k in (-1, 0, 1))
     return Burst(
         step=choice.step,
         tolerance=choice.tolerance,
@@ -106,21 +113,24 @@ def burst(choice: Choice, at: Array, trajectory: Trajectory) -> Burst:
 def observe(
     run: Runner, choices: Sequence[Choice], until: float, told: Callable[[str], object]
 ) -> tuple[tuple[Burst, ...], tuple[Run, ...]]:
-    """Run all choices; return the samples around the checkpoints of those runs that reached one, and all runs.
+    """Run the engine with each setting.
 
-    A failed run counts up to its failure. If the first run reaches no checkpoint, the others do not take place.
+    Return the bursts of those runs that reached at least one checkpoint, and all runs. A burst has the samples one step before, at,
+    and one step after each checkpoint. Of a run that failed, the samples before the failure are used. If the first run ends before
+    its first checkpoint, no further runs are made.
 
     Args:
         run: function that runs the engine: (choice, sampling) -> Run.
-        choices: the choice of every run, the first of which sets the checkpoints; until: end of the runs [s].
+        choices: the setting of every run. The step of the first setting determines the checkpoints of all runs.
+        until: end of the runs [s].
         told: called with each sentence of progress.
     """
-    at, bursts, runs = checkpoints(choices[0].step, until), list[Burst](), list[Run]()
+    checkpoint_times, bursts, runs = checkpoints(choices[0].step, until), list[Burst](), list[Run]()
     for choice in choices:
         told(f"a run by {f'tolerance {choice.tolerance:g}' if choice.tolerance else f'steps of {choice.step:g} s'}")
-        runs.append(run(choice, sample(choice.step, at)))
+        runs.append(run(choice, sample(choice.step, checkpoint_times)))
         trajectory = runs[-1].trajectory or runs[-1].reached
-        found = burst(choice, at, trajectory) if trajectory else None
+        found = burst(choice, checkpoint_times, trajectory) if trajectory else None
         if found and len(found.at):
             bursts.append(found)
         elif not bursts:

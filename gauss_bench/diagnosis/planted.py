@@ -41,52 +41,56 @@ class Planted:
 
 @contextmanager
 def plant(file: str, text: str, mutant: str) -> Iterator[None]:
-    """Let a module run, within this context, as if its file contained `mutant` instead of `text`.
+    """Let a module run, within this context, as if its source file contained `mutant` instead of `text`.
+
+    Other modules hold references to the module's functions. The functions are therefore not replaced: their code objects are
+    exchanged for those of the altered source. Constants of the types NUMBERS are replaced in the module.
 
     Raises:
-        ValueError: the file does not contain the text exactly once.
+        ValueError: the file does not contain the text that is to be replaced exactly once.
     """
     module = import_module(file.removesuffix(".py").replace("/", "."))
     path = Path(str(module.__file__))
     source = path.read_text(encoding="utf-8")
     if source.count(text) != 1:
         raise ValueError(f"{file} does not contain {text!r} exactly once")
-    spoilt: dict[str, Any] = {"__name__": module.__name__}  # the module as its altered source makes it
+    spoilt: dict[str, Any] = {"__name__": module.__name__}  # names of the module that its altered source makes
     exec(compile(source.replace(text, mutant), str(path), "exec"), spoilt)
-    sound = vars(module)
-    constants = {name: x for name, x in sound.items() if type(x) in NUMBERS and not name.startswith("__")}
-    # the module and its classes: names of the sound one, names of the altered one
-    pairs = [(sound, spoilt), *((vars(x), vars(spoilt[name])) for name, x in sound.items() if isinstance(x, type))]
+    original = vars(module)
+    constants = {name: x for name, x in original.items() if type(x) in NUMBERS and not name.startswith("__")}
+    # for the module itself and for each of its classes: the names in the original one and in the altered one
+    pairs = [(original, spoilt), *((vars(x), vars(spoilt[name])) for name, x in original.items() if isinstance(x, type))]
     own_code, new_code = {}, {}
     for names, altered in pairs:
         for name, function in names.items():
             if type(function) is FunctionType:
                 own_code[function], new_code[function] = function.__code__, altered[name].__code__
     try:
-        sound |= {name: spoilt[name] for name in constants}
+        original |= {name: spoilt[name] for name in constants}
         for function, code in new_code.items():
             function.__code__ = code
         yield
     finally:
-        sound |= constants
+        original |= constants
         for function, code in own_code.items():
             function.__code__ = code
 
 
 def read_fault(kind: str, sentence: str, check: str, where: tuple[str, str] = checks.FOUR_BAR, **fault: Any) -> Planted:
-    """Return the fault of one [[fault]] table of `planted.toml`.
+    """Return the fault of the suite that one [[fault]] table of `planted.toml` describes, with the check that must detect it.
 
     Args:
         kind, sentence: place and description of the fault.
         check: name of the function of `checks` that must detect it.
-        where: linkage and scenario that are checked.
-        fault: arguments of `plant` if it has the entry `file`, and else further arguments of the check, which plant the fault.
+        where: linkage and scenario that are checked; not used if `fault` has the key `file`.
+        fault: if it has the key `file`, the arguments of `plant`, which alters this file while the check runs; otherwise further
+            arguments of the check, by which the check itself plants the fault.
     """
     sound: Any = getattr(checks, check)
     if "file" in fault:
 
         def spoilt() -> str | None:
-            """Run the check while the file is altered."""
+            """Run the check while the source file of the fault is altered."""
             with plant(**fault):
                 return sound()  # type: ignore[no-any-return]
 
@@ -101,9 +105,9 @@ def smallest(check: Callable[[float], str | None], sound: float = 1e-17, seen: f
     """Return the smallest size of a fault that a check detects, by bisection on a logarithmic scale.
 
     Args:
-        check: function of the size, which returns a sentence if it detects the fault, and else None.
-        sound: a size that the check does not detect; seen: a size that it detects.
-        factor: the result is at most this factor larger than the smallest detected size.
+        check: function that plants a fault of a given size; it returns a sentence if it detects the fault, and otherwise None.
+        sound: a size of the fault that the check does not detect; seen: a size that the check detects.
+        factor: the returned size is larger than the smallest detected size by at most this factor.
 
     Raises:
         ValueError: `seen` is not detected, or `sound` is.

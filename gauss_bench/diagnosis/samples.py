@@ -1,6 +1,7 @@
-"""Detect wrong samples of a correct motion: samples of other times, of other links, without motion, or after a restart.
+"""Detect wrong samples of a correct motion: samples of wrong times, of wrong links, without motion, or after a restart.
 
-Each search finds a map from the true motion to the reported samples that leaves almost nothing of the error.
+A search for wrong times looks for a map of time, and a search for wrong links looks for another order of links. Either is found if
+it maps the true motion to the reported samples so well that almost no error remains.
 """
 
 from collections.abc import Iterator
@@ -26,11 +27,11 @@ SUSPICIOUS = 0.03  # [rad, m] displacement between two checkpoints that velociti
 
 @dataclass(frozen=True)
 class TimeMap:
-    """A map of time: the samples reported at t are those of the true motion at shift + rate t.
+    """A map of time: the state that an engine reports at the time t is the true state at the time shift + rate t.
 
     Attributes:
-        shift: shift of time [s]; rate: factor on time.
-        left: share of the error that the map leaves, median over the samples.
+        shift: shift of time [s]; rate: factor by which time is multiplied.
+        left: share of the error that remains if the map is applied, as the median over the samples.
     """
 
     shift: float
@@ -44,10 +45,10 @@ def _state(x: States, pace: float) -> Array:
 
 
 def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | None:
-    """Fit true time = shift + rate * reported time to reported samples by Gauss-Newton steps.
+    """Fit the map true time = shift + rate * reported time to reported samples by Gauss-Newton steps.
 
-    The error is the distance of a reported state from the true one. Return None if the map leaves more than the share LEFT of it.
-    The rate is fitted if `stretch`, and is 1 otherwise.
+    The error is the distance of a reported state from the true one. Return None if more than the share LEFT of this error remains
+    when the map is applied (median over the samples). The factor `rate` is fitted if `stretch` is true, and is 1 otherwise.
     """
     reference = truth.reference
     rms = [float(np.sqrt(np.mean(x * x))) for x in (reference.v, reference.a)]
@@ -62,25 +63,26 @@ def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | No
     state, best = _state(x, pace), TimeMap(shift, rate, np.inf)
     before = np.linalg.norm(state - _state(truth.at(x.t), pace), axis=1)  # errors without a map
     for _ in range(ITERATIONS):
+        # the reference can be continued only a little before its start and beyond its end
         mapped = truth.at(np.clip(shift + rate * x.t, -0.05 * truth.until, 1.05 * truth.until))
         off = state - _state(mapped, pace)
         remaining_share = float(np.median(np.linalg.norm(off, axis=1) / np.maximum(before, 1e-9 * before.max(initial=1e-300))))
-        if not remaining_share < 0.99 * best.left:
+        if not remaining_share < 0.99 * best.left:  # the last step improved the fit by less than 1 %
             break
         best = TimeMap(shift, rate, remaining_share)
         slope = np.hstack([mapped.v, truth.motion.accelerations(mapped) * pace])  # derivative of the state by time
         columns = [slope, slope * x.t[:, None]] if stretch else [slope]  # derivatives by shift and rate
         change = np.linalg.lstsq(np.array([c.ravel() for c in columns]).T, off.ravel(), rcond=None)[0]
-        change = np.clip(change, -pace, pace)
+        change = np.clip(change, -pace, pace)  # farther away the linearisation does not hold
         shift, rate = shift + float(change[0]), rate + (float(change[1]) if stretch else 0.0)
     return best if best.left <= LEFT else None
 
 
 def _first_rate(truth: TrueMotion, reported: States, pace: float) -> float:
-    """Estimate the ratio of true time to reported time (1 if the times are right), within 0.2 to 5.
+    """Estimate the ratio of true time to reported time, which is 1 if the times are right, as a first guess for the fit.
 
-    The true time of a reported state is that of the nearest state among the reference's samples; the median of the ratios counts.
-    `pace` [s] is the factor that makes velocities comparable with positions.
+    The true time of a reported state is taken from the nearest state among the reference's samples. The result is the median of the
+    ratios of all samples, limited to 0.2 to 5. `pace` [s] is the factor that makes velocities comparable with positions.
     """
     r = truth.reference
     true = _state(States(r.t, r.q, r.v), pace)
@@ -96,9 +98,12 @@ def stands_still(truth: States, reported: States) -> bool:
 
 
 def whole_turns(off: Array) -> Array:
-    """Return the whole turns (k, links) by which angles are wrong, from errors (k, n); zeros if they do not explain all errors."""
+    """Return the whole turns (k, links) by which angles are wrong, given the errors `off` (k, n) of all coordinates.
+
+    Return zeros if an error larger than BESIDE_TURNS remains in any coordinate after the whole turns are subtracted.
+    """
     rest, turns = off.copy(), np.round(angles(off) / (2 * np.pi))
-    angles(rest)[...] -= 2 * np.pi * turns
+    angles(rest)[...] -= 2 * np.pi * turns  # `angles` returns a view of the columns of `rest` that are angles
     return turns if float(np.abs(rest).max(initial=0.0)) <= BESIDE_TURNS else np.zeros_like(turns)
 
 
@@ -116,14 +121,26 @@ def other_velocities(moved: Array, reported: Array) -> tuple[float, float, float
 
 @dataclass(frozen=True)
 class Order:
-    """Another order of links or joint coordinates, in a sentence, and the share of the error that it leaves."""
+    """A wrong order in which an engine reports links or joint coordinates.
+
+    Attributes:
+        sentence: the order in words.
+        left: share of the error that remains if the reported columns are put into the right order.
+    """
 
     sentence: str
     left: float
 
 
 def order(mechanism: Mechanism, truth: States, reported: States) -> Order | None:
-    """Return the order of links or joint coordinates that matches the reference; None if the order is right or none matches."""
+    """Find a permutation of the reported links or joint coordinates that fits the true motion much better than the reported order.
+
+    Return None if the reported order is the best one, or if no permutation reduces the error to the share LEFT.
+
+    Args:
+        mechanism: the linkage.
+        truth, reported: true states, and the states that the engine reports at the same times.
+    """
     from scipy.optimize import linear_sum_assignment  # its import takes longer than most diagnoses
 
     best: Order | None = None
@@ -132,7 +149,7 @@ def order(mechanism: Mechanism, truth: States, reported: States) -> Order | None
         cost = np.array([[np.sqrt(np.mean((x - y) ** 2)) for y in true_columns] for x in reported_columns])
         _, assigned = linear_sum_assignment(cost)  # the true column of each reported one, with the least sum of costs
         as_reported, reordered = float(np.trace(cost)), float(cost[np.arange(len(cost)), assigned].sum())
-        wrong = [k for k, x in enumerate(assigned) if x != k]
+        wrong = [k for k, x in enumerate(assigned) if x != k]  # columns that hold the values of another one
         if wrong and reordered <= LEFT * as_reported and (best is None or reordered / as_reported < best.left):
             listed = ", ".join(f"{names[k]} holds {names[assigned[k]]}" for k in wrong)
             best = Order(f"{words} are in another order: {listed}", reordered / as_reported)
@@ -140,16 +157,20 @@ def order(mechanism: Mechanism, truth: States, reported: States) -> Order | None
 
 
 def _columns(mechanism: Mechanism, truth: States, reported: States) -> Iterator[tuple[str, Array, Array, list[str]]]:
-    """Yield for each kind of coordinates its name, reported and true values (columns, ...), and the names of the columns."""
+    """Yield the values in which the order of links or joints can be seen, for each kind of coordinate.
+
+    These are positions, velocities and angles of links, and coordinates and velocities of joints. Each item has the name of the
+    kind, the reported values and the true values (columns, ...), and the names of the columns, which are links or joints.
+    """
 
     def links(x: Array) -> Array:
-        """Return x (k, n) as (links, k, 3)."""
+        """Return the coordinates x (k, n) of k states, ordered by links: (links, k, 3)."""
         return bodies(x).transpose(1, 0, 2)
 
     names = [link.name for link in mechanism.links]
-    for words, one, other in (("links", reported.q, truth.q), ("velocities of links", reported.v, truth.v)):
-        yield words, links(one), links(other), names
-        yield f"angles in {words}", angles(one).T, angles(other).T, names
+    for words, found, true in (("links", reported.q, truth.q), ("velocities of links", reported.v, truth.v)):
+        yield words, links(found), links(true), names
+        yield f"angles in {words}", angles(found).T, angles(true).T, names
     for shallow in (False, True):  # trees of long chains and trees of least depth have other joint coordinates
         tree = spanning_tree(mechanism, shallow)
         named = [""] * tree.n
@@ -162,7 +183,13 @@ def _columns(mechanism: Mechanism, truth: States, reported: States) -> Iterator[
 
 
 def suspicious_window(reported: States, a: Array) -> int | None:
-    """Return the index of the checkpoint after which the state may have jumped, or None; a (k, n) are the accelerations there."""
+    """Return the index of the checkpoint after which the state may have jumped, or None if no displacement is suspicious.
+
+    A displacement from one checkpoint to the next is suspicious if velocities and accelerations do not explain it.
+
+    Args:
+        reported: states at k checkpoints; a: (k, n) accelerations there.
+    """
     h = np.diff(reported.t)[:, None]
     v, q = reported.v, reported.q
     # displacement less its integral by the corrected trapezoidal rule (k - 1,)
@@ -189,18 +216,21 @@ class Jump:
 def jump(own: OwnMotion, dense: States) -> Jump | None:
     """Return the step in which the state jumped, or None; `dense` has the start, and then samples at every step.
 
-    A jump is a displacement in one step that the mean of the velocities does not explain. It leads back to the start if the state
-    after it is nearer to the start than a tenth of the jump.
+    The unexplained displacement of a step is its displacement minus the step times the mean of the velocities at both ends. The
+    step
+    with the largest unexplained displacement is a jump under two conditions: its unexplained displacement is larger than JUMP times
+    the median over all steps; and it is larger than SUSPICIOUS, or larger than JUMP times the sum of this median and the
+    displacement that the velocities allow. The jump leads back to the start if the state after the jump is nearer to the start than
+    a tenth of the size of the jump.
     """
     x = dense[1:]
     h = np.diff(x.t)[:, None]
-    off = np.abs(np.diff(x.q, axis=0) - h / 2 * (x.v[1:] + x.v[:-1])).max(axis=1)  # displacement less that of mean velocities
+    unexplained = np.abs(np.diff(x.q, axis=0) - h / 2 * (x.v[1:] + x.v[:-1])).max(axis=1)
     allowed = (h * np.maximum(np.abs(x.v[1:]), np.abs(x.v[:-1]))).max(axis=1)  # displacement that the velocities allow
-    if not len(off):
+    if not len(unexplained):
         return None
-    usual, k = float(np.median(off)), int(off.argmax())
-    # a jump is much larger than in other steps, and also much larger than the velocity allows or larger than SUSPICIOUS
-    if off[k] <= max(JUMP * usual, min(JUMP * (allowed[k] + usual), SUSPICIOUS)):
+    usual, k = float(np.median(unexplained)), int(unexplained.argmax())
+    if unexplained[k] <= max(JUMP * usual, min(JUMP * (allowed[k] + usual), SUSPICIOUS)):
         return None
     from_start = float(np.abs(x.q[k + 1] - own.mechanism.q0).max())
-    return Jump(t=float(x.t[k + 1]), size=float(off[k]), to_start=from_start <= 0.1 * off[k])
+    return Jump(t=float(x.t[k + 1]), size=float(unexplained[k]), to_start=from_start <= 0.1 * unexplained[k])

@@ -1,7 +1,8 @@
 """The self-test plants faults one by one, and the suite's own checks must detect each of them.
 
-Faults of the suite's own functions are planted in memory (`planted.py`). Engines with a fault are run and diagnosed (`faults.py`).
-On the unaltered suite the same checks must detect nothing.
+Faults of the suite's own functions are planted in memory while a check runs, without a change of any file (`planted.py`). Engines
+with planted faults are run, and the diagnosis must name the cause (`faults.py`). The checks must detect nothing if no fault is
+planted.
 """
 
 import time
@@ -28,11 +29,11 @@ KINDS = (*dict.fromkeys(x.kind for x in PLANTED), ADAPTERS)
 
 @dataclass(frozen=True)
 class Finding:
-    """One planted fault and the outcome.
+    """One planted fault, and whether it was detected.
 
     Attributes:
         kind: place of the fault; fault: description of the fault.
-        seen: whether a check detected the fault; said: sentence of the check.
+        seen: whether a check detected the fault; said: the sentence that the check returned.
     """
 
     kind: str
@@ -43,11 +44,11 @@ class Finding:
 
 @dataclass(frozen=True)
 class Smallest:
-    """The smallest fault of a kind that is detected.
+    """The smallest fault of one kind that the checks detect.
 
     Attributes:
         fault: kind of the fault in words.
-        size: size of the smallest fault that is detected; unit: unit of the size.
+        size: size of the smallest fault of this kind that is detected; unit: unit of the size.
     """
 
     fault: str
@@ -85,12 +86,17 @@ class SelfTest:
 
     @property
     def passed(self) -> bool:
-        """True if every fault was detected, and no check reports a fault of the unaltered suite."""
+        """True if every planted fault was detected, and no check reports a fault where none is planted."""
         return self.detected == self.planted and not self.false_alarms
 
 
 def diagnose_fault(fault: Fault, where: tuple[str, str] | None = None) -> Verdict:
-    """Diagnose an engine with a fault, by default on the linkage in which the fault shows."""
+    """Run an engine with a planted fault, diagnose it and return the verdict.
+
+    Args:
+        fault: the planted fault.
+        where: linkage and scenario; by default those in which the fault shows.
+    """
     which = where or fault.where
     mechanism, engine = load(*which), Faulty(fault)
 
@@ -100,11 +106,14 @@ def diagnose_fault(fault: Fault, where: tuple[str, str] | None = None) -> Verdic
 
     chosen = Choice(integrator="rk4", step=STEP)
     projected = replace(chosen, stabilization="projection")
-    return diagnose_runs(run, mechanism, truth(which, UNTIL), ladder(chosen, False), UNTIL, projected=projected)
+    return diagnose_runs(run, mechanism, truth(which, UNTIL), ladder(chosen, adaptive=False), UNTIL, projected=projected)
 
 
 def diagnose_sound(where: tuple[str, str]) -> str | None:
-    """Diagnose an engine without a fault on a linkage; return a sentence if the diagnosis names a fault, else None."""
+    """Diagnose an engine that has no fault, on the linkage and scenario `where`.
+
+    Return a sentence if the diagnosis names a fault nevertheless, and otherwise None.
+    """
     verdict = diagnose_fault(CLEAN, where)
     return None if verdict.cause in SOUND else f"an engine without a fault: {verdict.sentence}"
 
@@ -116,10 +125,13 @@ def diagnose_planted(fault: Fault) -> Finding:
 
 
 def selftest(only: Sequence[str] = (), told: Callable[[str], object] = lambda _: None) -> SelfTest:
-    """Plant every fault of some kinds, and run every check on the unaltered suite too.
+    """Plant every fault of the chosen kinds, and also run every check while no fault is planted.
+
+    Without a planted fault, a sentence that a check returns is a false alarm. The smallest detected faults are determined only if
+    the kind "models" is among the chosen ones.
 
     Args:
-        only: some of KINDS; by default all.
+        only: the kinds of faults to plant, a part of KINDS; by default all.
         told: called with each sentence of progress.
     """
     started, kinds = time.process_time(), only or KINDS
@@ -146,7 +158,10 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = lambda _:
 
 
 def _ask(check: Check) -> str | None:
-    """Run a check; return its sentence, or a sentence on its failure."""
+    """Run a check; return its sentence on the fault that it detected, or None if it detected none.
+
+    If the check raises an exception, return a sentence on this failure.
+    """
     try:
         return check()
     except Exception as error:

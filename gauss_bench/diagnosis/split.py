@@ -6,8 +6,8 @@ Three runs with steps h, h/2 and h/4 give the order p of the integration error, 
     p = log2 |x_1 - x_2| / |x_2 - x_3|,    x = x_3 + (x_3 - x_2) / (2^p - 1)
 
 The error of x does not depend on the step, and the integrator causes the rest of the error. The part of the error that violates the
-constraints is drift. The size of an error is the root mean square, over the checkpoints, of its largest coordinate [m, rad]. Only
-checkpoints before the errors grow beyond REGIME count.
+constraints is drift. The size of an error is the root mean square, over the checkpoints, of the error of that coordinate whose
+error is largest at the checkpoint [m, rad]. Only those checkpoints are used that come before the errors exceed REGIME.
 """
 
 from dataclasses import dataclass
@@ -36,12 +36,14 @@ def size(x: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """The effect of the step size on a motion.
+    """The error of the first run, split into the error that its step causes and the error that would remain at step zero.
 
     Attributes:
-        order: order of convergence; NaN if the runs do not converge or there are fewer than three.
-        limit: (k, n) error extrapolated to step zero; by_step: (k, n) error that the step of the first run adds.
-        horizon: number k of checkpoints that count; the errors at later ones are too large to be split.
+        order: order of convergence; NaN if there are fewer than three runs, or if the integrator chooses its own steps.
+        limit: (k, n) error extrapolated to step zero.
+        by_step: (k, n) part of the first run's error that its step causes.
+        horizon: number k of checkpoints that are used, from the first one on; at later checkpoints the errors are too large to be
+            split.
     """
 
     order: float
@@ -51,7 +53,7 @@ class Steps:
 
     @property
     def converges(self) -> bool:
-        """Whether the error falls with the step."""
+        """Whether the error decreases, with an order above CONVERGES, when the step is reduced."""
         return bool(self.order > CONVERGES)
 
 
@@ -63,14 +65,15 @@ def horizon_of(errors: list[Array]) -> int:
 
 
 def by_steps(bursts: tuple[Burst, ...], true: States, adaptive: bool) -> Steps:
-    """Split the errors of runs with smaller and smaller steps into the limit at step zero and the error that the step adds.
+    """Split the errors of runs with smaller and smaller steps into the limit at step zero and the error that the step causes.
 
-    The limit is Richardson's extrapolation of the last two of three runs. Without three runs, or if they do not converge
-    (`order` <= CONVERGES), it is the last run.
+    The step is halved from run to run. The limit is Richardson's extrapolation of the last two of three runs. With fewer than three
+    runs, or if the runs do not converge (`order` <= CONVERGES), the last run is taken as the limit.
 
     Args:
-        bursts: samples of each run at its checkpoints; true: reference states at these checkpoints.
-        adaptive: whether the integrator chooses its own steps, so that there is no order.
+        bursts: for each run the samples at its checkpoints.
+        true: reference states at these checkpoints.
+        adaptive: whether the integrator chooses its own steps, so that no order of convergence can be computed.
     """
     k = min(len(b.at) for b in bursts)
     horizon = horizon_of([b.at.q[:k] - true.q[:k] for b in bursts])
@@ -90,13 +93,13 @@ class Closure:
     """The gaps of loops and drivers over the run.
 
     Attributes:
-        closure: largest gap of every run [m, rad].
-        closure_early, closure_late: largest gap of the first run in its first and in its last third [m, rad].
-        closure_stays: whether the gap is independent of the step.
+        closure: largest gap of every run, each with half the step of the run before [m, rad].
+        closure_early, closure_late: largest gap of the first run in its first third and in its last third [m, rad].
+        closure_stays: whether the largest gap is independent of the step.
         closure_joint: name of the joint with the largest gap.
         closure_share: share of the error that violates the constraints.
         held: correlation of the largest gap with its constraint force, from 0 to 1: near 1 the constraint yields like a spring.
-        compliance: gap over force [m/N].
+        compliance: ratio of this gap to this force [m/N].
     """
 
     closure: tuple[float, ...]
@@ -110,11 +113,14 @@ class Closure:
 
     @property
     def grows(self) -> bool:
-        """Whether the largest gap of the last third of the run is much larger than that of the first third."""
+        """Whether the largest gap of a loop in the last third of the first run is more than GROWS times that in the first third."""
         return self.closure_late > GROWS * self.closure_early
 
     def falls_faster(self, order: float) -> bool:
-        """Tell whether the gap falls with the step by a clearly higher order than the error; it then cannot cause the error."""
+        """Tell whether the largest gap decreases with the step by a clearly higher order than the error of the motion, `order`.
+
+        A gap that does so cannot cause the error. The last two runs are compared, of which the last has half the step.
+        """
         if len(self.closure) < 2 or self.closure[-2] == 0.0:
             return False
         return bool(self.closure[-1] < self.closure[-2] / 2.0 ** (order + HALF))
@@ -124,7 +130,10 @@ def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Clos
     """Return how far loops and drivers are open in runs with smaller and smaller steps, and what the gaps depend on.
 
     Args:
-        bursts: samples of each run; errors: (k, n) errors of the first run at those checkpoints where they can be split.
+        own: the equations of motion of the linkage.
+        bursts: for each run the samples at its checkpoints.
+        errors: (k, n) position errors of the first run at its first k checkpoints, at which the errors are small enough to be
+            split.
     """
     gaps = [np.abs(own.gaps(b.at)) for b in bursts]  # each (checkpoints, rows)
     opened = tuple(float(g.max(initial=0.0)) for g in gaps)
@@ -151,7 +160,10 @@ def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Clos
 
 
 def _compare_gap_with_force(own: OwnMotion, b: Burst, worst: int) -> tuple[float, float]:
-    """Return the correlation of gap and constraint force in the row `worst`, and gap over force [m/N]; zeros if either is zero."""
+    """Return the correlation between the gap and the force of the constraint row `worst`, and the ratio of gap to force [m/N].
+
+    Both are computed over the checkpoints of the run `b`. Both are zero if the gap or the force is zero at all checkpoints.
+    """
     phi = own.gaps(b.at)
     if not phi.shape[1]:
         return 0.0, 0.0
@@ -168,9 +180,10 @@ class Local:
 
     Attributes:
         reported: (k, n) error of the accelerations that the engine reports.
-        implied: (k, n) error of the mean accelerations in a step, which the change of velocities implies.
-        euler: (k, n) error of such a mean if the step were an explicit Euler step.
-        relative_reported, relative_implied: both errors relative to the largest acceleration of each state, median over the states.
+        implied: (k, n) error of the mean acceleration in a step, which is the change of velocities divided by the step.
+        euler: (k, n) error that this mean acceleration would have if the step were an explicit Euler step.
+        relative_reported, relative_implied: the first two errors, divided by the largest acceleration of each state, as medians
+            over the states.
     """
 
     reported: Array
@@ -181,9 +194,10 @@ class Local:
 
 
 def local(own: OwnMotion, b: Burst) -> Local:
-    """Compare reported accelerations, and mean accelerations over one step, with the linkage's own.
+    """Compare an engine's accelerations with those from the linkage's equations of motion, at checkpoints of the run `b`.
 
-    Every comparison starts at a state of the engine itself, at the checkpoints of the run `b`.
+    Two kinds of accelerations are compared: those that the engine reports, and mean accelerations over one step. The correct values
+    are computed from the state of the engine itself at the checkpoint.
     """
     h = b.after.t - b.at.t  # (k,)
     true = own.accelerations(b.at)
@@ -191,12 +205,13 @@ def local(own: OwnMotion, b: Burst) -> Local:
     mean = (b.after.v - b.at.v) / h[:, None]
     relative_reported = float(np.median(relative_acceleration_error(b.a, true)))
     relative_implied = float(np.median(relative_acceleration_error(mean, true_mean)))
+    # an explicit Euler step would have the acceleration `true` at its beginning as its mean acceleration
     return Local(b.a - true, mean - true_mean, true - true_mean, relative_reported, relative_implied)
 
 
-def usable(own: OwnMotion, b: Burst, most: float) -> Array:
-    """Return a mask (k,) of the checkpoints with finite states and without a gap above `most` [m, rad]."""
+def usable(own: OwnMotion, b: Burst, largest_gap: float) -> Array:
+    """Return a mask (k,) of the checkpoints at which all values are finite and no loop has a gap above `largest_gap` [m, rad]."""
     with np.errstate(all="ignore"):
         gaps = np.abs(own.gaps(b.at)).max(axis=1, initial=0.0)
     is_finite = np.all([np.isfinite(x).all(axis=1) for x in (b.at.q, b.at.v, b.a, b.after.v)], axis=0)
-    return np.asarray(is_finite & (gaps <= most))
+    return np.asarray(is_finite & (gaps <= largest_gap))

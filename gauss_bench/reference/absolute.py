@@ -5,7 +5,8 @@ null space adds the free acceleration. One singular value decomposition gives bo
 
     K = J M^(-1/2) = U S V^T,    b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q
 
-Friction in joints adds W N(lambda) to Q, and K^T lambda = M^(-1/2) Q - b in the same basis gives lambda:
+Friction in joints adds W N(lambda) to Q. The columns of W are the directions of friction, and N(lambda) are the loads of the
+joints. The multipliers lambda follow from K^T lambda = M^(-1/2) Q - b in the same basis:
 
     lambda = U1 S1^-1 (V1^T M^(-1/2) Q - S1^-1 U1^T gamma)
 """
@@ -22,7 +23,7 @@ class AbsoluteCoordinates:
     """Accelerations of one mechanism for a batch of states (k, n)."""
 
     def __init__(self, mechanism: Mechanism):
-        """Prepare the terms of a mechanism, and the roots (n,) of its masses."""
+        """Prepare the terms of a mechanism, and the square roots (n,) of the diagonal of its mass matrix."""
         self.evaluator = Evaluator(mechanism)
         self.root = np.sqrt(mechanism.mass)
 
@@ -43,7 +44,8 @@ class AbsoluteCoordinates:
         free = Q / self.root  # M^(-1/2) Q
         friction = self.evaluator.friction
         if friction:
-            # lambda is affine in the loads N of the joints: base + lift V1^T W N
+            # lambda depends on the friction, which depends on lambda by the loads N of the joints: lambda = base + lift V1^T W N.
+            # `consistent` finds the lambda with which both sides agree
             W = friction.directions(q, v) / self.root[:, None]  # (k, n, joints), in weighted coordinates
             lift = U * inverse[..., None, :]  # U1 S1^-1
             base = lift @ (Vt @ free[..., None] - moved[..., None])

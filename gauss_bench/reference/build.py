@@ -54,21 +54,30 @@ def build_reference(mechanism: Mechanism, t_end: float) -> Reference:
 
 
 def build_driven(mechanism: Mechanism, times: Array) -> Reference:
-    """Build the reference of a linkage with a driven angle: solve its geometry at the given times (k,) [s]."""
+    """Build the reference of a linkage with a driven angle: solve its geometry at the given times (k,) [s].
+
+    Nothing is integrated, so that the error bars are those of rounding alone.
+    """
     motion = MinimalCoordinate(mechanism)
-    levels = _join(motion.state_at(t) for t in times)
-    bar_q, bar_v, bar_a = (ROUNDING * (1 + np.abs(x).max(axis=-1)) for x in levels)  # rounding errors
+    levels = _join(motion.state_at(t) for t in times)  # q, v, a (k, n)
+    bar_q, bar_v, bar_a = (ROUNDING * (1 + np.abs(x).max(axis=-1)) for x in levels)
     return _with_bars(times, levels, (bar_q, bar_v, bar_a), "closure of the driven loop by Newton's method")
 
 
 def _join(parts: Iterable[Levels]) -> Levels:
-    """Return q, v, a (k, n), given k parts of q, v, a (1, n)."""
+    """Join k triples of q, v, a, each of the shape (1, n), to three arrays q, v, a (k, n)."""
     q, v, a = (np.concatenate(level) for level in zip(*parts, strict=True))
     return q, v, a
 
 
 def integrate_twice(mechanism: Mechanism, times: Array, minimal: bool) -> Reference:
-    """Build a reference whose error bar is the disagreement of DOP853 and Gauss-Legendre collocation, in the same coordinates."""
+    """Build a reference by two integrators, DOP853 and Gauss-Legendre collocation, whose difference is the error bar.
+
+    Args:
+        mechanism: the linkage in its scenario.
+        times: (k,) sample times [s].
+        minimal: whether both integrate the crank angle alone, instead of all absolute coordinates.
+    """
     motion, coordinates = (minimal_motion, "crank angle") if minimal else (absolute_motion, "absolute coordinates")
     # both integrators restart at every kink of a force; only the samples are kept
     grid = np.union1d(times, [x for x in mechanism.kinks if x < times[-1]])
@@ -76,7 +85,10 @@ def integrate_twice(mechanism: Mechanism, times: Array, minimal: bool) -> Refere
     first, second = (motion(mechanism, grid, integrate) for integrate in (_adaptive, _collocation))
 
     def bar(x: Array, y: Array) -> Array:
-        """Return the error bar (k,) at the samples, from the positions, velocities or accelerations x and y of both motions."""
+        """Return the error bar (k,) at the samples, from two computations x and y of the positions, velocities or accelerations.
+
+        x and y have a row for each time of `grid`; `kept` selects the rows of the samples.
+        """
         gap = np.abs(x - y).max(axis=-1) + ROUNDING * (1 + np.abs(x).max(axis=-1))
         # a bar never shrinks with time: an error made earlier is still there when the two motions happen to cross
         return np.asarray(np.maximum.accumulate(gap)[kept])
@@ -104,18 +116,17 @@ def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Arra
     """Integrate with scipy's DOP853, stopped at every sample; return q, v (k, n)."""
     from scipy.integrate import DOP853  # imported here because a driven linkage does not need it, and it takes long
 
-    n = len(q0)
+    n, just_before_end = len(q0), np.inf  # the loop below sets `just_before_end` for each interval between samples
 
     def rate(t: float, y: Array) -> Array:
-        """Return v and a (2n,); if a force jumps at the end of an interval, its value before the jump counts."""
-        before = min(t, last)  # `last`: just before the end of the present interval; the loop below sets it
-        return np.concatenate([y[n:], acceleration(np.array([before]), y[None, :n], y[None, n:])[0]])
+        """Return v and a (2n,); if a force jumps at the end of an interval, its value before the jump is used."""
+        return np.concatenate([y[n:], acceleration(np.array([min(t, just_before_end)]), y[None, :n], y[None, n:])[0]])
 
-    last = np.inf
     y, states, step = np.concatenate([q0, v0]), [np.concatenate([q0, v0])], None
     for start, end in pairwise(times):
-        first, last = None if step is None else min(step, end - start), np.nextafter(end, start)
-        solver = DOP853(rate, start, y, end, first_step=first, rtol=RTOL, atol=ATOL)
+        first_step = None if step is None else min(step, end - start)
+        just_before_end = np.nextafter(end, start)
+        solver = DOP853(rate, start, y, end, first_step=first_step, rtol=RTOL, atol=ATOL)
         while solver.status == "running":
             solver.step()
         if solver.status == "failed":
@@ -162,9 +173,9 @@ class TrueStates:
 def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, speed: float = 30.0) -> TrueStates:
     """Draw random states on the constraints, with their reference accelerations.
 
-    A linkage that one angle describes gets random crank angles, and crank speeds uniform in +-`speed` [rad/s]. A driven linkage
-    gets random times within the scenario's duration. Every other linkage takes a random walk; the components of v along its free
-    motions are uniform in +-3.
+    If one angle describes the linkage, the crank angle is random, and the crank speed is uniform in +-`speed` [rad/s]. If the
+    linkage is driven, the times are random within the scenario's duration. All remaining linkages are moved by a random walk: each
+    position is a small random step away from the one before. The components of v along the free motions are uniform in +-3.
     """
     rng, minimal = np.random.default_rng(seed), is_minimal(mechanism)
 

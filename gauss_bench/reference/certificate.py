@@ -1,8 +1,10 @@
 """A certificate: the samples of a motion, the error bar of each, and the linkage and scenario for which they hold.
 
-The stored doubles are the correctly rounded values of the more exact pipeline. For every time a certificate also has the largest
-disagreement of the two pipelines so far, and the floor below which engines in double precision cannot be distinguished. Files are
-compressed npz archives with the digest of their linkage, so that no other linkage uses them.
+A certificate is made by two independent computations (pipelines) in extended precision. The stored doubles are the correctly
+rounded values of the one with the higher precision. For every time a certificate also has the largest difference of the two
+pipelines up to
+this time, and the floor: the error below which engines in double precision cannot be distinguished. Files are compressed npz
+archives with the digest of their linkage, so that no other linkage uses them.
 """
 
 import io
@@ -32,16 +34,17 @@ class CertificateError(BadInput, ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """A certified motion from 0 to its last sample.
+    """A certified motion, from time 0 to the time of its last sample.
 
     Attributes:
-        name, scenario, digest: those of the linkage for which it holds.
-        t: (k,) [s]; q, v, a: (k, n); multipliers: (k, m) of M a + J^T lambda = Q, (k, 0) if redundant rows leave them undetermined.
-        error_q, error_v, error_a, error_multipliers: (k,) largest disagreement of the pipelines up to each time.
+        name, scenario, digest: name, scenario and digest of the linkage for which the certificate is valid.
+        t: (k,) sample times [s]; q, v, a: (k, n) positions, velocities and accelerations.
+        multipliers: (k, m) multipliers of M a + J^T lambda = Q; (k, 0) if redundant constraint rows leave them undetermined.
+        error_q, error_v, error_a, error_multipliers: (k,) largest difference of the two pipelines up to each time.
         floor_q, floor_v, floor_a: (k,) largest change up to each time if the parameters change by a relative 1e-16.
         digits: number of certified decimal digits of positions and velocities up to the last sample.
         duration: duration [s] of the motion that was to be certified.
-        stopped: the reason why the samples end before that, or empty.
+        stopped: the reason why the samples end before this duration, or empty.
         facts: methods, versions, drifts, steps and distances from a closed form, as plain data.
     """
 
@@ -94,10 +97,10 @@ def read_certificate(path: Path) -> Certificate:
 
 
 def check_holds(certificate: Certificate, mechanism: Mechanism, path: Path) -> None:
-    """Check that a certificate holds for a mechanism.
+    """Check that a certificate belongs to a mechanism.
 
     Raises:
-        CertificateError: it is of another linkage or scenario, or the linkage has changed since.
+        CertificateError: the certificate is of another linkage or scenario, or the linkage was changed after it was made.
     """
     asked = f"{mechanism.name} in scenario {mechanism.scenario}"
     if (certificate.name, certificate.scenario) != (mechanism.name, mechanism.scenario):
@@ -112,7 +115,8 @@ def check_holds(certificate: Certificate, mechanism: Mechanism, path: Path) -> N
 def certificate_path(mechanism: Mechanism) -> Path | None:
     """Return the path of a linkage's certificate, certificates/NAME.SCENARIO.npz beside its file.
 
-    Certificates of generated linkages are in the suite's own folder; a linkage without a folder has none.
+    Certificates of generated linkages are in the folder of the built-in linkages. A linkage that was neither read from a file nor
+    generated has no certificate, and None is returned.
     """
     source = Path(mechanism.source)
     folder = None
@@ -124,7 +128,10 @@ def certificate_path(mechanism: Mechanism) -> Path | None:
 
 
 def as_reference(certificate: Certificate, t_end: float) -> Reference:
-    """Return the certified motion up to `t_end`; its error bars are the disagreement plus the rounding of the stored doubles."""
+    """Return the certified motion up to `t_end` [s] as a reference.
+
+    Its error bars are the difference of the two pipelines that made the certificate, plus the rounding of the stored doubles.
+    """
     k = int(np.searchsorted(certificate.t, t_end * (1 + 1e-12), side="right"))
     levels = {x: getattr(certificate, x)[:k] for x in ("q", "v", "a")}
     bars = {f"error_{x}": getattr(certificate, f"error_{x}")[:k] + rounding(values) for x, values in levels.items()}

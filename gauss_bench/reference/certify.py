@@ -1,9 +1,10 @@
 """Certification of a motion by two pipelines that share neither integrator nor equations.
 
-Pipeline A, a Taylor series in 128 bit, gives the values. Pipeline B, collocation in long double, gives the error bars, which are
-its distance from A; its step is halved until its own error no longer matters. If the motion has a closed form, that gives the
-values, and both pipelines are compared with it. The certificate ends where the pipelines agree to fewer digits than are to be
-certified, or where a pipeline stops.
+A pipeline is a complete computation of the motion from the linkage file. Pipeline A, a Taylor series in 128-bit numbers, gives the
+certified values. Pipeline B, collocation in long double, gives the error bars, which are the differences between the motions of
+both pipelines. The step of pipeline B is halved until the error of B itself is negligible. If the motion has a closed form, the
+closed form gives the values, and both pipelines are compared with it. The certificate ends where the pipelines agree to fewer
+digits than are to be certified, or where a pipeline stops.
 """
 
 import io
@@ -34,8 +35,8 @@ from gauss_bench.reference.taylor.series import taylor_motion
 from gauss_bench.terms import Array
 
 DIGITS = 12
-SAMPLES = 500  # largest number of samples, so that files stay small
-FINEST = 50  # least number of samples, so that motions over milliseconds have some too
+MAX_SAMPLES = 500  # largest number of samples, so that files stay small
+MIN_SAMPLES = 50  # least number of samples, so that motions over milliseconds have samples too
 SPACING = Decimal("0.01")  # [s] usual distance of samples
 STEPS = 100  # least number of steps of the collocation, which halves its steps itself where the motion needs it
 HALVINGS = 2  # largest number of times that all steps are halved
@@ -63,10 +64,10 @@ def certify(
 
     Args:
         linkage: path of a file, or name of a built-in linkage.
-        scenario: name of a scenario of the file; None for the first with a start.
-        digits: number of digits to certify, of positions and velocities relative to their largest values.
-        until: end [s]; None for the scenario's duration.
-        report: called with the progress; None for no report.
+        scenario: name of a scenario of the file; with None the first scenario that has the table `start`.
+        digits: number of digits that must be certified, of positions and of velocities relative to their largest values.
+        until: end of the motion [s]; with None the scenario's duration is used.
+        report: called with the name of the stage and the time reached [s]; with None progress is not reported.
 
     Raises:
         LinkageError: the file has faults.
@@ -80,11 +81,13 @@ def certify(
     duration = mechanism.duration if until is None else until
     times = sample_times(duration)
     report = report or _ignore
+    # `first` and `second` are the motions of the two pipelines, and `truth` is the one whose values are certified
     first = taylor_motion(document, mechanism.scenario, times, progress=partial(report, "Taylor series"))
     exact = closed_form(mechanism, times)
     truth = first if exact is None else exact
     second, step = _collocate(document, mechanism, first, truth, report)
     bars = disagreement(truth, second) | {"multipliers": disagreement(first, second)["multipliers"]}
+    # number of certified samples, largest relative error bar, and the reason why later samples are not certified
     kept, worst, reason = len(times), 0.0, ""
     if exact is None:
         kept, worst, reason = _certified_part(truth, bars, (first, second), digits)
@@ -127,12 +130,16 @@ def _refuse_unknown(mechanism: Mechanism) -> None:
 
 
 def sample_times(duration: float) -> list[str]:
-    """Return sample times as decimal texts: multiples of 0.01 s, closer for short motions and wider for long ones, and the end."""
+    """Return sample times as decimal texts: multiples of a spacing, and the end of the motion as the last.
+
+    The spacing is 0.01 s. If this gives more than MAX_SAMPLES times, it is the smallest sufficient multiple of 0.01 s. If it gives
+    fewer than MIN_SAMPLES times, the spacing is divided by ten until there are enough.
+    """
     end = Decimal(repr(float(duration)))
     spacing = SPACING
-    while end / spacing > SAMPLES:
+    while end / spacing > MAX_SAMPLES:
         spacing += SPACING
-    while end > 0 and end / spacing < FINEST:
+    while end > 0 and end / spacing < MIN_SAMPLES:
         spacing /= 10
     times = [k * spacing for k in range(int(end / spacing) + 1)]
     return [str(t) for t in (times if times[-1] == end else [*times, end])]
@@ -152,18 +159,22 @@ def distance(one: NDArray[Any], other: NDArray[Any]) -> Array:
 
 
 def disagreement(truth: Motion, other: Motion) -> dict[str, Array]:
-    """Return level -> (k,) largest distance of a motion from the true one, up to each time that it has reached."""
-    bars = {}
+    """Return "q", "v", "a" or "multipliers" -> (k,) the largest distance of the motion `other` from `truth` up to each time.
+
+    The times are those that both motions have reached. The distance is zero for multipliers that one of the motions lacks.
+    """
+    largest = {}
     for level in (*LEVELS, "multipliers"):
         one, two = getattr(truth, level), getattr(other, level)
-        bars[level] = np.zeros(len(other.times)) if one is None or two is None else np.maximum.accumulate(distance(one, two))
-    return bars
+        largest[level] = np.zeros(len(other.times)) if one is None or two is None else np.maximum.accumulate(distance(one, two))
+    return largest
 
 
 def relative(motion: Motion, level: str, bars: Array) -> Array:
-    """Return error bars (k,) of a motion's level "q", "v" or "a", divided by its largest value up to each time.
+    """Return error bars (k,) of the positions "q", velocities "v" or accelerations "a" of a motion, relative to their size.
 
-    The bars are divided by 1 instead where that value is smaller than 1.
+    Each error bar is divided by the largest magnitude of this quantity up to the same time, or by 1 if this magnitude is smaller
+    than 1.
     """
     largest = np.abs(split(getattr(motion, level)[: len(bars)]).high).max(axis=-1, initial=0.0)
     return np.asarray(bars / np.maximum(1.0, np.maximum.accumulate(largest)))
@@ -204,7 +215,13 @@ def _collocate(
 
 
 class _Part(NamedTuple):
-    """The certified part of a motion: number of samples, largest relative error bar, and the reason why it ends early, or ""."""
+    """The certified part of a motion.
+
+    Attributes:
+        kept: number of certified samples.
+        worst: largest relative error bar of these samples.
+        reason: the reason why later samples are not certified, or an empty text if all are.
+    """
 
     kept: int
     worst: float
@@ -212,9 +229,15 @@ class _Part(NamedTuple):
 
 
 def _certified_part(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion], digits: int) -> _Part:
-    """Return the part of a motion in which the pipelines agree to a number of digits."""
+    """Return the first part of a motion, in which the pipelines agree to the required number of digits.
+
+    Args:
+        truth: the motion whose values are certified; bars: "q", "v" or "a" -> error bars (k,).
+        pipelines: the motions of both pipelines.
+        digits: number of digits that must be certified.
+    """
     errors = state_errors(truth, bars)
-    lost = np.flatnonzero(~(errors <= 10.0**-digits))
+    lost = np.flatnonzero(~(errors <= 10.0**-digits))  # samples with too large or NaN errors
     kept = int(lost[0]) if len(lost) else len(errors)
     worst = float(errors[:kept].max(initial=0.0))
     if kept == len(truth.times) and not truth.stopped:
@@ -222,7 +245,7 @@ def _certified_part(truth: Motion, bars: dict[str, Array], pipelines: Sequence[M
     stopped = [motion.stopped for motion in pipelines if motion.stopped and len(motion.times) <= kept]
     if stopped:
         return _Part(kept, worst, "; ".join(stopped))
-    # the growth of errors, from the time at which three digits more were right
+    # the growth of errors is measured from the time `earlier`, until which three more digits were correct
     last = float(truth.times[kept - 1]) if kept else 0.0
     earlier = float(truth.times[int(np.argmax(errors > 10.0 ** -(digits + 3)))])
     rate = f"tenfold every {(last - earlier) / 3:.2g} s" if last > earlier else "at once"
@@ -234,8 +257,9 @@ def _facts(truth: Motion, exact: Motion | None, first: Motion, second: Motion, s
     """Return methods, drifts, steps and versions of a certificate as plain data.
 
     Args:
-        truth: the certified motion; exact: the closed form, or None if there is none.
-        first, second: motions of both pipelines; step: step of the collocation, the second one [s].
+        truth: the certified motion; exact: the motion in closed form, or None if there is none.
+        first, second: motions of the two pipelines, by Taylor series and by collocation.
+        step: step of the collocation [s].
     """
     pipelines = []
     for motion in (first, second):

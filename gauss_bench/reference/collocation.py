@@ -1,16 +1,20 @@
 """Gauss-Legendre collocation with any number s of stages, order 2 s, in any type of number, for q'' = acceleration(t, q, v).
 
-The coefficients follow from Legendre polynomials, because the linear system that defines them is badly conditioned. On -1..1 with
-the roots x_i of P_s as nodes, and with weights 2 b_i, discrete orthogonality gives the Lagrange polynomials
+The coefficients are computed from Legendre polynomials P_k, because the linear system that defines them is badly conditioned. Take
+the interval -1..1, with the roots x_i of P_s as nodes and with the weights 2 b_i. Discrete orthogonality gives the Lagrange
+polynomials l_j of these nodes:
 
     l_j(x) = b_j sum_k (2 k + 1) P_k(x_j) P_k(x),    k = 0 .. s - 1,    b_j = 1 / sum_k (2 k + 1) P_k(x_j)^2
 
-Their integrals are the matrix of the method, (2 k + 1) int P_k = P_k+1 - P_k-1. Their values beyond 1 continue the polynomial of
-one step into the next step.
+The integrals of l_j are the matrix of the method. They follow from (2 k + 1) int P_k = P_k+1 - P_k-1. The values of l_j at x > 1
+continue the polynomial of one step into the next step.
 
-`gauss_legendre` is the second integrator of the double-precision reference. It evaluates all stages in one batch, and finds them by
-fixed-point iteration that starts from the last step's polynomial. Sources: Hairer, Lubich and Wanner, Geometric Numerical
-Integration (2006), sections II.1.3 and VIII.6; Davis and Rabinowitz, Methods of Numerical Integration (1984), section 2.7.
+`gauss_legendre` is the second integrator of the double-precision reference. It evaluates all stages of a step in one batch and
+finds them by fixed-point iteration. The first guess is the collocation polynomial of the previous step, continued into the present
+one.
+
+Sources: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), sections II.1.3 and VIII.6; Davis and Rabinowitz,
+Methods of Numerical Integration (1984), section 2.7.
 """
 
 from collections.abc import Callable
@@ -33,12 +37,12 @@ BatchAcceleration = Callable[[Array, Array, Array], Array]  # t (k,), q, v (k, n
 
 @dataclass(frozen=True, eq=False)
 class Tableau:
-    """The Gauss method on 0..1.
+    """The coefficients of the Gauss method with s stages on the interval 0..1.
 
     Attributes:
-        c, b, A: nodes (s,), weights (s,) and matrix (s, s).
-        AA, bA: A A and b A, for second-order equations.
-        expansion: (s, s) matrix from values at the nodes to coefficients of Legendre polynomials.
+        c, b, A: nodes (s,), weights (s,) and matrix (s, s) of the Runge-Kutta method.
+        AA, bA: the products A A (s, s) and b A (s,), by which positions follow from accelerations.
+        expansion: (s, s) matrix that turns values at the nodes into coefficients of Legendre polynomials.
     """
 
     c: Array
@@ -49,13 +53,16 @@ class Tableau:
     expansion: Array
 
     def forecast(self, ratio: Any = 1) -> Array:
-        """Return the matrix (s, s) that extrapolates values at the nodes to those of the next step, `ratio` times as long."""
+        """Return the matrix (s, s) that extrapolates values at the nodes of a step to the nodes of the next step.
+
+        The next step is `ratio` times as long as the present one.
+        """
         return np.asarray(legendre_values(1 + 2 * ratio * self.c, len(self.c)).T @ self.expansion)
 
 
 @lru_cache
 def gauss_tableau(stages: int, dtype: Any = np.float64) -> Tableau:
-    """Return Gauss-Legendre collocation on 0..1 with `stages` stages, in a type of numpy's floating numbers."""
+    """Return the coefficients of Gauss-Legendre collocation with `stages` stages, as numbers of the numpy type `dtype`."""
     x = legendre_roots(stages, dtype)
     P = legendre_values(x, stages + 1)
     degrees = 2 * np.arange(stages, dtype=dtype) + 1
@@ -68,12 +75,12 @@ def gauss_tableau(stages: int, dtype: Any = np.float64) -> Tableau:
 
 
 def legendre_values(x: Array, count: int) -> Array:
-    """Return P_0 .. P_count-1 at x (s,), as (count, s), in the type of x."""
+    """Return the Legendre polynomials P_0 to P_(count - 1) at x (s,), as an array (count, s) of the number type of x."""
     return np.asarray(legendre.legvander(x, count - 1).T)
 
 
 def legendre_roots(count: int, dtype: Any = np.float64) -> Array:
-    """Return the roots of P_count (count,), ascending and symmetric."""
+    """Return the roots (count,) of the Legendre polynomial P_count, ascending and symmetric about zero."""
     x = legendre.leggauss(count)[0].astype(dtype)
     for _ in range(NEWTON_STEPS):
         P = legendre_values(x, count + 1)
@@ -88,10 +95,12 @@ class NoConvergence(ArithmeticError):
 def gauss_legendre(
     acceleration: BatchAcceleration, times: Array, q0: Array, v0: Array, step: float, stages: int = STAGES
 ) -> tuple[Array, Array]:
-    """Return q, v (k, n) at the times, in equal steps no longer than `step` between them, in the type of q0.
+    """Integrate q'' = acceleration(t, q, v) by Gauss-Legendre collocation; return q, v (k, n) at the times, in the type of q0.
+
+    From one time to the next the steps are equal, and not longer than `step` [s].
 
     Raises:
-        NoConvergence: the iteration of a step stalls above rounding.
+        NoConvergence: the iteration of a step stops improving while its changes are still larger than rounding errors.
     """
     method = gauss_tableau(stages, q0.dtype)
     c, b, bA = method.c, method.b, method.bA
@@ -103,6 +112,7 @@ def gauss_legendre(
         h = (end - start) / count
         for k in range(count):
             t = start + (k + c) * h
+            # `forecast @ a`, the first guess, continues the polynomial of the previous step into this one
             a = _stages(acceleration, t, q + np.outer(c * h, v), v, forecast @ a, h, method)
             q = q + h * v + h**2 * (bA @ a)
             v = v + h * (b @ a)
@@ -117,7 +127,14 @@ def step_count(span: Any, step: float) -> int:
 
 
 def _stages(acceleration: BatchAcceleration, t: Array, drift: Array, v: Array, a: Array, h: float, method: Tableau) -> Array:
-    """Return the accelerations (s, n) at the nodes t (s,) of a step, from a first guess a; `drift` (s, n) is q + c h v."""
+    """Return the accelerations (s, n) at the nodes of a step, found by fixed-point iteration.
+
+    Args:
+        acceleration: function of times (s,) and states q, v (s, n) -> accelerations (s, n).
+        t: (s,) times of the nodes [s].
+        drift: (s, n) positions at the nodes without acceleration, q + c h v; v: (n,) velocities at the beginning of the step.
+        a: (s, n) first guess; h: length of the step [s]; method: coefficients of the collocation.
+    """
     previous, eps = np.inf, float(np.finfo(a.dtype).eps)
     for _ in range(ITERATIONS):
         corrected = acceleration(t, drift + h**2 * (method.AA @ a), v + h * (method.A @ a))

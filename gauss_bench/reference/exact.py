@@ -1,4 +1,4 @@
-"""Motions that are known in closed form, to forty digits: a third source of certificates, besides the two pipelines.
+"""Motions that are known in closed form, to forty digits: a third source of certificates, besides two numerical computations.
 
 The motion of a pendulum and that of the N-four-bar are elliptic functions of time. That of Chaplygin's sleigh has hyperbolic
 functions and a quadrature, and a free body moves on a parabola. Each closed form belongs to one linkage of the suite, which is
@@ -39,7 +39,7 @@ def closed_form(mechanism: Mechanism, times: Sequence[str]) -> Motion | None:
 
 
 def _is_built_in(mechanism: Mechanism) -> bool:
-    """Tell whether the mechanism is the built-in linkage of its name, unchanged."""
+    """Tell whether the mechanism is identical to the built-in linkage of the same name."""
     try:
         return load(mechanism.name, mechanism.scenario).digest == mechanism.digest
     except LinkageError:
@@ -49,7 +49,8 @@ def _is_built_in(mechanism: Mechanism) -> bool:
 def sample(coordinates: Callable[[Any], Numbers], t: Sequence[Any]) -> States:
     """Return q, v, a (k, n) at times t (k,), given the coordinates (n,) as a function of time, by numerical derivatives.
 
-    mpmath computes the differences with as many additional digits as they lose. Values of rounding size are replaced by zero.
+    mpmath computes differences with as many additional digits as the differences lose. Values as small as rounding errors are
+    replaced by zero.
     """
     import mpmath
 
@@ -63,10 +64,11 @@ def stack_bodies(bodies: Sequence[tuple[Any, Any]]) -> Numbers:
     return np.array([x for place, angle in bodies for x in (place.real, place.imag, angle)])
 
 
-def rotor_angle(k: Any, t: Any, speed: Any) -> Any:
-    """Return phi at time t, the angle from upright with phi'' = k sin(phi), for a motion that turns over, from phi = 0 at `speed`.
+def _pendulum_angle(k: Any, t: Any, speed: Any) -> Any:
+    """Return the angle phi [rad] from the upright position at time t of a pendulum that turns over: phi'' = k sin(phi).
 
-    With s^2 = speed^2 + 4 k, m = 4 k / s^2 and Jacobi's amplitude am, phi / 2 = pi / 2 + am(s t / 2 - K(m), m).
+    The motion begins at phi = 0 with phi' = `speed`. With s^2 = speed^2 + 4 k, m = 4 k / s^2, the complete elliptic integral K(m)
+    and Jacobi's amplitude am, phi / 2 = pi / 2 + am(s t / 2 - K(m), m).
     """
     import mpmath
 
@@ -80,7 +82,11 @@ def rotor_angle(k: Any, t: Any, speed: Any) -> Any:
 
 
 def _n_four_bar(name: str, t: list[Any]) -> States:
-    """Return the motion of N four-bars as parallelograms: phi'' = k sin(phi), k = ((N+1)/2 + N) g / (((N+1)/3 + N) l)."""
+    """Return the motion of N coupled four-bars, which are parallelograms: N + 1 uprights on the ground, and N horizontal bars.
+
+    All bars have equal mass and the length l. The uprights turn like a pendulum, with phi the angle from the vertical:
+    phi'' = k sin(phi), where k = ((N+1)/2 + N) g / (((N+1)/3 + N) l) is the torque of gravity over the inertia.
+    """
     import mpmath
 
     count, length, gravity = int(name.rpartition("_")[2]), mpmath.mpf(str(generate.LENGTH)), mpmath.mpf("9.81")
@@ -88,8 +94,8 @@ def _n_four_bar(name: str, t: list[Any]) -> States:
     speed = mpmath.mpf(str(generate.SPEED)) / length
 
     def coordinates(time: Any) -> Numbers:
-        """Return the coordinates of count + 1 uprights at the angle theta, and of the count horizontal bars on them."""
-        theta = mpmath.pi / 2 - rotor_angle(k, time, speed)
+        """Return the coordinates of count + 1 uprights at the angle theta from the x axis, and of count horizontal bars on them."""
+        theta = mpmath.pi / 2 - _pendulum_angle(k, time, speed)
         top, zero = length * mpmath.expj(theta), mpmath.mpf(0)  # top of the first upright, and the angle of a horizontal bar
         uprights = [(top / 2 + i * length, theta) for i in range(count + 1)]
         return stack_bodies(uprights + [(top + (i + 0.5) * length, zero) for i in range(count)])
@@ -105,15 +111,19 @@ def start_of(name: str) -> dict[str, Any]:
 
 
 def _pendulum(name: str, t: list[Any]) -> States:
-    """Return the motion of a bar from rest at the angle A from hanging: sin(phi/2) = sin(A/2) cd(w0 t), w0^2 = 3 g / (2 l)."""
+    """Return the motion of a uniform bar of length l on a pin at its end, released from rest at the angle A.
+
+    The angle phi is measured from the hanging position, and phi(0) = A. With the Jacobi function cd of the modulus sin(A/2),
+    sin(phi/2) = sin(A/2) cd(w0 t), w0^2 = 3 g / (2 l).
+    """
     import mpmath
 
     length, gravity = mpmath.mpf(str(generate.LENGTH)), mpmath.mpf("9.81")
-    reach = mpmath.pi / 2 + mpmath.radians(mpmath.mpf(str(start_of(name)["crank_deg"])))
-    w0, k = mpmath.sqrt(3 * gravity / (2 * length)), mpmath.sin(reach / 2)
+    A = mpmath.pi / 2 + mpmath.radians(mpmath.mpf(str(start_of(name)["crank_deg"])))  # crank_deg is measured from the x axis
+    w0, k = mpmath.sqrt(3 * gravity / (2 * length)), mpmath.sin(A / 2)
 
     def coordinates(time: Any) -> Numbers:
-        """Return the coordinates of the bar, whose angle is phi - pi / 2."""
+        """Return the coordinates of the bar, whose angle from the x axis is theta = phi - pi / 2."""
         theta = 2 * mpmath.asin(k * mpmath.ellipfun("cd", w0 * time, m=k**2)) - mpmath.pi / 2
         return stack_bodies([(length / 2 * mpmath.expj(theta), theta)])
 
@@ -130,13 +140,15 @@ def _projectile(name: str, t: list[Any]) -> States:
 
 
 def _sleigh(name: str, t: list[Any]) -> States:
-    """Return the motion of Chaplygin's sleigh, whose edge is the distance `lead` behind its centre of mass.
+    """Return the motion of Chaplygin's sleigh, a body on a knife edge, which moves along its edge only.
 
-    With b^2 = (I + m lead^2) / m and V^2 = v^2 + b^2 w^2, the velocity v of the edge along the sleigh and the spin w are
+    The sleigh has the mass m and the inertia I, and its knife edge is the distance `lead` behind its centre of mass. Its motion has
+    two velocities: v of the edge along the sleigh, and the angular velocity w. With b^2 = (I + m lead^2) / m and the constant
+    V^2 = v^2 + b^2 w^2, they are
 
         v = V tanh(kappa t + c),   b w = V sech(kappa t + c),   kappa = lead V / b^2
 
-    The angle follows in closed form, and the place of the edge by a quadrature.
+    The constant c follows from the start. The angle is known in closed form, and the position of the edge by numerical integration.
     Source: Neimark and Fufaev, Dynamics of Nonholonomic Systems (1972), section III.2.
     """
     import mpmath
@@ -159,11 +171,11 @@ def _sleigh(name: str, t: list[Any]) -> States:
         return V * mpmath.tanh(kappa * x + c) * mpmath.expj(angle(x))
 
     def from_edge(x: Any) -> Numbers:
-        """Return the coordinates (3,) of the sleigh at a time x [s], with its place relative to the edge."""
+        """Return the coordinates (3,) of the sleigh at a time x [s], with its centre of mass relative to the knife edge."""
         return stack_bodies([(lead * mpmath.expj(angle(x)), angle(x))])
 
     def edge_rate(x: Any) -> Numbers:
-        """Return the rates (3,) of the coordinates at a time x [s] if the sleigh moved with the edge and did not turn."""
+        """Return the rates (3,) that the coordinates would have at a time x [s] without turning, at the velocity of the edge."""
         return stack_bodies([(velocity(x), mpmath.mpf(0))])
 
     q, v, a = sample(from_edge, t)

@@ -1,19 +1,21 @@
-"""The second pipeline of a certificate: collocation of order 20 in long double, in absolute coordinates.
+"""The second of the two computations that make a certificate: collocation of order 20 in long double, in absolute coordinates.
 
-The unknowns of a step are accelerations and multipliers x_i = [a_i, lambda_i] at ten Gauss nodes. They determine positions and
-velocities, q_i = q + c_i h v + h^2 (A A a)_i and v_i = v + h (A a)_i, and satisfy at every node
+The unknowns of a step are the accelerations and multipliers x_i = [a_i, lambda_i] at ten Gauss nodes. The accelerations determine
+the positions q_i = q + c_i h v + h^2 (A A a)_i and the velocities v_i = v + h (A a)_i at the nodes. At every node the unknowns must
+satisfy the equations of motion and the constraints:
 
     M a_i + J(q_i)^T lambda_i = Q(q_i, v_i),    J(q_i) a_i = gamma(q_i, v_i)
 
-They are found by corrections x_i += P_i r_i, with residuals r_i in long double. P_i is the inverse in double precision at the
-position that the last step's polynomial predicts for the node. Each correction is a step of iterative refinement of the linear
-system and also of the fixed-point iteration of the nodes. The slower of both, with a factor of about h times the largest rate of
-the motion, decides how fast the corrections converge. After every step the state is projected onto the constraints, so that nothing
-drifts.
+The unknowns are found by corrections x_i += P_i r_i, with the residuals r_i of these equations in long double. P_i is the inverse
+of the matrix [M J^T; J 0] in double precision. It is computed at the position of the node that the polynomial of the previous step
+predicts. Each correction is a step of two iterations at once: the iterative refinement of the linear system, and the fixed-point
+iteration of the nodes. The corrections converge as fast as the slower of the two, which is usually the fixed-point iteration: it
+reduces the error by a factor of about h times the largest rate of the motion. After every step the state is projected onto the
+constraints, so that nothing drifts.
 
-Steps between two samples are equal. They are halved until the nodes resolve the accelerations: the Legendre coefficients of these
-fall geometrically, and the error of Gauss quadrature begins at twice the degree of the last coefficient. A step ends wherever a
-derivative of a motion law jumps.
+The steps between two samples are equal. They are halved until the ten nodes resolve the accelerations, that is, until the Legendre
+coefficients of the accelerations in a step decrease to RESOLVED. The error of Gauss quadrature is then about the square of this
+size. A step ends wherever a derivative of a motion law jumps.
 
 Sources: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), sections IV.4 and VIII.6; Hairer and Wanner, Solving
 Ordinary Differential Equations II (1996), sections IV.8 (when to stop) and VII.2 (projection); Trefethen, Approximation Theory and
@@ -49,10 +51,15 @@ NEAR = 1e-3  # relative singular value below which messages say that a singular 
 def extend_motion(
     document: dict[str, Any], scenario: str, times: Sequence[str], step: float, progress: Progress | None = None
 ) -> Motion:
-    """Integrate the motion in long double; return its states at the sample times, up to where it has to stop.
+    """Integrate the motion in long double; return its states at the sample times.
+
+    If the integration fails after the start, such as at a singular position, the motion ends at the last sample before the failure,
+    and its attribute `stopped` has the reason.
 
     Args:
-        document: the linkage file with decimals as written (`decimal_document`), and with the scenario's override merged.
+        document: the linkage file with decimals kept as text (`decimal_document`), after the scenario's changes (`override`) have
+            been merged into it.
+        scenario: name of the scenario.
         times: sample times as decimal texts [s], ascending from "0".
         step: largest step [s]; steps between two samples are equal, and halved where the motion needs it.
         progress: called with each sample time that is reached.
@@ -85,11 +92,11 @@ class Step:
     """A step that has been taken.
 
     Attributes:
-        q, v: (n,) state at its end.
-        a: (s, n) accelerations at its nodes.
-        h: its length [s].
-        halvings: number of times that the steps of this interval were halved.
-        tail: largest of the last Legendre coefficients of the accelerations, relative to the accelerations.
+        q, v: (n,) state at the end of the step.
+        a: (s, n) accelerations at the nodes of the step.
+        h: length of the step [s].
+        halvings: number of times that the steps of the present interval between two samples were halved.
+        tail: largest of the last two Legendre coefficients of the accelerations, relative to the accelerations.
     """
 
     q: Array
@@ -101,9 +108,13 @@ class Step:
 
 
 def collocate_states(linkage: Linkage, times: list[Any], q: Array, v: Array, step: float) -> Iterator[tuple[Array, Array]]:
-    """Yield q, v (n,) at each of the times, integrated from q, v at the first."""
+    """Integrate by Gauss collocation from q, v at the first of the times; yield q, v (n,) at each of the times.
+
+    `step` is the longest step [s].
+    """
     method = gauss_tableau(STAGES, LONG)
     a, _ = linkage.accelerations_and_multipliers(times[0], q, v)
+    # the first guess of the accelerations at all nodes of the first step is the acceleration at the start
     state = Step(q, v, np.tile(a, (STAGES, 1)), LONG(step))
     yield q, v
     for begin, end in pairwise(times):
@@ -129,11 +140,11 @@ def _interval(linkage: Linkage, method: Tableau, begin: Any, end: Any, state: St
 
 
 def _step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Step:
-    """Take a step of h from the time t.
+    """Take a step of length h from the time t and the end of the step `state`; return the new step.
 
     Raises:
-        NoConvergence: the accelerations at its nodes are not found, or do not resolve the motion.
-        Unsolved: it ends in a singular position, or its end cannot be projected.
+        NoConvergence: the accelerations at the nodes are not found, or the nodes do not resolve the accelerations.
+        Unsolved: a position is singular, or the state at the end of the step cannot be projected onto the constraints.
     """
     a = _nodes(linkage, method, t, h, state)
     tail = float(np.abs(method.expansion[-2:] @ a).max() / (1.0 + np.abs(a).max()))
@@ -145,31 +156,33 @@ def _step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Ste
 
 
 def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Array:
-    """Return the accelerations (s, n) at the nodes of the step that begins at t.
+    """Return the accelerations (s, n) at the nodes of the step that begins at t and has the length h.
 
-    Multipliers start from zero, so that they stay the shortest ones if rows are redundant; this costs one more correction.
+    The first guess of the multipliers is zero. If constraint rows are redundant, the result then has the smallest norm among all
+    possible multipliers. This costs one more correction than a better guess.
 
     Raises:
-        NoConvergence: the corrections do not shrink to rounding.
-        Unsolved: a node is a singular position.
+        NoConvergence: the corrections do not shrink to the size of rounding errors.
+        Unsolved: the position at a node is singular.
     """
     n = len(state.q)
+    # drift: positions at the nodes without acceleration; A, AA: coefficients by which velocities and positions follow from a
     drift, times = state.q + np.outer(method.c * h, state.v), t + method.c * h
     A, AA = h * method.A, h * h * method.AA
     x = np.zeros((STAGES, n + linkage.evaluator.constraints.m), dtype=LONG)
     x[:, :n] = method.forecast(h / state.h) @ state.a  # (s, n + m)
-    size, solved = np.inf, None
+    size, solved = np.inf, None  # relative size of the last correction of accelerations, and the inverse in use
     for k in range(ITERATIONS):
         q, v = drift + AA @ x[:, :n], state.v + A @ x[:, :n]
-        if solved is None or size > MOVED:
+        if solved is None or size > MOVED:  # the positions of the nodes have changed too much for the old inverse
             solved = linkage.inverse(times, linkage.rows(times, q, v).J)
         step = correct(solved.inverse, linkage.residual(times, q, v, x))
         x, before = x + step, size
         size = float(np.abs(step[:, :n]).max() / (1.0 + np.abs(x[:, :n]).max()))
-        ratio = size / before if k else 1.0
+        ratio = size / before if k else 1.0  # by which the corrections shrink: the next one will have about size * ratio
         if size * ratio <= EPS or (k > 1 and size < SETTLED and ratio > 0.5):  # the next correction would be rounding
             return x[:, :n]
-        if k >= PATIENCE and not size < HOPELESS:  # true for NaN too
+        if k >= PATIENCE and not size < HOPELESS:  # also if the size is NaN
             break
     near = ""
     if solved and solved.smallest < NEAR:

@@ -39,8 +39,10 @@ class Linkage:
     """A mechanism in long double, with the data for its linear systems.
 
     Attributes:
-        rank: rank of the constraint rows; further singular values are rounding.
-        nearest: smallest relative singular value so far, and its time [s].
+        mechanism: the mechanism, with numbers in long double.
+        evaluator: object that evaluates the terms of its equations of motion.
+        rank: rank of the constraint Jacobian J M^(-1/2); all further singular values differ from zero only by rounding.
+        nearest: smallest relative singular value so far, and the time [s] at which it occurred.
     """
 
     mechanism: Mechanism
@@ -81,7 +83,7 @@ class Linkage:
         mass, Q = self.evaluator.mass, self.evaluator.applied.generalised(q, v)
 
         def residual(x: Array) -> Array:
-            """Return [M J^T; J 0] x - [Q; gamma] in long double."""
+            """Return the residual [M J^T; J 0] x - [Q; gamma] of x = [a, lambda], in long double."""
             return -saddle_residual(mass, rows.J, Q, rows.gamma, x)
 
         zero = np.zeros(len(q) + len(rows.phi), dtype=LONG)
@@ -89,18 +91,20 @@ class Linkage:
         return x[: len(q)], x[len(q) :]
 
     def project(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the nearest positions, and then the nearest velocities, that satisfy the constraints.
+        """Return the nearest positions to q, and then the nearest velocities to v, that satisfy the constraints at time t.
 
         Raises:
-            Unsolved: there are none nearby, or the position is singular.
+            Unsolved: no state nearby satisfies the constraints, or the position is singular.
         """
-        h, edges = self.evaluator.constraints.holonomic, len(self.mechanism.knife_edges)
+        holonomic, edges = self.evaluator.constraints.holonomic, len(self.mechanism.knife_edges)
         rows = self.rows(t, q, v)
+        # matrices (n, rows) that give the smallest correction of q or v, in the mass metric, for an error of the constraints; they
+        # are computed once, at the first state, and serve for all iterations (chord iteration)
         for_velocities = for_positions = self.inverse(t, rows.J).lift
-        if edges:  # knife edges hold no positions
-            for_positions = invert_saddle(self.evaluator.mass, rows.J[:h], self.rank - edges).lift
+        if edges:  # knife edges restrict velocities, but no positions
+            for_positions = invert_saddle(self.evaluator.mass, rows.J[:holonomic], self.rank - edges).lift
         try:
-            q = solve_by_chord(lambda x: self.rows(t, x, v).phi[:h], for_positions, q)
+            q = solve_by_chord(lambda x: self.rows(t, x, v).phi[:holonomic], for_positions, q)
             rows = self.rows(t, q, v)
             return q, solve_by_chord(lambda x: rows.J @ x + rows.phi_t, for_velocities, v)
         except Unsolved as error:
@@ -128,11 +132,14 @@ def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Arra
         """Return the residuals of the loops, and the distances from the values that the start prescribes."""
         return np.concatenate([close(q)[0], held.of(q)[0] - held.target])
 
+    # positions: close the loops by chord iteration from the assembly in double precision
     q = guess.q0.astype(LONG)
     q = solve_by_chord(gap, pseudo_inverse(np.vstack([close(q)[1], held.of(q)[1]])), q)
+    # velocities: the linear system A v = b has the rows of loops and knife edges with b = 0, and the prescribed rates
     A = np.vstack([Constraints(free)(0.0, q, np.zeros_like(q)).J, held.of(q)[1]])
     b = np.concatenate([np.zeros(len(A) - len(held.rate)), held.rate])
     v = solve_by_chord(lambda v: A @ v - b, pseudo_inverse(A), guess.v0.astype(LONG))
-    # the number of independent rows: `dof` counts the freedom of the loops without drivers and knife edges
+    # the number of independent rows: n - dof of the joints, since `dof` does not count drivers and knife edges, and one for each
+    # driver and knife edge
     rank = mechanism.n - guess.dof + len(mechanism.drivers) + len(mechanism.knife_edges)
     return Linkage(mechanism, Evaluator(mechanism), rank), q, v

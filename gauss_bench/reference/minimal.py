@@ -1,18 +1,20 @@
-"""A linkage with one degree of freedom in one coordinate, the crank angle.
+"""The equation of motion of a linkage with one degree of freedom, written in a single coordinate, the crank angle.
 
-The crank's angle theta takes the place of time: a driver prescribes that the angle of the crank is theta, and adds a row of its own
-to J. With the closed position q(theta), the derivatives d = dq/dtheta and e = d2q/dtheta2 follow from J d = 0, d_crank = 1 and
-J e = gamma(q, d), e_crank = 0. With the crank's speed w = theta', v = d w and a = d w' + e w^2, and the virtual work of M a - Q
-along d vanishes:
+The crank angle theta is the independent variable of the geometry, instead of time: an imagined driver prescribes that the angle of
+the crank is theta, and adds a row of its own to J. Let q(theta) be the position in which the loops are closed. Its derivatives
+d = dq/dtheta and e = d2q/dtheta2 follow from J d = 0, d_crank = 1 and J e = gamma(q, d), e_crank = 0. With the crank's speed
+w = theta', the velocities are v = d w and the accelerations a = d w' + e w^2. The virtual work of M a - Q along d vanishes, hence
 
     w' = d . (Q - M e w^2) / (d . M d)
 
-This equation has no multipliers and no rank decision, and does not drift. Only friction in joints needs lambda. R = Q - M a does no
-work along d, so that the transposed square matrix of the closure gives lambda alone, with u the unit vector of the crank:
+This equation has no multipliers and no rank decision, and its solution does not drift. Only friction in joints needs the
+multipliers lambda. Since R = Q - M a does no work along d, lambda follows from the transposed square matrix by which the loops are
+closed. With u the unit vector of the crank's coordinate, and tau the torque of the imagined driver,
 
     [J^T u] (lambda, tau) = R,    tau = 0
 
-R is affine in the friction W N(lambda), and so is lambda. All functions compute k angles at once.
+R depends linearly, up to a constant, on the generalised friction W N(lambda), and so does lambda. The columns of W are the
+directions of friction, and N(lambda) are the loads of the joints. All functions compute k angles at once.
 Source: Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 12.6 (embedding).
 """
 
@@ -48,10 +50,10 @@ class MinimalCoordinate:
     """The equation of motion in the angle of the crank, or of the link that is driven.
 
     Attributes:
-        crank: index of the angle in q.
-        constraints: the rows of the linkage, followed by that of a driver that prescribes the angle. The angle takes the place of
-            time.
-        last: the last closed position with its derivatives, from which the next closure starts.
+        crank: index of this angle in q.
+        constraints: the constraint rows of the linkage, followed by the row of an imagined driver that prescribes the angle. Their
+            independent variable is the angle instead of time.
+        last: the last position in which the loops were closed, with its derivatives; the next position is searched from there.
     """
 
     def __init__(self, mechanism: Mechanism):
@@ -74,7 +76,7 @@ class MinimalCoordinate:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last closed position: the next closure starts from the assembled one."""
+        """Forget the last closed position, so that the next position is searched from the assembled one."""
         still = np.zeros(self.mechanism.n)
         self.last = (self.mechanism.q0, still, still)
 
@@ -86,10 +88,10 @@ class MinimalCoordinate:
         return np.asarray(np.linalg.solve(J, rhs[..., None])[..., 0])
 
     def geometry(self, theta: Array) -> Closed:
-        """Return q, dq/dtheta and d2q/dtheta2 (k, n) at crank angles (k,), starting from the last closed position.
+        """Return q, dq/dtheta and d2q/dtheta2 (k, n) at crank angles (k,), searched from the last closed position.
 
         Raises:
-            LostClosure: Newton does not converge.
+            LostClosure: Newton's method does not converge.
         """
         q, d, e = (np.tile(x, (len(theta), 1)) for x in self.last)
         gap = theta - q[:, self.crank]
@@ -108,9 +110,9 @@ class MinimalCoordinate:
         """Close the linkage at crank angles (k,) by Newton's method from q (k, n); return q, dq/dtheta and d2q/dtheta2 (k, n).
 
         Raises:
-            LostClosure: Newton does not converge.
+            LostClosure: Newton's method does not converge.
         """
-        still = np.zeros_like(q)
+        still = np.zeros_like(q)  # velocities, on which positions do not depend
         rows = self.constraints(theta, q, still)
         for _ in range(NEWTON_STEPS):
             step = self._solve(rows.J, -rows.phi)
@@ -121,6 +123,7 @@ class MinimalCoordinate:
         if not np.abs(rows.phi).max(initial=0.0) < CLOSED:
             raise LostClosure(f"cannot be closed near crank angle {float(theta[0]):.6f} rad")
         d = self._solve(rows.J, -rows.phi_t)
+        # with the velocities d, gamma is the right-hand side of J e = gamma
         return q, d, self._solve(rows.J, self.constraints(theta, q, d).gamma)
 
     def state(self, theta: Array, w: Array, w_dot: Array) -> Levels:
@@ -133,16 +136,20 @@ class MinimalCoordinate:
         return self.state(*(np.atleast_1d(x).astype(float) for x in self.mechanism.driver.law(t)))
 
     def free_state(self, theta: Array, w: Array) -> Levels:
-        """Return q, v, a (k, n) for crank angles and speeds (k,), with a from the forces."""
+        """Return q, v, a (k, n) for crank angles and speeds (k,); the accelerations follow from the applied forces."""
         closed = self.geometry(theta)
         return _state(closed, w, self._acceleration(closed, w))
 
     def acceleration(self, theta: Array, w: Array) -> Array:
-        """Return the crank acceleration (k,) [rad/s^2]."""
+        """Return the crank acceleration (k,) [rad/s^2] at crank angles and speeds (k,)."""
         return self._acceleration(self.geometry(theta), w)
 
     def _acceleration(self, closed: Closed, w: Array) -> Array:
-        """Return the crank acceleration (k,) at closed positions and crank speeds w (k,), by the equation above."""
+        """Return the crank acceleration (k,) at closed positions and crank speeds w (k,): w' = d . (Q - M e w^2) / (d . M d).
+
+        `closed` has q and its first and second derivative, d and e, by the crank angle (k, n). Friction depends on the other
+        forces, and is added to Q after them.
+        """
         q, d, e = closed
         Q = self.applied.generalised(q, d * w[:, None])
         force = Q - self.mass * e * w[:, None] ** 2
@@ -151,14 +158,19 @@ class MinimalCoordinate:
         return np.asarray((d * force).sum(-1) / (d * d * self.mass).sum(-1))
 
     def _friction(self, q: Array, d: Array, v: Array, force: Array) -> Array:
-        """Return the generalised friction W N(lambda) (k, n), given all other forces `force` = Q - M e w^2.
+        """Return the generalised friction W N(lambda) (k, n).
 
-        The columns of W (k, n, joints) are the directions of friction, N are the loads of the joints. d = dq/dtheta (k, n).
+        The columns of W (k, n, joints) are the generalised forces of friction for a unit load in each joint, and N(lambda) are the
+        loads of the joints. `consistent` finds the multipliers lambda that agree with the friction that they cause.
+
+        Args:
+            q, v: states (k, n); d: dq/dtheta (k, n), derivative of the positions by the crank angle.
+            force: (k, n) all other forces, Q - M e w^2, where e w^2 is the acceleration at a constant crank speed w.
         """
         W = self.friction.directions(q, v)
-        loads = np.concatenate([force[..., None], W], axis=-1)  # all forces but friction, and friction of unit load in each joint
+        columns = np.concatenate([force[..., None], W], axis=-1)  # all forces but friction, and friction of unit load in each joint
         inertia = d * self.mass / (d * d * self.mass).sum(-1, keepdims=True)  # M d / (d . M d)
-        residual = loads - inertia[..., None] * (d[:, None, :] @ loads)  # Q - M a for each, which the constraints must balance
+        residual = columns - inertia[..., None] * (d[:, None, :] @ columns)  # Q - M a for each column, balanced by constraints
         J = self.constraints(q[:, self.crank], q, v).J
         # J^T lambda = residual; the last multiplier is that of the crank's row, which is zero
         solution = np.linalg.solve(np.swapaxes(J, -1, -2), residual)[:, :-1]
@@ -166,7 +178,10 @@ class MinimalCoordinate:
         return np.asarray((W @ self.friction.loads(multipliers)[..., None])[..., 0])
 
     def angles_reached(self) -> tuple[float, float]:
-        """Return the lowest and highest crank angle [rad], to a degree, up to which the linkage closes within a turn either way."""
+        """Return the lowest and the highest crank angle [rad], to one degree, between which the loops can be closed.
+
+        The search begins at the assembled position and goes at most one turn in each direction.
+        """
         start = float(self.mechanism.q0[self.crank])
         ends = []
         for sign in (-1.0, 1.0):

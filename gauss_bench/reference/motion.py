@@ -1,4 +1,7 @@
-"""Data that both pipelines of a certificate share: their first guess in double precision, and their result, a `Motion`."""
+"""Data that both computations of a certificate share: a first guess in double precision, and the type of their results, `Motion`.
+
+These two computations, or pipelines, integrate the same motion in extended precision by different equations and methods.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,10 +24,11 @@ class Motion:
 
     Attributes:
         times: decimal texts of the sample times [s] that were reached.
-        q, v, a: (k, n) in the pipeline's own type of number.
-        multipliers: (k, m) of M a + J^T lambda = Q, rows as in the mechanism; None if redundant rows leave them undetermined.
-        drift: largest |phi| and |phi'| over the samples, in double precision [m, rad and per second].
-        stopped: the reason why the samples end before the last time, or empty.
+        q, v, a: (k, n) positions, velocities and accelerations, in the number type of the pipeline.
+        multipliers: (k, m) multipliers lambda of M a + J^T lambda = Q, with rows in the order of the mechanism; None if redundant
+            constraint rows leave the multipliers undetermined.
+        drift: largest residuals |phi| and |phi'| of the constraints over the samples, in double precision [m, rad and per second].
+        stopped: the reason why the samples end before the last requested time, or empty.
         method: one line about the method, with versions.
     """
 
@@ -39,12 +43,14 @@ class Motion:
 
 
 def assemble_doubles(document: dict[str, Any], scenario: str) -> Mechanism:
-    """Return the linkage assembled in double precision, as the first guess of a pipeline.
+    """Return the linkage assembled in double precision, from which the assembly in extended precision starts.
 
-    The scenario's override must be merged into the document already.
+    Args:
+        document: the linkage file with decimals kept as text, after the scenario's changes (`override`) have been merged into it.
+        scenario: name of the scenario.
 
     Raises:
-        AssemblyError: it cannot be assembled.
+        AssemblyError: the linkage cannot be assembled.
     """
     rough = to_doubles(document)
     return assemble(build_mechanism(rough, scenario, "", ""), rough)

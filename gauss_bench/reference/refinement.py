@@ -1,11 +1,13 @@
 """Linear and nonlinear systems solved to the last digit of a type of number for which LAPACK has no factorisation.
 
-An inverse P in double precision is exact enough to find the next dozen digits. With residuals r in the longer type, each correction
-x += P r multiplies the error by |1 - P A|, about double rounding times the condition number, until the residual is rounding alone.
-The same chord iteration solves f(x) = 0, with P the inverse of a Jacobian near the solution.
+Let A x = b be a linear system, P an approximate inverse of A in double precision, and r = b - A x the residual of an approximate
+solution in extended precision. Each correction x += P r finds about a dozen further digits: it multiplies the error by |1 - P A|,
+which is about the rounding of double precision times the condition number of A. This continues until only rounding remains in the
+residual. The same chord iteration solves f(x) = 0 if P is the inverse of a Jacobian of f near the solution.
 
-The inverse of the equations of motion, [M J^T; J 0][a; lambda] = [Q; gamma], is written in the singular values of the constraints
-in weighted coordinates, J M^(-1/2) = U S V^T. They are cut off at the rank of the linkage, so that rows may be redundant:
+The equations of motion are [M J^T; J 0][a; lambda] = [Q; gamma]. The inverse P of their matrix is written by the singular value
+decomposition of the constraint Jacobian in weighted coordinates, J M^(-1/2) = U S V^T. Only as many singular values are used as the
+rank of the linkage tells, so that constraint rows may be redundant:
 
     G = M^(-1/2) V S^-1 U^T,    P = [M^-1 - G (J M^-1), G; G^T, -U S^-2 U^T]
 
@@ -25,17 +27,21 @@ CORRECTIONS = 30  # largest number of corrections; with a condition of 1e6 each 
 
 
 class Unsolved(ArithmeticError):
-    """The corrections do not become small: the inverse in double precision is too inaccurate, as it is at singular positions."""
+    """The corrections of an iteration do not become small.
+
+    The reason is usually that the inverse matrix in double precision is too inaccurate, as it is at singular positions.
+    """
 
 
 @dataclass(frozen=True, eq=False)
 class SaddleInverse:
-    """The inverse of the equations of motion in double precision, at one state or several.
+    """The inverse of the matrix [M J^T; J 0] of the equations of motion in double precision, at one state or several.
 
     Attributes:
-        inverse: (..., n + m, n + m) the matrix P of the equations above.
-        lift: (..., n, m) the matrix G above, which gives the shortest correction of a constraint error, in the mass metric.
-        smallest: smallest singular value within the rank, relative to the largest: the distance from a singular position.
+        inverse: (..., n + m, n + m) the inverse, a pseudo-inverse if constraint rows are redundant.
+        lift: (..., n, m) the matrix that turns an error of the constraints into its smallest correction of positions or velocities,
+            in the mass metric.
+        smallest: smallest singular value of J M^(-1/2) within its rank, relative to the largest; it is zero at a singular position.
     """
 
     inverse: Array
@@ -44,9 +50,12 @@ class SaddleInverse:
 
 
 def invert_saddle(mass: Array, J: Array, rank: int) -> SaddleInverse:
-    """Return the inverse of [M J^T; J 0] for masses (n,) and rows J (..., m, n), by the singular values of J M^(-1/2).
+    """Return the inverse of the matrix [M J^T; J 0], computed from the singular value decomposition of J M^(-1/2).
 
-    Only the `rank` largest singular values count; if rows are redundant, the inverse is a pseudo-inverse.
+    Args:
+        mass: (n,) diagonal of the mass matrix M.
+        J: (..., m, n) constraint Jacobian.
+        rank: number of the largest singular values that are used; if constraint rows are redundant, the result is a pseudo-inverse.
     """
     n, m = J.shape[-1], J.shape[-2]
     root = np.sqrt(mass.astype(float))
@@ -70,15 +79,23 @@ def saddle_residual(mass: Array, J: Array, Q: Array, gamma: Array, x: Array) -> 
 
 
 def correct(inverse: Array, residual: Array) -> Array:
-    """Return P r in double precision for a residual r (..., k) in long double; a correction needs no more digits."""
+    """Return the product of an approximate inverse matrix (..., k, k) and a residual (..., k), in double precision.
+
+    The residual may have more digits; double precision suffices for a correction, which is small.
+    """
     return np.asarray((inverse @ residual.astype(float)[..., None])[..., 0])
 
 
 def solve_by_chord(residual: Callable[[Array], Array], inverse: Array, x: Array, eps: float = EPS) -> Array:
-    """Solve residual(x) = 0 near x by chord iteration with one inverse; `eps` is the precision of the type of x.
+    """Solve residual(x) = 0 near x by chord iteration, which uses the same inverse in every step.
+
+    Args:
+        residual: the function whose root is searched.
+        inverse: approximate inverse of its Jacobian, in double precision.
+        x: first guess; eps: relative precision of the number type of x.
 
     Raises:
-        Unsolved: the corrections do not become small.
+        Unsolved: the corrections of x do not become as small as rounding errors.
     """
     before = np.inf
     for _ in range(CORRECTIONS):
@@ -92,6 +109,9 @@ def solve_by_chord(residual: Callable[[Array], Array], inverse: Array, x: Array,
 
 
 def pseudo_inverse(A: Array) -> Array:
-    """Return the pseudo-inverses (..., n, m) of matrices (..., m, n) in double precision, cut off at the rank of a linkage."""
+    """Return the pseudo-inverses (..., n, m) of matrices A (..., m, n) in double precision.
+
+    Singular values below RANK_TOLERANCE times the largest count as zero, as in the assembly of a linkage.
+    """
     A = A.astype(float)
     return np.asarray(np.linalg.pinv(A, rcond=RANK_TOLERANCE)) if A.size else np.swapaxes(A, -1, -2).copy()

@@ -1,9 +1,12 @@
 """The floor of double precision: the change of a motion if every parameter of its linkage changes by a relative 1e-16.
 
-0.37 is not a double. An engine that rounds it solves a neighbouring linkage, and two engines that round differently cannot be
-distinguished below the distance of such neighbours. All numbers of the document are scaled by 1 + delta xi with random xi in
--1..1. The change of the motion, divided by delta / 1e-16, is the floor. delta is far above the rounding of both runs, and small
-enough for the change to be proportional to it.
+A decimal number such as 0.37 has no exact representation in double precision. An engine that rounds such a parameter computes the
+motion of a slightly different linkage. Errors below the distance between the motions of such linkages therefore tell nothing about
+an engine. This distance is the floor.
+
+To find the floor, all numbers of the document are multiplied by 1 + delta xi with random xi in -1..1, and the motion is computed
+again. The change of the motion, divided by delta / 1e-16, is the floor. The perturbation delta is far above the rounding of both
+computations, and so small that the change of the motion is proportional to it.
 """
 
 import copy
@@ -27,19 +30,21 @@ STARTS = ("start", "driver", "drivers")  # tables of a scenario with parameters
 
 
 def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str]) -> dict[str, Array]:
-    """Return level "q", "v" or "a" -> (k,) the floor: the largest change up to each time that rounding of the parameters causes.
+    """Return "q", "v" or "a" -> (k,) the floor of this quantity.
 
-    It is found by DRAWS motions with parameters changed by up to DELTA, and scaled to changes of ROUNDING. It is NaN at times that
-    no changed motion reaches.
+    The floor at a time is the largest change of the quantity up to this time that rounding of the linkage's parameters causes. It
+    is computed from DRAWS motions whose parameters are changed at random by a relative DELTA or less, and multiplied by
+    ROUNDING / DELTA. The floor is NaN at times that none of the changed motions reaches.
     """
     rng = np.random.default_rng(SEED)
+    # double precision suffices, because DELTA is much larger than its rounding
     base = taylor_motion(document, mechanism.scenario, times, double=True)
     levels = {level: np.full(len(times), np.nan) for level in ("q", "v", "a")}
     for _ in range(DRAWS):
         try:
             perturbed = taylor_motion(perturb(document, mechanism, rng), mechanism.scenario, base.times, double=True)
         except (AssemblyError, ArithmeticError):
-            continue  # a neighbour of a motion at its limit may be impossible to assemble or to start
+            continue  # near a limit of motion, a changed linkage may be impossible to assemble or to start
         k = min(len(base.times), len(perturbed.times))
         for level, floor in levels.items():
             change = np.abs(getattr(perturbed, level)[:k] - getattr(base, level)[:k]).max(axis=-1, initial=0.0)
@@ -48,17 +53,20 @@ def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str])
 
 
 def perturb(document: dict[str, Any], mechanism: Mechanism, rng: np.random.Generator) -> dict[str, Any]:
-    """Return a copy of the document with every parameter scaled by 1 + DELTA xi, xi random in -1..1.
+    """Return a copy of the document in which every parameter is multiplied by 1 + DELTA xi, with its own random xi in -1..1.
 
-    If rows are redundant, only masses and forces change, and neither the geometry nor the start: a parallelogram with unequal bars
-    cannot be assembled.
+    If constraint rows are redundant, only masses, inertias and forces are changed. Geometry and start are kept, because a
+    parallelogram with unequal bars, for example, cannot be assembled.
     """
     perturbed = copy.deepcopy(document)
     scenario = perturbed["scenarios"][mechanism.scenario]
     keep_geometry = mechanism.redundant > 0
 
     def perturb_item(item: Any, key: str) -> Any:
-        """Return a copy of the document's item at a key, each number in it scaled by a random factor of its own."""
+        """Return a copy of a part of the document, in which each number is multiplied by its own random factor.
+
+        `key` is the key under which the part is found. If the geometry is kept, only numbers under the keys DYNAMIC change.
+        """
         if isinstance(item, dict):
             return {k: perturb_item(v, k) for k, v in item.items()}
         if isinstance(item, list):

@@ -1,8 +1,8 @@
 """Verification of a certificate in double precision, which is cheap, and independent of the code that made the certificate.
 
-DOP853 integrates windows of the motion again, each from the certified state at its beginning, so that errors do not grow over the
-whole motion. The result must be the certified state at the end of the window. All samples must satisfy the constraints and
-M a + J^T lambda = Q with the certified multipliers.
+Several short intervals of the motion (windows) are integrated again by DOP853. Each integration begins at the certified state at
+the beginning of its window, so that errors do not grow over the whole motion, and must reach the certified state at the end of this
+window. All samples must satisfy the constraints, and the equations of motion M a + J^T lambda = Q with the certified multipliers.
 """
 
 from dataclasses import dataclass, replace
@@ -30,9 +30,10 @@ class Verification:
         mechanism, scenario: names of the linkage and the scenario.
         until: end of the certified motion [s].
         digits: number of certified digits.
-        windows: number of windows that were integrated again.
-        state_error: largest error at the end of a window, relative to the largest value of each level.
-        balance_error: largest residual of constraints and of the equations of motion, relative to their terms.
+        windows: number of short time intervals that were integrated again, each from a certified state.
+        state_error: largest error of positions or velocities at the end of such an interval, relative to the largest position or
+            velocity of the motion.
+        balance_error: largest residual of the constraints and of the equations of motion, relative to the size of their terms.
     """
 
     mechanism: str
@@ -45,7 +46,7 @@ class Verification:
 
     @property
     def passed(self) -> bool:
-        """True if both errors are below their limits."""
+        """True if `state_error` and `balance_error` are below their limits."""
         return self.state_error < STATE_LIMIT and self.balance_error < BALANCE_LIMIT
 
 
@@ -56,17 +57,17 @@ def verify(certificate: Certificate, mechanism: Mechanism) -> Verification:
         ArithmeticError: a window cannot be integrated.
     """
     count, state = _integrate_windows(certificate, mechanism)
-    balance = _balance(certificate, mechanism)
+    balance = _largest_residual(certificate, mechanism)
     return Verification(
         certificate.name, certificate.scenario, certificate.until, certificate.digits, count, float(state), float(balance)
     )
 
 
 def _integrate_windows(certificate: Certificate, mechanism: Mechanism) -> tuple[int, float]:
-    """Integrate again from samples of the certificate, over short intervals of time (windows).
+    """Integrate the motion again over short time intervals (windows), each of which begins at a sample of the certificate.
 
-    Return the number of windows, and the largest difference from the certificate at the end of a window, relative to the largest
-    value of the positions or velocities.
+    Return the number of windows, and the largest difference from the certified state at the end of a window. The difference is
+    relative to the largest position or velocity of the certified motion.
     """
     t = certificate.t
     starts = np.unique(np.linspace(0, max(len(t) - 2, 0), WINDOWS).astype(int))  # indices of samples
@@ -88,13 +89,17 @@ def _integrate_windows(certificate: Certificate, mechanism: Mechanism) -> tuple[
     return done, worst
 
 
-def _balance(certificate: Certificate, mechanism: Mechanism) -> float:
-    """Return the largest relative residual of phi, J v + phi_t, J a - gamma and M a + J^T lambda - Q over all samples."""
+def _largest_residual(certificate: Certificate, mechanism: Mechanism) -> float:
+    """Return the largest relative residual of constraints and equations of motion over all samples of a certificate.
+
+    The residuals are phi of positions, J v + phi_t of velocities, J a - gamma of accelerations, and M a + J^T lambda - Q of forces.
+    The forces are left out if the certificate has no multipliers, because redundant constraint rows leave them undetermined.
+    """
     evaluator = Evaluator(mechanism)
     t, q, v, a = certificate.t, certificate.q, certificate.v, certificate.a
     rows = evaluator.constraints(t, q, v)
     size = np.abs(rows.J)
-    pairs = [  # each residual, and the size of its terms
+    pairs = [  # each residual, and the size of its terms; 1 is added, so that residuals of small terms are judged absolutely
         (rows.phi[:, : evaluator.constraints.holonomic], 1.0 + np.abs(q).max()),
         ((rows.J @ v[..., None])[..., 0] + rows.phi_t, 1.0 + (size @ np.abs(v)[..., None]).max(initial=0.0)),
         ((rows.J @ a[..., None])[..., 0] - rows.gamma, 1.0 + (size @ np.abs(a)[..., None]).max(initial=0.0)),

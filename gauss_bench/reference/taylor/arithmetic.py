@@ -1,7 +1,8 @@
 """One arithmetic for arrays of numbers and for symbols, so that the equations of a linkage are written once for both.
 
-A value is an array over states, a symbol, or one of the literals 0, 1 and -1, which are plain integers. Products with a literal
-give no operation in the compiled code. A vector of the plane is a pair of values.
+A value is an array over states, a symbol, or one of the literals 0, 1 and -1, which are plain integers. A product of a symbol and a
+literal is simplified before compilation, so that the compiled code has no operation for it. A vector of the plane is a pair of
+values.
 """
 
 from collections.abc import Callable
@@ -16,7 +17,7 @@ Vector = tuple[Value, Value]
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """The elementary functions of values, and the conversion of a constant to a value."""
+    """The elementary functions for one type of value (arrays or symbols), and the conversion of a constant to this type."""
 
     cos: Callable[[Value], Value]
     sin: Callable[[Value], Value]
@@ -24,7 +25,7 @@ class Arithmetic:
     constant: Callable[[Any], Value]
 
     def of(self, number: Any) -> Value:
-        """Return a constant as a value, which is a literal for 0, 1 and -1."""
+        """Return the value for a constant number: the literal 0, 1 or -1 if the number is equal to it, else `constant(number)`."""
         for literal in (0, 1, -1):
             if number == literal:
                 return literal

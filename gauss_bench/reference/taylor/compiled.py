@@ -1,4 +1,4 @@
-"""The equations of one chart as compiled code of heyoka."""
+"""The equations of motion for one chart, which is a choice of free (independent) coordinates, as compiled code of heyoka."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -24,7 +24,7 @@ class Constants:
     """
 
     def __init__(self) -> None:
-        """Begin without constants."""
+        """Make an empty set of constants."""
         self.known: dict[str, int] = {}
 
     def __call__(self, value: Any) -> Any:
@@ -47,13 +47,13 @@ def symbols(constants: Constants) -> Arithmetic:
 
 @dataclass(frozen=True, eq=False)
 class CompiledSeries:
-    """Equations of one chart as compiled code.
+    """The equations of motion for one choice of free coordinates, as compiled code.
 
     Attributes:
-        chart: the chart for which the equations hold.
-        taylor: heyoka's integrator.
-        watch: function that returns the pivots in double precision, or None if there are none.
-        parameters: parameters of `watch`.
+        chart: the choice of free coordinates for which the equations are valid, and the pivots that eliminate the others.
+        taylor: heyoka's integrator by Taylor series; after a step its attribute `state` has the new state.
+        watch: function that returns the pivots at given coordinates in double precision, or None if there are no pivots.
+        parameters: values of the parameters of `watch`.
     """
 
     chart: Chart
@@ -62,20 +62,27 @@ class CompiledSeries:
     parameters: Array
 
     def step(self, t: Any, state: Long, limit: Any) -> Any | None:
-        """Take a step from a state at t; return its length [s], at most `limit`, or None if the series is not finite."""
+        """Take one step by Taylor series from a state at the time t.
+
+        Return the length of the step [s], which is at most `limit`, or None if a coefficient of the Taylor series is not finite.
+        `at` returns the state at the end of the step or within it.
+        """
         import heyoka
 
         self.taylor.time, self.taylor.state[:] = t, state
         outcome, h = self.taylor.step(limit, write_tc=True)
         good = (heyoka.taylor_outcome.success, heyoka.taylor_outcome.time_limit)
-        return h if outcome in good else None
+        return h if outcome in good else None  # all other outcomes mean that the series is not finite
 
     def at(self, t: Any) -> Long:
         """Return the state at a time within the last step."""
         return np.array(self.taylor.update_d_output(t))
 
     def pivots(self, state: Long) -> Array:
-        """Return the pivots at a state in double precision, in units of the chart's scale."""
+        """Return the pivots at a state in double precision, each divided by the chart's scale of its coordinate.
+
+        If there are no pivots, return one infinite value, which is never too small.
+        """
         if self.watch is None:
             return np.full(1, np.inf)
         pivots = self.watch(state[: len(self.chart.scale)].astype(float), pars=self.parameters)
@@ -83,10 +90,17 @@ class CompiledSeries:
 
 
 def compile_series(rows: LoopRows, chart: Chart, piece: Piece, number: Number) -> CompiledSeries:
-    """Compile the equations of a chart, a choice of free coordinates, for one piece of time between breaks of the motion laws.
+    """Compile the equations of motion for one choice of free coordinates and one interval of time.
 
-    The result has the integrator by Taylor series, and a function `watch` that returns the pivots. A small pivot shows that the
-    free coordinates hardly determine the others.
+    The compiled code has the integrator by Taylor series, whose state has all coordinates x and the speeds u of the free ones. It
+    also has a function `watch` that returns the pivots. A small pivot shows that the free coordinates hardly determine the others;
+    then another chart must be chosen.
+
+    Args:
+        rows: the constraint rows of the linkage.
+        chart: the choice of free coordinates, and the pivots that eliminate the others.
+        piece: interval of time in which all motion laws of the drivers are smooth.
+        number: type of number in which the code computes.
     """
     import heyoka
 

@@ -1,11 +1,11 @@
 """Gaussian elimination with an order of pivots fixed beforehand, on sparse rows of numbers, arrays or symbols.
 
-The order is chosen at one state in double precision, and then used for all states near it. Each pivot is the one with the least
-fill-in among those that are not small in their row (Markowitz). A rectangular system A x = b of full row rank leaves some unknowns
-without a pivot. They are free, and x = x0 + N u with u their values.
+The order of pivots is chosen at one state in double precision, and then used for all states near it. Among the entries that are not
+small in their row, each pivot is the one with the least fill-in (Markowitz). In a rectangular system A x = b of full row rank, some
+unknowns remain without a pivot. These unknowns are free. With u their values, the general solution is x = x0 + N u:
 
-    x0    the solution in which the free unknowns vanish
-    N     its columns solve A N = 0 with one free unknown equal to one and the others zero
+    x0:   the solution in which all free unknowns are zero
+    N:    each column solves A N = 0 with one free unknown equal to one and all other free unknowns zero
 
 Source: Duff, Erisman and Reid, Direct Methods for Sparse Matrices (2nd ed. 2017), sections 5.4 and 7.2.
 """
@@ -30,8 +30,8 @@ class Pivots(NamedTuple):
 
     Attributes:
         order: (row, column) of every pivot.
-        smallest, weakest: size of the smallest pivot, and its row.
-        left: size of the largest entry in the rows without a pivot.
+        smallest: size of the smallest pivot; weakest: the row of this pivot.
+        left: size of the largest entry that remains in the rows without a pivot.
     """
 
     order: Order
@@ -41,9 +41,12 @@ class Pivots(NamedTuple):
 
 
 def choose_pivots(A: Array, structure: NDArray[np.bool_], floor: float) -> Pivots:
-    """Choose pivots for a matrix A (m, n); rows whose remaining entries are at most `floor` get none.
+    """Choose pivots for a matrix A (m, n) by the least fill-in, among entries that are large enough for an accurate elimination.
 
-    `structure` (m, n) tells which entries are not zero for every state.
+    Args:
+        A: the matrix at one state.
+        structure: (m, n) true for entries that are not zero at every state.
+        floor: rows whose remaining entries are at most this size get no pivot.
     """
     A, structure = A.astype(float).copy(), structure.copy()
     rows, columns = list(range(A.shape[0])), list(range(A.shape[1]))
@@ -53,11 +56,13 @@ def choose_pivots(A: Array, structure: NDArray[np.bool_], floor: float) -> Pivot
         part = np.abs(A[np.ix_(rows, columns)])
         largest = part.max(axis=1, initial=0.0)
         pattern = structure[np.ix_(rows, columns)]
+        # Markowitz's bound for the number of new entries if this entry becomes the pivot
         fill = (pattern.sum(axis=1) - 1)[:, None] * (pattern.sum(axis=0) - 1)[None, :]
         usable = (part >= SMALL * largest[:, None]) & (part >= TINY * largest.max()) & (part > floor)
         if not usable.any():
             return Pivots(tuple(order), float(smallest), weakest, float(largest.max()))
-        cost = np.where(usable, fill + 0.5 / (1.0 + part), np.inf)  # of pivots with equal fill-in the largest one
+        # `fill` is an integer, so that a summand below 0.5 only decides between equal fill-in, in favour of the larger entry
+        cost = np.where(usable, fill + 0.5 / (1.0 + part), np.inf)
         i, j = np.unravel_index(int(cost.argmin()), cost.shape)
         r, c = rows.pop(int(i)), columns.pop(int(j))
         order.append((r, c))
@@ -70,13 +75,14 @@ def choose_pivots(A: Array, structure: NDArray[np.bool_], floor: float) -> Pivot
 
 
 class Factors(NamedTuple):
-    """Factors of a matrix.
+    """The triangular factors of a matrix.
 
     Attributes:
-        order: (row, column) of every pivot.
-        rows: column -> entry after elimination, for every pivot's row and without the pivot.
-        pivots: the pivots.
-        steps: row operations (target, source, factor), with rows numbered by their pivots.
+        order: (row, column) of every pivot, in the order of elimination.
+        rows: for every pivot, column -> entry of its row after the elimination, without the pivot itself.
+        pivots: the values of the pivots.
+        steps: row operations (target, source, factor): the source row times the factor was subtracted from the target row. The
+            rows are numbered in the order of their pivots.
     """
 
     order: Order
@@ -104,10 +110,10 @@ def factorise(entries: Sequence[Entries], order: Order) -> Factors:
 def particular(factors: Factors, b: Sequence[Value]) -> dict[int, Value]:
     """Return the solution x0, column -> value, for a right-hand side b (m,); the free unknowns, which are 0, are left out."""
     y = [b[r] for r, _ in factors.order]
-    for i, k, factor in factors.steps:
+    for i, k, factor in factors.steps:  # forward elimination
         y[i] = y[i] - factor * y[k]
     x: dict[int, Value] = {}
-    for k in reversed(range(len(y))):
+    for k in reversed(range(len(y))):  # back substitution
         value = y[k]
         for j, a in factors.rows[k].items():
             value = value - a * x.get(j, 0)
@@ -119,7 +125,7 @@ def null_space(factors: Factors, n: int) -> dict[int, dict[int, Value]]:
     """Return the basis N of the null space for n unknowns: free unknown -> its column, each a mapping from unknown to value."""
     bound = {c for _, c in factors.order}
     N: dict[int, dict[int, Value]] = {j: {j: 1} for j in range(n) if j not in bound}
-    for k in reversed(range(len(factors.order))):
+    for k in reversed(range(len(factors.order))):  # back substitution; the right-hand side is zero
         for column in N.values():
             value: Value = 0
             for j, a in factors.rows[k].items():

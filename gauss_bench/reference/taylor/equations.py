@@ -1,15 +1,18 @@
 """Equations of motion in loop coordinates, reduced to as many unknowns as there are degrees of freedom.
 
-The rows A x' = rate, A x'' = gamma leave some coordinates free, whose speeds are u:
+The constraint rows A x' = rate, A x'' = gamma leave some coordinates free, whose speeds are u. All velocities and accelerations are
 
     x' = n0 + N u,        x'' = a0 + N u'
 
-Let J_b be the Jacobian of the centre of mass and the angle of link b, m_b its mass or inertia, and F_b the force on it. By Gauss's
-principle of least constraint u' minimises sum_b |m_b z_b'' - F_b|^2 / m_b:
+Here n0 and a0 are solutions of the rows for u = 0 and u' = 0, and the columns of N solve A N = 0.
+
+Let z_b be the position of the centre of mass and the angle of link b, J_b the Jacobian of z_b by x, m_b the mass or inertia of the
+link, F_b the force or moment on it, and bias_b the part of z_b'' that does not depend on x''. By Gauss's principle of least
+constraint, u' minimises sum_b |m_b z_b'' - F_b|^2 / m_b. Hence u' solves
 
     T u' = r,    T = sum_b m_b (J_b N)^T J_b N,    r = sum_b (J_b N)^T (F_b - m_b (J_b a0 + bias_b))
 
-The state is (x, u): velocities obey the rows to rounding, and only positions can drift.
+The integrated state is (x, u). All velocities follow from u and satisfy the constraint rows to rounding. Only positions can drift.
 Source: Yuan and Ge, Multibody System Dynamics 37 (2016), and Udwadia and Kalaba, Analytical Dynamics (1996), for Gauss's principle;
 Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 12.6, for the reduction to free coordinates.
 """
@@ -34,11 +37,11 @@ REDUNDANT = 1e-9  # size of an entry that counts as zero: far above rounding in 
 
 @dataclass(frozen=True)
 class Chart:
-    """A choice of free coordinates, whose speeds determine those of all others.
+    """A choice of free (independent) coordinates, whose speeds determine the speeds of all other coordinates.
 
     Attributes:
-        order: (row, column) of the pivots of the other coordinates.
-        free: the free coordinates.
+        order: (row, column) of the pivots by which the other coordinates are eliminated.
+        free: indices of the free coordinates.
         scale: (n,) distance by which a unit of each coordinate moves the loops [m or 1]; pivots are compared in these units.
     """
 
@@ -48,7 +51,12 @@ class Chart:
 
 
 class Rates(NamedTuple):
-    """The rates at a state: coordinate -> velocity x', coordinate -> acceleration x'', and u' of the free coordinates in order."""
+    """The rates of the coordinates at a state.
+
+    Attributes:
+        velocity: coordinate -> its velocity x'; acceleration: coordinate -> its acceleration x''.
+        free: accelerations u' of the free coordinates, in the order of `Chart.free`.
+    """
 
     velocity: dict[int, Value]
     acceleration: dict[int, Value]
@@ -56,11 +64,15 @@ class Rates(NamedTuple):
 
 
 def choose_chart(rows: LoopRows, at: Instant, scale: Array | None = None) -> tuple[Chart, Pivots]:
-    """Choose by pivoting which coordinates are free at one state, and return the chart and its pivots.
+    """Choose the free (independent) coordinates at one state; return this choice, the chart, and the pivots of the elimination.
+
+    Pivots are chosen in the matrix A of the constraint rows. The coordinates without a pivot are free.
 
     Args:
-        at: the state, as a batch of one.
-        scale: (n,) as in `Chart`; by default the largest entry of each column of the equations at this state.
+        rows: the constraint rows.
+        at: the coordinates and moving vectors, for a single state.
+        scale: (n,) scales of the coordinates as in `Chart`; by default the largest entry of each column of A at this state. Columns
+            whose entries are smaller than REDUNDANT get the scale 1.
     """
     n = rows.coordinates.n
     entries = rows.entries(at)
@@ -69,7 +81,7 @@ def choose_chart(rows: LoopRows, at: Instant, scale: Array | None = None) -> tup
     for r, row in enumerate(entries):
         pattern[r, list(row)] = True
     if scale is None:
-        loops = 2 * len(rows.closures)
+        loops = 2 * len(rows.closures)  # number of rows of the loops, alternating between the equations in x and in y
         vectors = np.hypot(A[0:loops:2], A[1:loops:2])  # lengths of the loops' vectors, which do not change as a loop turns
         largest = np.maximum(vectors.max(axis=0, initial=0.0), np.abs(A[loops:]).max(axis=0, initial=0.0))
         scale = np.where(largest > REDUNDANT, largest, 1.0)
@@ -82,18 +94,23 @@ def rates(rows: LoopRows, chart: Chart, at: Instant, u: Sequence[Value], laws: S
     """Return velocities and accelerations of all coordinates, and the accelerations of the free ones, at a state (x, u).
 
     Args:
-        rows: the constraint rows A; chart: the free coordinates, and the pivots by which the others are eliminated.
-        at: the turned vectors at x; u: speeds of the free coordinates, in the order of `chart.free`.
-        laws: value, rate and second rate of every driver.
+        rows: the constraint rows, whose matrix is A.
+        chart: the free coordinates, and the pivots by which the others are eliminated.
+        at: the coordinates x, and the vectors of the links, turned and scaled as at x.
+        u: speeds of the free coordinates, in the order of `chart.free`.
+        laws: value, rate and second rate that every driver prescribes.
     """
+    # velocities x' = n0 + N u
     factors = factorise(rows.entries(at), chart.order)
     N = null_space(factors, rows.coordinates.n)
     prescribed = rows.rates(laws)
-    steady = particular(factors, prescribed) if any(not vanishes(x) for x in prescribed) else {}
-    velocity = _combine(steady, N, dict(zip(chart.free, u, strict=True)))
+    n0 = particular(factors, prescribed) if any(not vanishes(x) for x in prescribed) else {}
+    velocity = _combine(n0, N, dict(zip(chart.free, u, strict=True)))
+    # accelerations a0 for u' = 0
     a0 = particular(factors, rows.biases(at, velocity, laws))
     if not chart.free:  # the linkage is driven completely
         return Rates(velocity, a0, [])
+    # accelerations x'' = a0 + N u', where u' solves T u' = r
     T, r = _reduce(rows, at, velocity, N, a0)
     order = tuple((k, k) for k in range(len(r)))  # any order is good, because T is positive definite
     solved = particular(factorise([dict(enumerate(row)) for row in T], order), r)
@@ -119,10 +136,14 @@ def _reduce(
 
         T_jk = sum_b m_b z_bj . z_bk + I_b w_bj w_bk,    r_j = sum_b z_bj . (F_b - m_b z_b0) + w_bj (M_b - I_b w_b0)
 
-    Here z_b0 and w_b0 are the accelerations for u' = 0, F_b and M_b the applied force and moment.
+    Here m_b and I_b are mass and inertia of link b, z_b0 and w_b0 its linear and angular acceleration for u' = 0, and F_b and M_b
+    the applied force and moment.
 
     Args:
-        v: coordinate -> rate; N: free coordinate -> its column (coordinate -> value); a0: coordinate -> acceleration for u' = 0.
+        rows: the constraint rows; at: the coordinates, and the moving vectors there.
+        v: coordinate -> its velocity.
+        N: free coordinate -> its column of the null-space matrix N, as coordinate -> value.
+        a0: coordinate -> its acceleration if u' = 0.
     """
     coordinates = rows.coordinates
     loads = Loads(coordinates, at, v)

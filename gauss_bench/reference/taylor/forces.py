@@ -3,11 +3,13 @@
 A force F at a link-fixed point with arm r gives the force F and the moment r x F. A force along an axis of another link has a
 reaction on that link, the opposite force on the same line. On purpose the derivation shares nothing with
 `mechanism/coordinates.py`: each kind of force is derived here a second time, and motions with other forces cannot be certified. The
-formulas hold for symbols too.
+values may be arrays of numbers or symbols. The forces are
 
-    spring        on the second point: F = -(k (L - rest) + c L') d / L,    d from the first to the second,  L L' = d . d'
-    axis spring   x = u . d,  x' = u . d' + omega u x d,                    F = (k (rest - x) - c x') u
-    slide         F = -c s' u on the block
+    spring between points:   F = -(k (L - rest) + c L') d / L on the second point, with d the vector from the first point to the
+                             second, L its length, and L L' = d . d'
+    spring along an axis:    F = (k (rest - x) - c x') u on the point, with u the direction of the axis, d the vector from its
+                             origin to the point, x = u . d, x' = u . d' + omega u x d, and omega the angular velocity of the axis
+    damping of a slide:      F = -c s' u on the block, with s the displacement along the direction u of the guide
 """
 
 from collections.abc import Mapping
@@ -35,7 +37,7 @@ KNOWN = (Torque, PointForce, SpringDamper, AxisSpringDamper, RotationalSpringDam
 
 
 class Wrench:
-    """The forces on all links at an instant.
+    """The forces on all links at one instant, to which forces and torques are added one by one.
 
     Attributes:
         force: for each link the force through its centre of mass.
@@ -43,7 +45,7 @@ class Wrench:
     """
 
     def __init__(self, coordinates: LoopCoordinates, at: Instant):
-        """Begin without forces, at given values `at` of the coordinates."""
+        """Set all forces and moments to zero; `at` has the values of the coordinates, and the vectors of the links there."""
         self.coordinates, self.at = coordinates, at
         links = len(coordinates.mechanism.links)
         self.force: list[Vector] = [(0, 0)] * links
@@ -54,15 +56,15 @@ class Wrench:
         return [x for force, moment in zip(self.force, self.moment, strict=True) for x in (*force, moment)]
 
     def value(self, terms: Sum) -> Vector:
-        """Return the value of a sum of vectors."""
+        """Return the components (x, y) of a sum of moving vectors at this instant."""
         return self.at.combine(terms)
 
     def turn(self, vector: Any, link: int) -> Vector:
-        """Return a vector of a link's frame in world axes."""
+        """Return, in world axes, a vector that is given in the frame of a link."""
         return self.value(self.coordinates.turn_vector(vector, link))
 
     def gap(self, a: Point, b: Point) -> Sum:
-        """Return the vector from point a to point b."""
+        """Return the vector from point a to point b, as a sum of moving vectors."""
         return merge(self.coordinates.point(b), less=self.coordinates.point(a))
 
     def twist(self, b: int, a: int, torque: Value) -> None:
@@ -84,27 +86,29 @@ class Wrench:
         self.moment[at] = self.moment[at] + cross(self.value(arm), force)
 
     def pull(self, b: Point, a: Point, force: Vector) -> None:
-        """Apply a force to point b and its reaction to point a."""
+        """Apply a force to point b, and the opposite force, its reaction, to point a."""
         self.push(b, force)
         self.push(a, opposite(force))
 
     def slide(self, point: Point, origin: Point, force: Vector) -> None:
-        """Apply a force to a point and its reaction, on the same line, to the link of the origin."""
+        """Apply a force to a point, and the opposite force on the same line, its reaction, to the link of the point `origin`."""
         self.push(point, force)
         self.push(point, opposite(force), origin.link)
 
 
 class Loads(Wrench):
-    """The applied forces at rates v of the coordinates, gravity included."""
+    """All applied forces on the links, gravity included, at given coordinates and velocities."""
 
     def __init__(self, coordinates: LoopCoordinates, at: Instant, v: Mapping[int, Value]):
-        """Start with gravity, and add all forces of the linkage.
+        """Set the forces to gravity, and add all forces of the linkage.
 
         Args:
-            coordinates: the loop coordinates of the linkage; at: their values, and the turned vectors there.
-            v: coordinate -> its rate.
+            coordinates: the loop coordinates of the linkage.
+            at: the values of the coordinates, and the vectors of the links, turned and scaled accordingly.
+            v: coordinate -> its velocity.
         """
         super().__init__(coordinates, at)
+        # the variation for changes v of the coordinates gives time derivatives of vectors
         self.v, self.rate, self.constant = v, at.variation(v), at.arithmetic.of
         g = coordinates.mechanism.gravity
         self.force = [(self.constant(link.mass * g[0]), self.constant(link.mass * g[1])) for link in coordinates.mechanism.links]
@@ -112,13 +116,14 @@ class Loads(Wrench):
             self._apply(f)
 
     def _speed(self, link: int) -> Value:
-        """Return the angular speed of a link."""
+        """Return the angular velocity of a link [rad/s]."""
         return 0 if link == GROUND else self.v.get(self.coordinates.angle[link], 0)
 
     def _angle(self, link: int) -> Value:
         """Return the angle of a link [rad], including whole turns."""
         if link == GROUND:
             return 0
+        # the angle is a coordinate plus a constant; a link that slides connect to the ground cannot turn and has no such coordinate
         index, turn = self.coordinates.angle[link], self.constant(self.coordinates.turn[link])
         return turn if index == NONE else self.at.x[index] + turn
 
@@ -126,7 +131,7 @@ class Loads(Wrench):
         """Apply a force of the linkage to the links on which it acts.
 
         Raises:
-            TypeError: the kind of force has no derivation here.
+            TypeError: this kind of force is not implemented in this module.
         """
         match f:
             case Torque():
@@ -147,14 +152,17 @@ class Loads(Wrench):
                 raise TypeError(f"force {f.name}: the kind {type(f).__name__} has no derivation here")
 
     def _linear(self, f: AxisSpringDamper | RotationalSpringDamper, x: Value, rate: Value) -> Value:
-        """Return the force of a spring and damper at the value x and the rate of its coordinate."""
+        """Return the force k (rest - x) - c rate of a spring and damper, whose coordinate has the value x and this rate."""
         return self.constant(f.k) * (self.constant(f.rest) - x) - self.constant(f.c) * rate
 
     def _spring(self, f: SpringDamper) -> None:
-        """Apply a spring and damper between two points; terms with a coefficient of zero are left out."""
+        """Apply a spring and damper between two points; terms with a coefficient of zero are left out.
+
+        The force on the point a is `pull` times the vector d from a to b, where pull = k (L - rest) / L + c L' / L.
+        """
         gap = self.gap(f.a, f.b)
         d = self.value(gap)
-        square = dot(d, d)
+        square = dot(d, d)  # L^2
         pull = self.constant(f.k)
         if f.rest != 0 and f.k != 0:
             pull = pull - self.constant(f.k * f.rest) / self.at.arithmetic.sqrt(square)
@@ -163,7 +171,11 @@ class Loads(Wrench):
         self.pull(f.a, f.b, scale_by(pull, d))
 
     def _along(self, f: AxisSpringDamper) -> None:
-        """Apply a spring and damper along an axis of a link: a force at the point, and its reaction on the link of the axis."""
+        """Apply a spring and damper along an axis of a link: a force at the point, and its reaction on the link of the axis.
+
+        The coordinate of the spring is the distance of `f.point` from the origin of the axis along the axis. The force on the point
+        in the direction of the axis is k (rest - x) - c x', where x is this coordinate.
+        """
         gap, u = self.gap(f.origin, f.point), self.turn(unit(f.angle), f.origin.link)  # u: direction of the axis in the world
         d = self.value(gap)  # from the origin of the axis to the point; its length along the axis is u . d
         rate = dot(u, self.at.combine(gap, self.rate)) + self._speed(f.origin.link) * cross(u, d)  # (u . d)', as u turns

@@ -1,14 +1,16 @@
-"""Joint forces of samples in extended precision: multipliers of the constraint rows in absolute coordinates.
+"""Compute the joint forces at samples in extended precision: the multipliers of the constraint rows in absolute coordinates.
 
-A column of J^T has the forces of a constraint on the links for a multiplier of one: forces at points, or a torque. Constraints are
-in the mechanism's order, two for each joint, then drivers, then knife edges. Each is derived here a second time:
+A column of J^T has the forces of a constraint on the links for a multiplier of one: forces at points, or a torque. The constraints
+are in the mechanism's order: two for each joint, then one for each driver, then one for each knife edge. The force of each kind of
+constraint is derived here a second time, independently of `mechanism/coordinates.py`:
 
-    pin           along x, then along y, on b, with the reaction on a
-    slide         across the guide on the block, with the reaction in the same line on the guide; then a torque
-    driver        a torque, a force along the guide, or a force along the line of two points, on the driven coordinate
-    knife edge    across the edge at its point
+    pin:          a force along x, then a force along y, on the point b, each with its reaction on the point a
+    slide:        a force across the guide on the block, with its reaction in the same line on the guide; then a torque on the
+                  block, with its reaction on the guide
+    driver:       of an angle a torque; of a slide a force along the guide; of a length a force along the line of its two points
+    knife edge:   a force across the edge at its point
 
-J^T lambda = Q - M a has more rows than unknowns, so that its residual checks the whole motion.
+The system J^T lambda = Q - M a has more rows than unknowns, so that its residual checks the whole motion.
 """
 
 import numpy as np
@@ -25,14 +27,16 @@ from gauss_bench.terms import Array
 
 
 def reactions(coordinates: LoopCoordinates, at: Instant) -> list[dict[int, Value]]:
-    """Return the rows of J at an instant, each as column -> value.
+    """Return the rows of the constraint Jacobian J in absolute coordinates at an instant, each as column -> value.
 
-    A row is the generalised force of a unit reaction of a joint, a driver or a knife edge, so it is built as a wrench.
+    A row of J equals the generalised force of a unit reaction in a joint, a driver or a knife edge. Each row is therefore built
+    from the forces and moments of such a reaction on the links (`Wrench`): `pull` adds a pair of opposite forces at two points,
+    `slide` such a pair in one line on two links, `twist` a pair of torques, and `push` a single force.
     """
     mechanism, wrenches = coordinates.mechanism, list[Wrench]()
 
     def add_row() -> Wrench:
-        """Add a row without forces, and return it."""
+        """Add a constraint row, whose forces are still zero, and return it."""
         wrenches.append(Wrench(coordinates, at))
         return wrenches[-1]
 
@@ -67,7 +71,7 @@ def joint_forces(rows: list[dict[int, Value]], force: Long, redundant: int, eps:
     If rows are redundant, some multipliers are set to zero and the others are not unique; the residual is meaningful all the same.
 
     Raises:
-        Unsolved: a sample is singular in double precision.
+        Unsolved: the rows of J at a sample are linearly dependent in double precision.
     """
     k, n = force.shape
     multipliers = np.zeros((k, len(rows)), dtype=force.dtype)

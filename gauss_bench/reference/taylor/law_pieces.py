@@ -1,11 +1,12 @@
-"""Motion laws as formulas of time, for a linkage that is driven in part.
+"""Motion laws of drivers as formulas of time, for a linkage of which only a part of the motion is driven.
 
-Time is divided into pieces at the breaks of all laws, so that every law is smooth within a piece. Values at the ends of a piece
-come from the law itself; the formulas in between are derived a second time:
+A motion law prescribes the value of a coordinate as a function of time. Its breaks are the times at which it is not smooth. Time is
+divided into pieces at the breaks of all laws, so that every law is smooth within a piece. The values at the ends of a piece come
+from the law itself. The formulas between the ends are derived here a second time:
 
-    constant    value + rate (t - t0)
-    table       the cubic with value, rate and curvature at one knot and the curvature at the next
-    rise        start + travel f(t / time), f one of: s - sin(2 pi s) / 2 pi,  (1 - cos(pi s)) / 2,  s^3 (10 - 15 s + 6 s^2)
+    constant:   value + rate (t - t0)
+    table:      the cubic with value, rate and curvature at one knot and the curvature at the next
+    rise:       start + travel f(t / time), f one of: s - sin(2 pi s) / 2 pi,  (1 - cos(pi s)) / 2,  s^3 (10 - 15 s + 6 s^2)
 """
 
 from collections.abc import Sequence
@@ -22,12 +23,13 @@ from gauss_bench.reference.taylor.rows import Law
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """The time between two breaks.
+    """An interval of time between two breaks of the motion laws, within which every law is smooth.
 
     Attributes:
-        drivers: every driver and its table in the document.
-        begin, end: first and last time [s]; None for the end of the last piece.
-        number: type of number.
+        drivers: every driver, and its table in the document.
+        begin: beginning of the interval [s].
+        end: end of the interval [s], or None for the last piece, which has no end.
+        number: type of number in which times and values are computed.
     """
 
     drivers: tuple[tuple[Driver, dict[str, Any]], ...]
@@ -36,13 +38,14 @@ class Piece:
     number: Number
 
     def laws(self, t: Value, arithmetic: Arithmetic) -> list[Law]:
-        """Return value, rate and second rate of every driver at a time within the piece."""
+        """Return the value, rate and second rate that each driver prescribes at a time t within this piece."""
         return [self._law(driver, table, t, arithmetic) for driver, table in self.drivers]
 
     def _law(self, driver: Driver, table: dict[str, Any], t: Value, arithmetic: Arithmetic) -> Law:
-        """Return value, rate and second rate of one driver at a time within the piece.
+        """Return the value, rate and second rate that one driver prescribes at a time t within this piece.
 
-        The law is a polynomial in t - origin, except for the rises "sine" and "cosine", which are waves.
+        The motion law is a polynomial in t - origin, except for the rises of the kinds "sine" and "cosine", which have
+        trigonometric functions of time (`wave`).
         """
         value, rate, second = driver.law(self.begin)
         zero, origin, ends = rate - rate, self.begin, find_breaks(table, self.number)  # zero in the type of number
@@ -62,10 +65,10 @@ class Piece:
 
 
 def wave(name: str, start: Any, travel: Any, time: Any, pi: Any, t: Value, arithmetic: Arithmetic) -> Law:
-    """Return value, rate and second rate of a rise by `travel` within `time` [s]; `name` is "sine" or "cosine".
+    """Return value, rate and second rate, at a time t, of a rise from `start` by `travel` within `time` [s].
 
-    The value is start + speed t + A (cos w t - 1) + B sin w t. `arithmetic` has the functions cos and sin of t, and converts
-    constants to the type of t.
+    The motion law of the rise is start + speed t + A (cos w t - 1) + B sin w t, whose constants depend on `name`, which is "sine"
+    or "cosine". `arithmetic` has the functions cos and sin of t, and converts constants to the type of t.
     """
     sine, convert = name == "sine", arithmetic.of
     zero = travel - travel  # in the type of number of the travel
@@ -91,7 +94,14 @@ def polynomial(c: list[Any], x: Value, arithmetic: Arithmetic) -> Law:
 
 
 def cut_pieces(drivers: Sequence[Driver], scenario: dict[str, Any], number: Number) -> list[Piece]:
-    """Return the pieces of all laws of a scenario together, from t = 0."""
+    """Divide the time from t = 0 on at the breaks of all motion laws of a scenario; return the intervals in their order.
+
+    The last piece has no end.
+
+    Args:
+        drivers: the drivers of the linkage; scenario: the scenario's table in the document, which has a table for each driver.
+        number: type of number to which times are converted.
+    """
     pairs, zero = tuple(zip(drivers, drivers_of(scenario), strict=True)), number("0")
     times = [zero]
     for t in sorted(x for _, table in pairs for x in find_breaks(table, number)):

@@ -1,10 +1,12 @@
 """Integration by Taylor series from chart to chart.
 
-A chart is a choice of free coordinates. The other coordinates are eliminated from the constraint rows in an order of pivots that is
-good at the present position. After every step the pivots of the equations are computed. If one has become small, another order is
-chosen: the chart changes, but not the motion. If a pivot changes its sign within a step, that step is repeated with half the
-length. A singular position, at which no order has usable pivots, therefore ends the motion, even if the series would continue it
-analytically: two branches cross there, and the equations do not determine on which of them the motion goes on.
+A chart is a choice of free (independent) coordinates. The other coordinates are eliminated from the constraint rows in an order of
+pivots that is good at the present position. After every step the pivots of the equations are computed. If a pivot has become small,
+another order of pivots is chosen, and with it another set of free coordinates: the chart changes, but not the motion. If a pivot
+changes its sign within a step, that step is repeated with half the length.
+
+At a singular position no order of elimination has pivots that are large enough. The motion ends there, even if the Taylor series
+could continue it: two branches of the motion cross, and the equations do not determine which of them the motion follows.
 """
 
 from collections.abc import Sequence
@@ -33,13 +35,13 @@ PARTS = 4  # number of times within a step at which the pivots are computed
 
 
 class Leg(NamedTuple):
-    """A part of the motion within one chart, a choice of free coordinates.
+    """A part of the motion that is integrated in one chart, that is, with one choice of free coordinates.
 
     Attributes:
-        t, state: time [s] and state at its end.
-        samples: (time, state) of the samples in it.
-        worn: whether a pivot became too small at its end.
-        stopped: the reason why the motion cannot go on, or empty.
+        t, state: time [s] and state at the end of this part; a state has all coordinates, and the speeds of the free ones.
+        samples: (time, state) of every sample within this part.
+        worn: whether a pivot became too small at the end of this part, so that the chart must be changed.
+        stopped: the reason why the motion cannot go on after this part, or empty.
     """
 
     t: Any
@@ -51,15 +53,17 @@ class Leg(NamedTuple):
 
 @dataclass(eq=False)
 class March:
-    """Integrates a motion from chart to chart and from piece to piece of the motion laws.
+    """Integrates a motion by Taylor series, and changes the chart (the choice of free coordinates) where necessary.
 
     Attributes:
-        number: type of number.
-        pieces: the pieces of the motion laws.
+        rows: the constraint rows of the linkage.
+        number: type of number of the computation.
+        pieces: intervals of time within which all motion laws of the drivers are smooth.
         times: times of the samples [s], from 0.
         progress: called with the time reached [s], or None.
-        compiled: (order of pivots, index of the piece) -> series compiled so far.
-        steps, longest: number of steps of the Taylor series so far, and the longest that was tried [s].
+        compiled: (order of pivots of a chart, index of the piece) -> code of the Taylor series that was compiled for them.
+        steps: number of steps of the Taylor series so far.
+        longest: length of the longest step so far, repeated steps included [s].
     """
 
     rows: LoopRows
@@ -72,15 +76,17 @@ class March:
     longest: float = 0.0
 
     def run(self, chart: Chart, x: Long, v: Long) -> tuple[LoopStates, str]:
-        """Return the states at the sample times from a start x, v (1, n), and the reason for an early end or an empty text.
+        """Integrate the motion from a start x, v (1, n); return the states at the sample times, and why the motion ends early.
 
-        The motion is integrated in one chart until one of its pivots is smaller than `least_pivot`; then in a better chart.
+        The second result is empty if the motion reaches the last sample time. The motion is integrated with one choice of free
+        coordinates (chart) until a pivot of its elimination is smaller than `least_pivot`, and then with a better choice. At every
+        change of the chart the loops are closed again.
 
         Raises:
             Unsolved: the loops cannot be closed at a position where the chart changes.
         """
         t, state = self.times[0], np.concatenate([x[0], v[0, list(chart.free)]])
-        least_pivot = WORN  # a chart with a smaller pivot is changed
+        least_pivot = WORN  # if a pivot is smaller, the chart is changed
         parts = [self._states(chart, [(t, state)])]
         for k, piece in enumerate(self.pieces):
             end = self.times[-1] if piece.end is None else min(piece.end, self.times[-1])
@@ -103,7 +109,11 @@ class March:
         return join(parts), ""
 
     def _other_chart(self, chart: Chart, k: int, state: Long) -> tuple[Chart, Pivots]:
-        """Return a better chart at a state within piece k, and its pivots; one that is compiled already if it is good enough."""
+        """Return a better chart (choice of free coordinates) at a state within piece k of the motion laws, and its pivots.
+
+        The best chart is replaced by one that is already compiled for this piece, if the smallest pivot of the compiled chart is
+        larger than GOOD_ENOUGH times that of the best chart.
+        """
         x = state[: self.rows.coordinates.n]
         fresh, best = choose_chart(self.rows, at_states(x[None]), chart.scale)
         for (order, piece), series in self.compiled.items():
@@ -113,9 +123,10 @@ class March:
         return fresh, best
 
     def _leg(self, series: CompiledSeries, t: Any, state: Long, end: Any, least_pivot: float) -> Leg:
-        """Take steps from a state at time t until the time `end` [s], or until a pivot is smaller than `least_pivot`.
+        """Integrate in one chart from a state at time t until the time `end` [s], or until a pivot is smaller than `least_pivot`.
 
-        A step in which a pivot changes its sign is repeated with half the length, so that no pivot passes zero.
+        A step in which a pivot changes its sign is repeated with half the length, so that no pivot passes zero. The motion stops if
+        the series is not finite, if steps become extremely short, or if a pivot vanishes at the beginning of this part.
         """
         samples: list[tuple[Any, Long]] = []
         ahead = [x for x in self.times if x > t]
@@ -152,16 +163,17 @@ class March:
                 return Leg(now, state, samples, worn=False, stopped=text)
 
     def _series(self, chart: Chart, k: int) -> CompiledSeries:
-        """Return the compiled Taylor series of a chart within piece k of the motion laws."""
+        """Return the compiled code of the Taylor series for a chart and for piece k of the motion laws; compile it if necessary."""
         key = (chart.order, k)
         if key not in self.compiled:
             self.compiled[key] = compile_series(self.rows, chart, self.pieces[k], self.number)
         return self.compiled[key]
 
     def _states(self, chart: Chart, samples: list[tuple[Any, Long]]) -> LoopStates:
-        """Return all coordinates and their rates at samples (time, state) within one chart, whose states have the free rates only.
+        """Return all coordinates, velocities and accelerations at samples (time, state) that were computed in one chart.
 
-        Drivers are evaluated by the motion laws themselves, and not by the formulas that the compiled series has for them.
+        The given states have all coordinates, but only the velocities of the free ones. The values that drivers prescribe are
+        computed by the motion laws themselves, and not by the formulas for these laws in the compiled Taylor series.
         """
         n = self.rows.coordinates.n
         t, y = np.array([time for time, _ in samples]), np.array([state for _, state in samples])
@@ -173,7 +185,7 @@ class March:
         return LoopStates(t, positions, v, a)
 
     def _singular(self, t: float, pivots: Pivots) -> str:
-        """Return the reason for an end at a singular position."""
+        """Return the message that the motion ends at a singular position at the time t."""
         return (
             f"the position at t = {t:.6g} s is singular: the rows of {self.rows.names[pivots.weakest]} depend on the others "
             f"(pivot {pivots.smallest:.1e})"

@@ -1,12 +1,15 @@
 """Sums of turned vectors at one instant: their values, variations and accelerations.
 
-A turned vector is l e, with the length l and the direction e = exp(i theta). Its key is (index of the coordinate theta, index of
-the coordinate l); with NONE in the place of an index e is 1 or l is 1. The vector changes by
+A turned vector is the complex number l e, with the length l and the unit vector e = exp(i theta). The key of the vector is the pair
+(index of the coordinate theta, index of the coordinate l). NONE in place of the first index means e = 1, and NONE in place of the
+second index means l = 1. If the coordinates change, the turned vector and its second time derivative are
 
-    d(l e) = i l e dtheta + e dl,        (l e)'' = i l e theta'' + e l'' + (2 i l' theta' - l theta'^2) e
+    d(l e) = i l e dtheta + e dl
+    (l e)'' = i l e theta'' + e l'' + (2 i l' theta' - l theta'^2) e
 
-Velocities, virtual displacements and the part of an acceleration that is linear in x'' have the same formula, `variation`. The rest
-of the acceleration is `bias`. Values are arrays over states, or symbols.
+The method `variation` evaluates the first formula. It gives virtual displacements, velocities, and that part of an acceleration
+which is linear in the accelerations x'' of the coordinates. The method `bias` gives the part of an acceleration that does not
+depend on x''. The value of a coordinate is an array over states, or a symbol.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,21 +23,22 @@ Vectors = Callable[[Key], Vector]  # key -> vector
 
 
 class Instant:
-    """The turned vectors l e at coordinates x, each of which is computed when it is first needed.
+    """The turned vectors l e (length times unit vector) at coordinates x; each vector is computed when it is first needed.
 
     Attributes:
-        x: values of all coordinates, arrays over states or symbols; arithmetic: functions of such values.
-        known: key -> vector computed so far.
+        x: values of all coordinates, arrays over states or symbols.
+        arithmetic: cos, sin and square root of such values.
+        known: key -> vector that was computed before.
     """
 
     def __init__(self, x: Sequence[Value], arithmetic: Arithmetic):
-        """Begin with the constant vector 1 alone."""
+        """Store the coordinates, and the constant vector 1, which has neither an angle nor a length, as the first known vector."""
         self.x = x
         self.arithmetic = arithmetic
         self.known: dict[Key, Vector] = {(NONE, NONE): (1, 0)}
 
     def __call__(self, key: Key) -> Vector:
-        """Return the vector l e for the key (index of the angle, index of the length)."""
+        """Return the turned vector l e for the key (index of the angle coordinate, index of the length coordinate)."""
         if key not in self.known:
             angle, length = key
             if length != NONE:
@@ -44,14 +48,14 @@ class Instant:
         return self.known[key]
 
     def variation(self, dx: Mapping[int, Value]) -> Vectors:
-        """Return the function key -> d(l e), the change of the vector l e for changes dx (index -> change) of the coordinates.
+        """Return the function that gives, for a key, the change d(l e) of the turned vector l e if the coordinates change by dx.
 
-        Coordinates that dx does not contain do not change.
+        dx is a mapping from the index of a coordinate to its change; coordinates without an entry in dx do not change.
         """
 
         @cache
         def change_of(key: Key) -> Vector:
-            """Return i l e dtheta + e dl."""
+            """Return the differential of a turned vector, i l e dtheta + e dl; `quarter` multiplies by i."""
             angle, length = key
             turn = scale_by(dx.get(angle, 0), quarter(self(key)))
             return plus(turn, scale_by(dx.get(length, 0), self((angle, NONE))))
@@ -59,11 +63,17 @@ class Instant:
         return change_of
 
     def bias(self, v: Mapping[int, Value]) -> Vectors:
-        """Return the function key -> (l e)'' for x'' = 0, at the rates v (index -> rate) of the coordinates."""
+        """Return the function that gives, for a key, the second time derivative (l e)'' of the turned vector if x'' = 0.
+
+        v is a mapping from the index of a coordinate to its velocity; coordinates without an entry in v are at rest.
+        """
 
         @cache
         def bias_of(key: Key) -> Vector:
-            """Return the centripetal acceleration -l theta'^2 e plus Coriolis's, 2 i l' theta' e."""
+            """Return the centripetal acceleration -l theta'^2 e plus the Coriolis acceleration 2 i l' theta' e.
+
+            `quarter` multiplies by i, which turns a vector by 90 degrees.
+            """
             angle, length = key
             w = v.get(angle, 0)
             inward = scale_by(-(w * w), self(key))
@@ -72,21 +82,22 @@ class Instant:
         return bias_of
 
     def combine(self, terms: Sum, vectors: Vectors | None = None) -> Vector:
-        """Return sum_k c_k vectors(key_k), with the complex constants c_k of the terms.
+        """Return sum_k c_k vectors(key_k), with the complex constants c_k and the keys key_k of the terms.
 
-        By default the vectors are l e themselves, so that this is the value of the sum; with those of `variation` or `bias` it is
-        its change or the part of its acceleration that is independent of x''.
+        By default `vectors` gives the turned vectors l e (length times unit vector), and the result is the value of the sum. With
+        the function from `variation`, the result is the change of the sum. With the function from `bias`, the result is the part of
+        the sum's second time derivative that does not depend on the accelerations x'' of the coordinates.
         """
         vector_of: Vectors = self if vectors is None else vectors
         parts = [product((self.arithmetic.of(t.x), self.arithmetic.of(t.y)), vector_of(t.key)) for t in terms]
         return total(p[0] for p in parts), total(p[1] for p in parts)
 
     def gradient(self, terms: Sum) -> dict[int, Vector]:
-        """Return coordinate -> partial derivative of a sum, for every coordinate on which the sum depends."""
+        """Return coordinate -> partial derivative of a sum of turned vectors, for every coordinate on which the sum depends."""
         moving = {index for t in terms for index in t.key if index != NONE}
         return {j: self.combine(tuple(t for t in terms if j in t.key), self.variation({j: 1})) for j in sorted(moving)}
 
 
 def at_states(x: Long) -> Instant:
-    """Return the turned vectors at k states x (k, n), as arrays of numbers instead of symbols."""
+    """Return the turned vectors at k states, given the coordinates x (k, n), as arrays of numbers instead of symbols."""
     return Instant(split_columns(x), NUMBERS)

@@ -1,12 +1,13 @@
-"""The rows of loop coordinates: closures of the loops, drivers and knife edges, and two derivatives of each.
+"""The constraint rows in loop coordinates: closures of loops, drivers and knife edges, each with two time derivatives.
 
-    closure      P = 0                                     two rows, x and y
-    angle        theta + turn - law(t) = 0
-    slide        s - law(t) = 0
-    length       (d . d - law(t)^2) / 2 = 0                d from one point to the other
-    knife edge   n . P' = 0                                n turns with the link; no position level
+    closure of a loop:    P = 0, two rows for x and y; P is the sum of vectors around the loop
+    driver of an angle:   theta + turn - law(t) = 0, with a constant `turn`
+    driver of a slide:    s - law(t) = 0
+    driver of a length:   (d . d - law(t)^2) / 2 = 0, with d the vector from one point to the other
+    knife edge:           n . P' = 0, with P the point of the edge and n its normal, which turns with the link
 
-A row is A x' = rate for velocities, and A x'' = gamma for accelerations.
+The rows of knife edges restrict velocities, but not positions. The velocities x' of the coordinates satisfy A x' = rate, and their
+accelerations x'' satisfy A x'' = gamma.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,10 +26,13 @@ Law = tuple[Value, Value, Value]  # value, rate and second rate of a driver
 
 
 class Prescribed(NamedTuple):
-    """A quantity with a prescribed value.
+    """A quantity whose value is prescribed: a length, or a coordinate plus a constant.
 
-    It is the length of the vector `gap` if this has terms, and otherwise the coordinate of index `coordinate` plus the constant
-    `turn` [rad]. With the index NONE it is `turn` alone.
+    Attributes:
+        name: name of the driver that prescribes the value.
+        coordinate: index of the coordinate, or NONE if the quantity has none.
+        turn: constant that is added to the coordinate [rad]; without a coordinate the quantity is this constant.
+        gap: the vector whose length is prescribed, or an empty sum if the quantity is not a length.
     """
 
     name: str
@@ -39,10 +43,11 @@ class Prescribed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LoopRows:
-    """The rows of one mechanism: two per closure, then drivers, then knife edges.
+    """The constraint rows of one mechanism: two for each closure of a loop, then one for each driver and each knife edge.
 
     Attributes:
-        closures: sums that must vanish, one for each loop.
+        coordinates: the loop coordinates of the mechanism.
+        closures: sums of vectors that must vanish, one for each loop.
         prescribed: the quantities that drivers prescribe.
         edges: (index of the link's angle in the coordinates, point of the edge, normal to the edge) of every knife edge.
         names: for each row the part of the linkage from which it comes, such as "joint A".
@@ -69,7 +74,7 @@ class LoopRows:
         The pseudo-inverse of A at x serves for all iterations (chord iteration).
 
         Raises:
-            Unsolved: there are none nearby.
+            Unsolved: no positions near x satisfy all rows.
         """
         zero = x[:, 0] - x[:, 0]  # (k,) in the type of x
 
@@ -83,18 +88,18 @@ class LoopRows:
         """Return the rows of A, the Jacobian of the constraints, each as coordinate -> derivative; vanishing entries are left out.
 
         Args:
-            at: the turned vectors at the coordinates x.
+            at: the coordinates x, and the vectors of the links, turned and scaled as at x.
         """
         rows: list[dict[int, Value]] = []
         for closure in self.closures:  # two rows, x and y
             gradient = at.gradient(closure)
             rows += [{j: g[axis] for j, g in gradient.items()} for axis in (0, 1)]
-        for given in self.prescribed:
-            if given.gap:  # the derivative of d . d / 2
-                d = at.combine(given.gap)
-                rows.append({j: dot(d, g) for j, g in at.gradient(given.gap).items()})
-            else:
-                rows.append({} if given.coordinate == NONE else {given.coordinate: 1})
+        for quantity in self.prescribed:
+            if quantity.gap:  # the derivative of d . d / 2, with d the vector whose length is prescribed
+                d = at.combine(quantity.gap)
+                rows.append({j: dot(d, g) for j, g in at.gradient(quantity.gap).items()})
+            else:  # NONE: the angle of a link that cannot turn, whose derivative is zero
+                rows.append({} if quantity.coordinate == NONE else {quantity.coordinate: 1})
         for _, point, normal in self.edges:  # n . P' = 0
             n = at.combine(normal)
             rows.append({j: dot(n, g) for j, g in at.gradient(point).items()})
@@ -103,27 +108,33 @@ class LoopRows:
     def residuals(self, at: Instant, laws: Sequence[Law]) -> list[Value]:
         """Return the residuals of rows with a position level, closures before drivers [m, rad, or m^2 for the row of a length]."""
         residuals = [x for closure in self.closures for x in at.combine(closure)]
-        for given, (value, _, _) in zip(self.prescribed, laws, strict=True):
-            if given.gap:  # half the difference of squares, whose derivative d . d' needs no root
-                d = at.combine(given.gap)
+        for quantity, (value, _, _) in zip(self.prescribed, laws, strict=True):
+            if quantity.gap:  # half the difference of squares, whose derivative d . d' needs no root
+                d = at.combine(quantity.gap)
                 residuals.append((dot(d, d) - value * value) / 2)
             else:
-                residuals.append(given.turn + (0 if given.coordinate == NONE else at.x[given.coordinate]) - value)
+                residuals.append(quantity.turn + (0 if quantity.coordinate == NONE else at.x[quantity.coordinate]) - value)
         return residuals
 
     def rates(self, laws: Sequence[Law]) -> list[Value]:
-        """Return the right-hand side of A x' = rate."""
-        driven = [value * rate if given.gap else rate for given, (value, rate, _) in zip(self.prescribed, laws, strict=True)]
+        """Return the right-hand side `rate` of A x' = rate, in the order of the rows."""
+        driven = [value * rate if quantity.gap else rate for quantity, (value, rate, _) in zip(self.prescribed, laws, strict=True)]
         return [0] * (2 * len(self.closures)) + driven + [0] * len(self.edges)
 
     def biases(self, at: Instant, v: Mapping[int, Value], laws: Sequence[Law]) -> list[Value]:
-        """Return the right-hand side of A x'' = gamma, for rates v of the coordinates."""
+        """Return the right-hand side gamma of A x'' = gamma, in the order of the rows.
+
+        Args:
+            at: the coordinates x, and the moving vectors there; v: coordinate -> its velocity.
+            laws: value, rate and second rate that every driver prescribes.
+        """
+        # functions that give the time derivative of a vector, and the part of its second derivative that does not depend on x''
         rate, bias = at.variation(v), at.bias(v)
         biases = [-x for closure in self.closures for x in at.combine(closure, bias)]
-        for given, (value, first, second) in zip(self.prescribed, laws, strict=True):
-            if given.gap:
-                # the second derivative of (d . d - L^2) / 2 without its part that is linear in x''
-                d, u, b = (at.combine(given.gap, of) for of in (at, rate, bias))
+        for quantity, (value, first, second) in zip(self.prescribed, laws, strict=True):
+            if quantity.gap:
+                # the second derivative of (d . d - L^2) / 2 without its part that is linear in x''; u is d', b is d'' for x'' = 0
+                d, u, b = (at.combine(quantity.gap, of) for of in (at, rate, bias))
                 biases.append(first * first + value * second - (dot(u, u) + dot(d, b)))
             else:
                 biases.append(second)
@@ -143,17 +154,21 @@ def loop_rows(coordinates: LoopCoordinates) -> LoopRows:
         edges.append((coordinates.angle[edge.point.link], coordinates.point(edge.point), normal))
     names = [f"joint {name}" for name, _ in coordinates.closures for _ in ("x", "y")]
     names += [f"driver {d.name}" for d in mechanism.drivers] + [f"knife edge {e.name}" for e in mechanism.knife_edges]
-    given = tuple(prescribe(coordinates, d) for d in mechanism.drivers)
-    return LoopRows(coordinates, tuple(x for _, x in coordinates.closures), given, tuple(edges), tuple(names))
+    prescribed = tuple(prescribe(coordinates, d) for d in mechanism.drivers)
+    return LoopRows(coordinates, tuple(x for _, x in coordinates.closures), prescribed, tuple(edges), tuple(names))
 
 
 def prescribe(coordinates: LoopCoordinates, driver: Driver) -> Prescribed:
-    """Return the quantity that a driver prescribes."""
+    """Return the quantity that a driver prescribes: an angle or a displacement as a coordinate plus a constant, or a length.
+
+    A length is not a coordinate, and is given by the vector between its two points.
+    """
     match driver:
         case AngleDriver():
-            return Prescribed(driver.name, coordinates.angle[driver.link], coordinates.turn[driver.link], ())
+            return Prescribed(driver.name, coordinate=coordinates.angle[driver.link], turn=coordinates.turn[driver.link], gap=())
         case SlideDriver():
-            return Prescribed(driver.name, coordinates.slides[driver.joint.name], 0, ())
+            return Prescribed(driver.name, coordinate=coordinates.slides[driver.joint.name], turn=0, gap=())
         case LengthDriver():
-            return Prescribed(driver.name, NONE, 0, merge(coordinates.point(driver.b), less=coordinates.point(driver.a)))
+            gap = merge(coordinates.point(driver.b), less=coordinates.point(driver.a))
+            return Prescribed(driver.name, coordinate=NONE, turn=0, gap=gap)
     assert_never(driver)

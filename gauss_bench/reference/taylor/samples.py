@@ -42,8 +42,10 @@ def _absolute(coordinates: LoopCoordinates, at: Instant, vectors: Vectors, angle
     """Return absolute coordinates (k, n) of all links, or their first or second derivatives, according to `vectors` and `angles`.
 
     Args:
-        vectors: key -> turned vector, or a derivative of it: centres of mass are sums of these.
-        angles: coordinate -> angle, or a derivative of it; zero: (k,) zeros in the type of number.
+        coordinates: the loop coordinates; at: their values at k states.
+        vectors: key -> moving vector, or a derivative of it. Centres of mass are sums of these.
+        angles: loop coordinate -> its value, or a derivative of it; the angles of links are taken from these.
+        zero: (k,) zeros in the type of number of the states.
     """
     values: list[Value] = []
     for centre, index in zip(coordinates.centres, coordinates.angle, strict=True):
@@ -54,17 +56,22 @@ def _absolute(coordinates: LoopCoordinates, at: Instant, vectors: Vectors, angle
 def sample(
     rows: LoopRows, states: LoopStates, times: Sequence[str], redundant: int, stopped: str, method: str, number: Number
 ) -> Motion:
-    """Return the motion with these states at times (decimal texts) in absolute coordinates, and check its residuals.
+    """Return a motion in absolute coordinates with joint forces, given states in loop coordinates; check its residuals.
 
     Args:
-        redundant: number of redundant rows.
-        stopped: why the motion ends early, or empty; method: the method in words.
+        rows: the constraint rows of the linkage.
+        states: loop coordinates, velocities and accelerations at k times.
+        times: these times as decimal texts [s].
+        redundant: number of redundant constraint rows.
+        stopped: the reason why the motion ends early, or empty; method: the method in words.
+        number: type of number of the states.
 
     Raises:
-        Inconsistent: residuals of the loops or of the equations of motion are larger than rounding.
+        Inconsistent: residuals of the loops or of the equations of motion are larger than rounding errors.
     """
     coordinates, eps = rows.coordinates, epsilon(number)
     mechanism = coordinates.mechanism
+    # positions, velocities and accelerations of the links
     at = at_states(states.x)
     v, a = (dict(enumerate(split_columns(x))) for x in (states.v, states.a))
     zero = states.t - states.t  # (k,) in the type of number of the states
@@ -74,8 +81,9 @@ def sample(
     linear, bias = at.variation(a), at.bias(v)  # the parts of second derivatives that depend on x'', and that do not
     velocity = _absolute(coordinates, at, at.variation(v), v, zero)
     acceleration = _absolute(coordinates, at, linear, a, zero) + _absolute(coordinates, at, bias, {}, zero)
+    # residuals of the loops, then joint forces and the residual of the equations of motion
     Q = stack_arrays(Loads(coordinates, at, v).flat(), zero)
-    drift = residuals(rows, states, at)
+    drift = residuals(rows, states, at)  # of positions, and of velocities
     fastest = float(np.abs(states.v).astype(float).max(initial=0.0))
     # the residuals are usually a thousand roundings, but 1e-12 if decimals of the file contradict each other
     if not max(drift[0], drift[1] / (1.0 + fastest)) < eps**0.5:
@@ -87,9 +95,9 @@ def sample(
 
 
 def residuals(rows: LoopRows, states: LoopStates, at: Instant) -> tuple[float, float]:
-    """Return the largest residual of positions and that of velocities, over all states and rows, redundant ones included.
+    """Return the largest residual of positions and that of velocities, over all states and constraint rows.
 
-    `at` has the turned vectors at the positions of the states.
+    Redundant rows are included. `at` has the vectors of the links, turned and scaled as at the positions of the states.
     """
     laws = rows.laws(states.t)
     zero = states.t - states.t  # (k,) in the type of number of the states

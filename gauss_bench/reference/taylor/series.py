@@ -1,8 +1,9 @@
-"""The first pipeline of a certificate: Taylor series in 128 bit, of the equations of motion in loop coordinates.
+"""The first computation of a certificate: Taylor series in 128-bit numbers, of the equations of motion in loop coordinates.
 
-heyoka expands the solution to order 40 by automatic differentiation of compiled code. Its steps are so short that the last terms
-are below rounding. The equations are symbols of the state (x, u), and every constant is a parameter, so that linkages with other
-numbers share the compiled code. The state of a linkage that is driven completely is x alone.
+The library heyoka expands the solution in a Taylor series of order 40 by automatic differentiation of compiled code. The steps are
+so short that the last terms of the series are below rounding. The equations are written in symbols of the state (x, u), where x are
+the loop coordinates and u the speeds of the free (independent) ones. Every constant is a parameter, so that linkages with other
+numbers share the compiled code. If a linkage is driven completely, no coordinate is free, and the state has the positions x only.
 Sources: Biscani and Izzo, Monthly Notices of the Royal Astronomical Society 504 (2021), on heyoka; Jorba and Zou, Experimental
 Mathematics 14 (2005), on orders and steps.
 """
@@ -29,12 +30,15 @@ from gauss_bench.reference.taylor.vector_sums import LoopCoordinates
 def taylor_motion(
     document: dict[str, Any], scenario: str, times: Sequence[str], double: bool = False, progress: Progress | None = None
 ) -> Motion:
-    """Return the motion at the sample times, up to where it has to stop.
+    """Return the motion at the sample times; it ends earlier if it cannot be continued, such as at a singular position.
 
     Args:
-        document: the linkage file with decimals as written (`decimal_document`), and with the scenario's override merged.
+        document: the linkage file with decimals kept as text (`decimal_document`), after the scenario's changes (`override`) have
+            been merged into it.
+        scenario: name of the scenario.
         times: sample times as decimal texts [s], ascending from "0".
-        double: whether to compute in double precision instead of 128 bit, to compare neighbouring linkages.
+        double: whether to compute in double precision instead of 128-bit numbers. This suffices to compare linkages whose
+            parameters differ slightly.
         progress: called with the time reached [s].
 
     Raises:

@@ -16,7 +16,7 @@ Long = NDArray[Any]  # array of numbers of extended precision
 
 @lru_cache
 def epsilon(number: Number) -> float:
-    """Return the distance from 1 to the next number of the type."""
+    """Return the distance from 1 to the next larger number that the number type can represent."""
     one = number("1")
     half = one / 2
     while one + half != one:
@@ -25,13 +25,13 @@ def epsilon(number: Number) -> float:
 
 
 def stack_arrays(values: Sequence[Value], like: Long) -> Long:
-    """Return m values, each an array (k,), a number or a literal, as one array (k, m) in the type of `like` (k,)."""
+    """Return m values, each an array (k,), a number or a plain integer, as one array (k, m) in the number type of `like` (k,)."""
     zero = like - like
     return np.stack([zero + x for x in values], axis=-1) if len(values) else np.zeros((len(like), 0), dtype=like.dtype)
 
 
 def split_columns(x: Long) -> list[Long]:
-    """Return the n coordinates (k,) of states (k, n)."""
+    """Return the n columns of an array (k, n), each as an array (k,)."""
     return [x[:, j] for j in range(x.shape[1])]
 
 

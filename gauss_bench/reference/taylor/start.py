@@ -1,7 +1,9 @@
-"""The start of a motion to the last digit: loop coordinates and rates that satisfy the rows and the decimals of the file.
+"""The start of a motion in extended precision: loop coordinates and velocities at t = 0.
 
-The assembly in double precision is the first guess. The values in the start of a scenario are additional rows: an angle or a slide
-is prescribed as by a driver, and a point is a closure P - target = 0 with a rate.
+They satisfy the constraint rows of the linkage, and the decimal numbers that the scenario's table `start` gives, to the last digit.
+The assembly in double precision is the first guess. Each value in the table `start` becomes an additional row: an angle or a
+displacement of a slide is prescribed as by a driver, and a position of a point is a constraint P - target = 0 with a given velocity
+of P.
 """
 
 from dataclasses import replace
@@ -20,30 +22,31 @@ from gauss_bench.terms import Array
 
 
 def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tuple[LoopRows, list[Law], list[Any]]:
-    """Return the constraint rows of the mechanism together with those of the start, and what they prescribe at t = 0.
+    """Return the constraint rows of the mechanism together with the rows of its start, and the right-hand sides at t = 0.
 
-    The values that a start gives are additional rows. Their order is: loops, points of the start, drivers, angles and slides of the
-    start, knife edges.
+    Each value in the scenario's table `start` is an additional row. All rows are in this order: loops, points whose position the
+    start gives, drivers, angles and slides whose value the start gives, knife edges.
 
     Returns:
-        The rows, whose Jacobian by the coordinates x is A; value, rate and second rate of every prescribed quantity at t = 0; and
-        the right-hand side of A x' = rate.
+        held: all these rows, whose Jacobian by the coordinates x is A.
+        laws: value, rate and second rate of every prescribed quantity at t = 0, those of the drivers first.
+        rates: the right-hand side b of A x' = b.
     """
     coordinates, start, zero = rows.coordinates, scenario.get("start", {}), number("0")
     mechanism = coordinates.mechanism
     laws = rows.laws(zero)
-    given, points, speeds = [], [], []
+    prescribed, points, speeds = [], [], []  # angles and slides; points minus their targets; components of the points' velocities
     for link, (target, rate) in _list_held_angles(mechanism, start, number).items():
-        given.append(Prescribed("", coordinates.angle[link], coordinates.turn[link], ()))
+        prescribed.append(Prescribed("", coordinate=coordinates.angle[link], turn=coordinates.turn[link], gap=()))
         laws.append((target, rate, zero))
     for name, target in start.get("slides", {}).items():
-        given.append(Prescribed("", coordinates.slides[name], zero, ()))
+        prescribed.append(Prescribed("", coordinate=coordinates.slides[name], turn=zero, gap=()))
         laws.append((exact(number, target), exact(number, start.get("slide_speeds", {}).get(name, 0)), zero))
     for reference, target in start.get("points", {}).items():
         x, y = pair(number, target)
         points.append(merge(coordinates.point(mechanism.find_point(reference)), less=[VectorTerm(x, y, NONE, NONE)]))
         speeds += [*pair(number, start.get("point_velocities", {}).get(reference, (0, 0)))]
-    held = replace(rows, closures=(*rows.closures, *points), prescribed=(*rows.prescribed, *given))
+    held = replace(rows, closures=(*rows.closures, *points), prescribed=(*rows.prescribed, *prescribed))
     rates = held.rates(laws)
     loops = 2 * len(rows.closures)  # points are closures behind those of the loops, and move at given speeds
     rates[loops : loops + len(speeds)] = speeds
@@ -69,12 +72,19 @@ def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Numbe
 
 
 def start_state(rows: LoopRows, scenario: dict[str, Any], guess: Array, number: Number) -> tuple[Long, Long]:
-    """Return coordinates and rates (1, n) at t = 0, from a guess (n,) in double precision.
+    """Return the loop coordinates and their velocities (1, n) at t = 0, in extended precision.
+
+    Args:
+        rows: the constraint rows of the mechanism.
+        scenario: the scenario's table in the document.
+        guess: (n,) loop coordinates of the assembly in double precision, from which the solution is searched.
+        number: type of number.
 
     Raises:
-        Unsolved: the rows cannot be satisfied near the guess.
+        Unsolved: no coordinates near the guess satisfy the constraint rows and the values that the start gives.
     """
     n, eps = rows.coordinates.n, epsilon(number)
+    # `held`: the rows of the mechanism, and those of the start; `laws`: what both prescribe, the drivers of the mechanism first
     held, laws, rates = hold_start(rows, scenario, number)
     x = np.array([[exact(number, value) for value in guess.tolist()]]).reshape(1, n)
     # decimals of the start may contradict the loops in their last digits, so that the loops alone are closed once more
@@ -83,7 +93,7 @@ def start_state(rows: LoopRows, scenario: dict[str, Any], guess: Array, number: 
     A = held.entries(at_states(x))
 
     def residual(v: Long) -> Long:
-        """Return A v - rate."""
+        """Return the residual A v - b of the velocities v (1, n), where b is `rates`."""
         return multiply(A, v) - stack_arrays(rates, x[:, 0])
 
     return x, solve_by_chord(residual, pseudo_inverse(to_dense(A, 1, n)), np.zeros_like(x), eps)

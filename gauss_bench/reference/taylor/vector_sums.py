@@ -1,14 +1,18 @@
-"""Loop coordinates, in which every point of a linkage is a sum of turned vectors.
+"""Loop coordinates, in which the position P of every point of a linkage is a sum of turned vectors.
 
     P = sum_k c_k l_k e_k,    e_k = exp(i theta_k)
 
-Here c_k are constant vectors, l_k is 1 or a displacement, and theta_k is the angle of a group of links or absent (e = 1). Links
-that slides join turn together and share one angle; links that slides tie to the ground have none. A spanning tree, breadth first
-from the ground, takes slides before pins and adds one vector in each step. A link that is not connected to the ground has two
-displacements of its own. Every slide has a displacement along its line, whether it is in the tree or not. A joint outside the tree
-is a closure:
+Vectors of the plane are complex numbers. Here c_k is a constant vector, and l_k is 1 or a displacement. theta_k is the angle of a
+group of links; without an angle, e_k = 1. Links that are connected by slides turn together and share one angle coordinate. Links
+that slides connect to the ground cannot turn and have no angle coordinate.
 
-    pin    P_b - P_a = 0,        slide    P_block - P_guide - (s + i offset) u = 0,    u the direction of the guide
+A spanning tree of links and joints is built breadth first from the ground, and takes slides before pins. Each of its steps reaches
+a new link by a joint, and adds vectors to the position of the link before. A link that is not connected to the ground has two
+displacements of its own. Every slide has a displacement s along its guide, whether the slide is in the tree or not. Each joint that
+is not in the tree closes a loop and gives a constraint, the closure:
+
+    pin:     P_b - P_a = 0
+    slide:   P_block - P_guide - (s + i offset) u = 0, with u the unit vector along the guide
 
 Sources: Nikravesh, Planar Multibody Dynamics (2nd ed. 2018), on vector loops; Haug, Computer-Aided Kinematics and Dynamics of
 Mechanical Systems (1989), chapter 2, on complex numbers in the plane.
@@ -30,7 +34,13 @@ Key = tuple[int, int]  # (angle, displacement): vectors with the same key differ
 
 
 class VectorTerm(NamedTuple):
-    """One vector: the constant (x, y), times the displacement `length`, turned by `angle` (indices of coordinates, or NONE)."""
+    """One vector of a sum: the constant vector (x, y), multiplied by a displacement and turned by an angle.
+
+    Attributes:
+        x, y: components of the constant vector.
+        angle: index of the coordinate by which the vector is turned, or NONE for no turn.
+        length: index of the displacement by which the vector is multiplied, or NONE for the factor 1.
+    """
 
     x: Any
     y: Any
@@ -49,7 +59,8 @@ Sum = tuple[VectorTerm, ...]
 def merge(terms: Iterable[VectorTerm], less: Iterable[VectorTerm] = ()) -> Sum:
     """Return the sum of `terms` minus the sum of `less`, with one term for each key and without terms that cancel.
 
-    Terms with the same angle and displacement, their key, differ only by the constant factor (x, y).
+    The key of a term is the pair of its angle and its displacement. Terms with the same key differ only in their constant vector
+    (x, y), so that these vectors can be added.
     """
     sums: dict[Key, tuple[Any, Any]] = {}
     for sign, part in ((1, terms), (-1, less)):
@@ -60,30 +71,33 @@ def merge(terms: Iterable[VectorTerm], less: Iterable[VectorTerm] = ()) -> Sum:
 
 
 class LoopCoordinates:
-    """The coordinates of one mechanism, angles before displacements, and its links, points and closures as functions of them.
+    """The loop coordinates x of one mechanism, and the positions of its links and points as functions of x.
 
-    All constants have the type of number in which the mechanism is built.
+    The order of x is: angles, displacements of slides, then two displacements of each link that is not connected to the ground.
+    All constants in the sums of vectors have the number type (float, long double or 128 bit) with which the mechanism was built.
 
     Attributes:
+        mechanism: the mechanism.
         n: number of coordinates.
-        roots: for every angle coordinate its link; of links that slides join, the first that the tree reaches.
-        angle: for every link the coordinate of its angle, or NONE.
-        turn: for every link the constant to be added to that coordinate [rad].
-        centres: centre of mass of every link.
-        slides: name of a slide -> its displacement.
-        free: link that is not connected to the ground -> coordinate of its displacement in x; that in y is the next.
-        closures: (name of the joint, sum that must vanish) of the joints outside the tree.
-        turn_gaps: constant angles [rad] that must vanish, where slides form a circle.
+        roots: for every angle coordinate the link whose angle it is; of links that slides connect, the first that the tree reaches.
+        angle: for every link the index of its angle coordinate, or NONE.
+        turn: for every link the constant that must be added to this coordinate to get the angle of the link [rad].
+        centres: centre of mass of every link, as a sum of vectors.
+        slides: name of a slide -> index of its displacement.
+        free: link that is not connected to the ground -> index of its displacement in x; its displacement in y is the next.
+        closures: (name of the joint, sum of vectors that must vanish) for each joint that is not in the tree.
+        turn_gaps: constant angles [rad] that must vanish where slides connect links in a circle.
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Find the coordinates on a spanning tree of the mechanism, and express its links and closures by them."""
+        """Find the coordinates of a mechanism on its spanning tree, and express the links and closures by them."""
         self.mechanism = mechanism
         steps = spanning_tree(mechanism)
         in_tree = {id(step.joint) for step in steps}
         zero = mechanism.gravity[0] - mechanism.gravity[0]  # in the type of number of the mechanism
         links, slides = range(len(mechanism.links)), [j for j in mechanism.joints if isinstance(j, Prismatic)]
-        # angles: slides tie a link's angle to that of its leader, the first of these links in the tree, plus a constant turn
+        # angles: links that slides connect form a group. The leader of a group is the first of its links in the tree. The angle of
+        # every link of the group is the angle of the leader plus a constant turn
         leader, turn = {GROUND: GROUND}, {GROUND: zero}
         for step in steps:
             leader[step.link], turn[step.link] = step.link, zero
@@ -106,9 +120,10 @@ class LoopCoordinates:
         self.closures = [(joint.name, self._gap(joint)) for joint in mechanism.joints if id(joint) not in in_tree]
 
     def _centre(self, step: "TreeStep", zero: Any) -> Sum:
-        """Return the centre of mass of the link that a step of the tree reaches.
+        """Return the centre of mass of the link that is added to the tree by `step`, as a sum of vectors.
 
-        `step` has this link and the joint by which the tree reaches it; `zero` is 0 in the mechanism's type of number.
+        The centre is the position of the joint's point on the link, minus the vector from the centre to this point. `zero` is 0 in
+        the mechanism's type of number.
         """
         if step.joint is None:  # a link without a connection to the ground: (1, 0) x + (0, 1) y, in world axes
             x = self.free[step.link]
@@ -120,36 +135,44 @@ class LoopCoordinates:
         return merge(self.point(second), less=[*self.turn_vector(first.local, first.link), *along])
 
     def _gap(self, joint: Joint) -> Sum:
-        """Return the vector from the first point of a joint to its second, minus the displacement along a slide."""
+        """Return the sum of vectors that must vanish if a joint is closed.
+
+        It is the vector from the first point of the joint to its second, minus the displacement if the joint is a slide.
+        """
         first, second = joint.ends
         along = self.along(joint) if isinstance(joint, Prismatic) else ()
         return merge(self.point(second), less=[*self.point(first), *along])
 
     def turn_vector(self, vector: Any, link: int, displacement: int = NONE) -> Sum:
-        """Return a vector (2,) of a link's frame, which turns with the link, as a sum of one term in world axes.
+        """Return a vector (2,) that is given in the frame of a link, and turns with the link, as a sum of one term in world axes.
 
         `displacement` is the index of the coordinate by which the vector is multiplied, or NONE for a vector of constant length.
         """
         if link == GROUND:
             return (VectorTerm(vector[0], vector[1], NONE, displacement),)
+        # the link's constant turn is applied to the vector itself; the angle coordinate turns it further
         c, s = unit(self.turn[link])
         return (VectorTerm(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], self.angle[link], displacement),)
 
     def point(self, point: Point) -> Sum:
-        """Return the position of a link-fixed point."""
+        """Return the position of a link-fixed point, as a sum of vectors."""
         arm = self.turn_vector(point.local, point.link)
         return arm if point.link == GROUND else merge([*self.centres[point.link], *arm])
 
     def along(self, slide: Prismatic) -> Sum:
-        """Return the vector from the guide point to the block point of a slide."""
+        """Return the vector from the guide point to the block point of a slide: displacement along the guide, plus offset."""
         u, guide = unit(slide.angle), slide.guide.link
         aside = slide.offset * unit(slide.angle, across=True)
         return merge([*self.turn_vector(u, guide, self.slides[slide.name]), *self.turn_vector(aside, guide)])
 
     def start(self, q: Array) -> Array:
-        """Return the loop coordinates (n,) of an assembled state q (3 links,), in double precision."""
+        """Return the loop coordinates (n,) of an assembled state, in double precision.
+
+        The state q (3 links,) has x, y and the angle of every link. The result has the angles of the links `roots`, then the
+        displacements of the slides, then x and y of the links `free`.
+        """
         x = np.zeros(self.n)
-        z, theta = q[0::3] + 1j * q[1::3], q[2::3]
+        z, theta = q[0::3] + 1j * q[1::3], q[2::3]  # centres of mass as complex numbers, and angles
         x[: len(self.roots)] = theta[self.roots]
         for link, k in self.free.items():
             x[k : k + 2] = z[link].real, z[link].imag
@@ -167,7 +190,10 @@ class LoopCoordinates:
 
 
 class TreeStep(NamedTuple):
-    """A step of the spanning tree to a new link: by a joint from the link `parent`, or without a joint from the ground."""
+    """One edge of the spanning tree, which adds a link.
+
+    The link is connected to the link `parent` by a joint. If there is no joint, the link moves freely relative to the ground.
+    """
 
     parent: int
     link: int
@@ -175,7 +201,11 @@ class TreeStep(NamedTuple):
 
 
 def spanning_tree(mechanism: Mechanism) -> list[TreeStep]:
-    """Return the steps of the tree, breadth first from the ground; links that slides tie to a link come directly after it."""
+    """Return the steps that add the links to the tree, breadth first from the ground.
+
+    Links that slides connect to a link come directly after this link.
+    """
+    # link -> its neighbours, each with the joint; the ground is the link -1 and comes first
     beside: dict[int, list[tuple[int, Joint]]] = {i: [] for i in range(GROUND, len(mechanism.links))}
     for joint in mechanism.joints:
         a, b = (point.link for point in joint.ends)
@@ -185,7 +215,7 @@ def spanning_tree(mechanism: Mechanism) -> list[TreeStep]:
     steps: list[TreeStep] = []
 
     def reach(step: TreeStep) -> list[int]:
-        """Add a step to the tree; return the link that the step reaches, and the links that slides connect to this link."""
+        """Add a step to the tree, and the steps to all links that slides connect to the new link; return all added links."""
         if step.link in reached:
             return []
         reached.add(step.link)
@@ -193,7 +223,7 @@ def spanning_tree(mechanism: Mechanism) -> list[TreeStep]:
         tied = [TreeStep(step.link, other, joint) for other, joint in beside[step.link] if isinstance(joint, Prismatic)]
         return [step.link, *(link for tie in tied for link in reach(tie))]
 
-    for root in beside:  # the ground first, and then every link that is not yet connected to it
+    for root in beside:  # the ground first, and then every link that is not yet reached, which is not connected to the ground
         queue = deque(reach(TreeStep(GROUND, root, None)))
         while queue:
             link = queue.popleft()
