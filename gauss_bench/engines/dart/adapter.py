@@ -79,8 +79,7 @@ class DartModel(TreeModel):
     library = "DART"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Build DART's model of the open tree, compare it with the linkage, and build the simulation worlds `moving` and
-        `still`."""
+        """Compare DART's model of the open tree with the linkage, and build the simulation worlds `moving` and `still`."""
         import dartpy
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))

@@ -23,8 +23,7 @@ IMPLICIT, EXPLICIT = "implicit", "explicit"  # values of the knob `joint_forces`
 
 
 def forces_of(mechanism: Mechanism, tree: Tree, joint_forces: str) -> GivenForces:
-    """Return the forces of a mechanism; if `joint_forces` is IMPLICIT, springs and dampers on one coordinate are DART's
-    elements."""
+    """Return a mechanism's forces; if `joint_forces` is IMPLICIT, springs and dampers on one coordinate are DART's elements."""
     return GivenForces(mechanism, tree, lambda load: joint_forces == IMPLICIT and on_one_joint(load))
 
 
