@@ -52,7 +52,8 @@ RUN = """    for k in range(every, steps + 1, every):
 class OnMujoco:
     """The same model that MJX gets, but compiled and evaluated by MuJoCo.
 
-    It has the members of `Built` in `engines/mjcf/document.py`, so that the document can be written from it.
+    This class has the members of `Built` in `engines/mjcf/document.py`, from which the MJCF document is written; see there for
+    their meaning.
     """
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
@@ -65,7 +66,11 @@ class OnMujoco:
         self.still = copy_to_evaluate(mujoco, self.model)
 
     def forward(self, y: Array, dy: Array) -> Any:
-        """Evaluate `still` at a tree state y, dy (n,), and return MuJoCo's data."""
+        """Evaluate the model `still` at a tree state y, dy (n,), and return MuJoCo's data, with the accelerations.
+
+        `still` is a copy of the model that only evaluates accelerations. `draft.torque` (n,) is the sum of constant generalised
+        forces, which MuJoCo takes from its data.
+        """
         data = self.mujoco.MjData(self.still)
         data.qpos[:], data.qvel[:], data.qfrc_applied[:] = y, dy, self.draft.torque
         self.mujoco.mj_forward(self.still, data)
