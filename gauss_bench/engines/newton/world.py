@@ -103,8 +103,7 @@ class World:
             self._add_joint(joint, backwards=joint.ends[1].link == GROUND)
 
     def _add_joint(self, joint: Joint, backwards: bool) -> int:
-        """Add a joint and return the library's index of it; if `backwards`, the joint's second link is the parent, else the
-        first."""
+        """Add a joint and return the library's index of it; if `backwards`, the joint's second link is the parent."""
         ends = [(self.bodies[end.link], self._frame(*frame)) for end, frame in zip(joint.ends, joint_frames(joint), strict=True)]
         (parent, near), (child, far) = reversed(ends) if backwards else ends
         if isinstance(joint, Prismatic):
