@@ -143,10 +143,10 @@ def _read(path: Path, file: Line) -> AuthorsSettings:
     _require(written <= date.today() + ONE_DAY, "date", f"{written} has not come yet")
     name = _read_text(file, "engine", "engine")
     engine, variants = _find_engine(name)
-    knobs = {key: _read_reason(f"knobs.{key}", line) for key, line in _lines(file, "knobs").items()}
+    knobs = {key: _read_reason(f"knobs.{key}", line) for key, line in _table_of_tables(file, "knobs").items()}
     for key in knobs:
         _require(key in variants.knobs, f"knobs.{key}", f"{name} has no such knob; it has {', '.join(variants.knobs)}")
-    lines = _lines(file, "settings")
+    lines = _table_of_tables(file, "settings")
     most = len(variants.space)
     allowed = f"there may be {most}, as many as the search has variants of {name}"
     _require(len(lines) <= most, "settings", f"{len(lines)} settings; {allowed}")
@@ -231,7 +231,7 @@ def _read_reason(place: str, line: Line) -> Reason:
     return Reason(source, why)
 
 
-def _lines(file: Line, name: str) -> Mapping[str, Line]:
+def _table_of_tables(file: Line, name: str) -> Mapping[str, Line]:
     """Return the entry `name` of a parsed file: a table with at least one entry, all of whose entries are tables.
 
     Raises:

@@ -56,8 +56,8 @@ class Loop:
 def loop_of(mechanism: Mechanism) -> Loop:
     """Recognise a linkage as a crank-slider or a four-bar, and return its numbers for the equations in C.
 
-    Names of the numbers: O is the crank's pin on the ground, R the crank's length, D the rocker's pin on the ground, and S the
-    rocker's length. SIDE is the sign that selects the one of two closures in which the linkage starts.
+    Names of the numbers: OX, OY are the crank's pin on the ground, R is the crank's length, DX, DY are the rocker's pin on the
+    ground, and S is the rocker's length. SIDE is the sign that selects the one of two closures in which the linkage starts.
 
     Raises:
         Underived: the linkage is neither a crank-slider nor a four-bar, or it has a load that the derived equations do not include.

@@ -127,9 +127,8 @@ class CasadiModel:
             a, multipliers = ca.SX.sym("a", n), ca.SX.sym("multipliers", e.c.shape[0])
             motion = e.mass * a + e.J.T @ multipliers - e.Q
             system = {"z": ca.vertcat(a, multipliers), "ode": ca.vertcat(e.v, a), "alg": ca.vertcat(motion, e.J @ a - e.gamma)}
-            if (
-                self.choice.integrator == "idas_ggl"
-            ):  # Gear, Gupta and Leimkuhler: mu keeps the positions, multipliers the velocities
+            # Gear, Gupta and Leimkuhler: J^T mu is added to q', so that mu keeps the positions, and the multipliers the velocities
+            if self.choice.integrator == "idas_ggl":
                 mu = ca.SX.sym("mu", e.phi.shape[0])
                 system["z"] = ca.vertcat(system["z"], mu)
                 system["ode"] = ca.vertcat(e.v - ca.jacobian(e.phi, e.q).T @ mu, a)
