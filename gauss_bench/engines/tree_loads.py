@@ -2,8 +2,8 @@
 
 The kinds are classes; y are the tree coordinates:
 
-    Steady:      A constant generalised force on tree coordinates: a torque, or a force along a slide with its reaction on the
-        guide.
+    Steady:      A constant generalised force on tree coordinates: a torque, or a force along a slide with its
+                 reaction on the guide.
     OnJoints:    A spring and damper on an angle or a slide displacement, which is a sum of tree coordinates L = row . y + constant.
     OtherLoad:   Every other load: a force at a point, or a force law on a distance or along an axis to which no slide is parallel.
 """

@@ -4,9 +4,9 @@ M is the mass matrix, f the applied forces, C the constraints and C_q their Jaco
 
     BuiltIn:   It takes the accelerations that Exudyn itself computes when a run starts from the state. Exudyn differentiates C_q v
                by one-sided differences, which limits the accuracy to about 1e-7, and ignores the second derivatives of motion laws.
-    Readout:   It reads the mass matrix M, the applied forces f and the Jacobian C_q from Exudyn. This module computes the rate of
-        C_q by fourth-order differences along v, adds the
-               second derivatives of motion laws, and solves the system [M C_q^T; C_q 0].
+    Readout:   It reads the mass matrix M, the applied forces f and the Jacobian C_q from Exudyn. This module computes
+               the rate of C_q by fourth-order differences along v, adds the second derivatives of motion laws, and solves the
+               system [M C_q^T; C_q 0].
 """
 
 from typing import Any

@@ -58,7 +58,7 @@ COINCIDENT = 1e-12  # [m] points at a smaller distance coincide
 
 def reason_to_refuse(mechanism: Mechanism, force: Force) -> str | None:
     """Return the reason why a force has no exact counterpart among Exudyn's items, or None if it has one."""
-    if factor := factor_of(force):  # the force varies; `share` is the share of it that acts when its point moves backwards
+    if factor := factor_of(force):  # the force varies; `share` of it acts while its point moves against it
         if isinstance(force, PointForce) and factor.share != 1.0:
             return f"force {force.name} varies with the direction of its point's motion, and Exudyn's loads are not given the speed"
         if isinstance(force, PointForce) and force.frame not in (GROUND, force.point.link):

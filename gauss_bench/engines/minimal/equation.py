@@ -285,8 +285,8 @@ class _Motion:
         """Solve an RRR dyad: two links are pinned at A and at C, and their common pin B lies on circles about A and C.
 
         The radii of the circles are r1 and r2. `base` = C - A is known; its fields p, d and b are its value and its first and
-        second derivative by q. With a = B - A and c = B - C, the derivatives are a' = i omega1 a and c' = i omega2 c, and a - c = C
-        - A. The products of the first and second derivative of this last equation with c and with a give
+        second derivative by q. Let a = B - A and c = B - C. Then a' = i omega1 a and c' = i omega2 c, and a - c = C - A. The
+        products of the first and second derivative of this last equation with c and with a give
 
             omega1 a x c = c . (C - A)',    alpha1 a x c = c . (C - A)'' + omega1^2 a . c - omega2^2 r2^2
             omega2 a x c = a . (C - A)',    alpha2 a x c = a . (C - A)'' + omega1^2 r1^2 - omega2^2 a . c

@@ -109,8 +109,8 @@ class Dyad:
 
     In an RRR dyad both links are pinned to placed links, at A and C, and to each other at B.
 
-    In an RRP dyad a rod is pinned to a placed link at A. At B it is pinned to a block that slides on a placed link. The distance of
-    B from a line of the placed link is `height`.
+    In an RRP dyad a rod is pinned to a placed link at A. At B it is pinned to the second link, which slides on a placed link. The
+    distance of B from a line of the placed link is `height`.
 
     In an RPR dyad the first link carries the guide of a slide and is pinned to a placed link at C. The second link is the block of
     this slide and is pinned to a placed link at A. The distance of A from the line through C along the guide is `height`.

@@ -220,9 +220,9 @@ class OwnModelRun:
 
 
 def acts_beside_loops(path: str, key: int, until: float) -> dict[str, Any]:
-    """Run the model of a file with its own options until a contact, a joint limit or dry friction acts, which no linkage has.
+    """Run the model of a file with its own options until a contact, a joint limit or dry friction acts.
 
-    Constraints that close loops may act all the time.
+    The constraints that close loops, MuJoCo's equality constraints, act all the time and do not end the run.
 
     Args:
         key: index of the keyframe at which the run starts.
