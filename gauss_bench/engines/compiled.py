@@ -113,7 +113,10 @@ class CompiledModel:
             self._run_adaptive()
 
     def _run_adaptive(self) -> None:
-        """Integrate by DOP853, which chooses its own steps, and store the samples."""
+        """Integrate by DOP853, which chooses its own steps, and store the samples.
+
+        The kernel counts `switches`, changes of the independent coordinates, and `fallbacks`, steps at which none were usable.
+        """
         tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
         motion = self.kernel.integrate(self.q[0], self.v[0], self.times, *tolerances)
         self.q, self.v, self.steps, self.evaluations = motion.q, motion.v, motion.steps, motion.evaluations

@@ -218,6 +218,7 @@ class InterpretedModel(OwnSteps):
         """Return the samples of the run; the acceleration of each sample is computed from its state."""
 
         def acceleration_of_sample(k: int) -> Array:
+            """Return the accelerations (n,) at sample k."""
             return self.acceleration(float(self.times[k]), self.x[k], self.dx[k])
 
         return with_accelerations(self.times, self.x, self.dx, acceleration_of_sample, self.steps, self.evaluations)

@@ -177,7 +177,7 @@ def exponential(x: Array) -> Callable[[Any], Any]:
 
 
 def columns(x: Array) -> Any:
-    """Return the n coordinates of x one by one: Python numbers for a single state (n,), arrays (...) for a batch (..., n)."""
+    """Return the n coordinates of x one by one; each is a Python number for a state (n,), an array (...) for a batch (..., n)."""
     return x.tolist() if x.ndim == 1 else np.moveaxis(x, -1, 0)
 
 

@@ -105,7 +105,7 @@ def slide_motors(forces: Sequence[PointForce], mechanism: Mechanism, tree: Tree,
     slides = [b for b in tree.branches if b.kind == "prismatic"]
     for f in forces:
         for b in slides:
-            if f.name in done or f.point.link != b.link:
+            if f.name in done or f.point.link != b.link:  # a force becomes one motor only
                 continue
             value = along_slide(f, b, turns)
             if value is None:

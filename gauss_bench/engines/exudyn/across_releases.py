@@ -61,7 +61,7 @@ def write_nothing(settings: Any) -> None:
 def set_linear_solver(exu: Any, settings: Any, name: str, ignore_singular: bool) -> None:
     """Set the linear solver, a member of LinearSolverType; with `ignore_singular` it accepts singular Jacobians."""
     kind = getattr(exu.LinearSolverType, name)
-    if hasattr(settings, "linearSolver"):
+    if hasattr(settings, "linearSolver"):  # releases before 1.12 have linearSolverType and linearSolverSettings in its place
         settings.linearSolver.solverType = kind
         options = settings.linearSolver
     else:
@@ -80,7 +80,8 @@ def set_method(exu: Any, settings: Any, name: str) -> None:
     if hasattr(run, "solverType"):
         run.solverType = getattr(exu.DynamicSolverType, name)
         return
-    run.generalizedAlpha.useNewmark = run.generalizedAlpha.useIndex2Constraints = name == INDEX_2
+    index_2 = name == INDEX_2
+    run.generalizedAlpha.useNewmark = run.generalizedAlpha.useIndex2Constraints = index_2
 
 
 def solve(exu: Any, mbs: Any, settings: Any, update: bool) -> bool:

@@ -36,7 +36,10 @@ class Drive:
     motor: int | None = None
 
     def push(self, data: Any, t: float) -> None:
-        """Add the force armature * law''(t) at time t [s] to the joint coordinate in MuJoCo's data, or set it at the motor."""
+        """Add the driving force of time t [s] to the joint coordinate in MuJoCo's data, or make it the control of the motor.
+
+        The force is armature * law''(t). The armature is so large that this force gives the coordinate the acceleration law''(t).
+        """
         force = self.armature * float(self.law(t)[2])
         if self.motor is None:
             data.qfrc_applied[self.at] += force

@@ -57,7 +57,11 @@ class OnMujoco:
     """
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
-        """Compile the model with the integrator and step of a choice."""
+        """Compile the model with the integrator and the step of `choice`.
+
+        `y0`, `dy0` are the tree coordinates and rates at the start, `draft` is MuJoCo's specification of the model, `drives` are
+        the driven coordinates, and `still` is a copy of the model that only evaluates accelerations.
+        """
         self.mujoco, self.mechanism, self.choice, self.options = mujoco, mechanism, choice, options
         self.tree = joint_tree(mechanism, options)
         self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)

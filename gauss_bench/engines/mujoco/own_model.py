@@ -131,7 +131,16 @@ class OwnModelRun:
     """
 
     def __init__(self, path: Path, seen: Seen, key: int, changes: Mapping[str, Any], choice: Choice):
-        """Compile the file, with `changes` of options given by their names in MJCF, and put it into its keyframe."""
+        """Compile the file, change options of the model, and set the model to a keyframe.
+
+        A copy of the model evaluates accelerations, so that these evaluations do not change the state of a run.
+
+        Args:
+            path: path of the MJCF file.
+            seen: how the model represents the links of a linkage.
+            key: index of the keyframe.
+            changes: name of an option in MJCF -> new value.
+        """
         import mujoco
 
         self.mujoco: Any = mujoco

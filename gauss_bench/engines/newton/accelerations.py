@@ -1,8 +1,8 @@
 """Accelerations at a given state, found from Kamino's steps of six copies of the linkage.
 
 Kamino is a solver of the library Newton. From positions q and velocities v, a step of h [s] computes the new velocities
-v1 = P(q) (v + h a_free). Here P projects velocities onto those that the constraints at q allow, J(q) v1 = 0, and a_free are the
-accelerations without constraints. In the limit of short steps, velocities change at the rate
+v1 = P(q) (v + h a_free). Here P(q) projects velocities onto those that the constraints at q allow, so that J(q) v1 = 0, and a_free
+are the accelerations that the linkage would have without constraints. In the limit of short steps, velocities change at the rate
 
     a = P(q) a_free + d/de P(q + e v) v        at e = 0
 

@@ -195,7 +195,11 @@ class Motion:
         self.carried = self.carried[:-1]
 
     def __call__(self, y: Array) -> tuple[Array, Array]:
-        """Return the absolute positions q (3 links,) and T = dq/dy (3 links, n) at tree coordinates y (n,)."""
+        """Return the absolute positions q (3 links,) and T = dq/dy (3 links, n) at tree coordinates y (n,).
+
+        Each column of Pinocchio's Jacobian gives a velocity at the world's origin, from which that of a link's centre of mass
+        follows. The product with `carried` makes this velocity zero for links that the joint does not move.
+        """
         J = self.jacobians(self.model, self.data, y)
         placements = self.data.oMi  # of the joints' frames in the world
         centres = np.array([placements[joint].act(own) for joint, own in self.centres])
