@@ -1,9 +1,10 @@
 """All engines by name: the suite's formulations, adapters to foreign libraries, plug-ins, and engines of other environments.
 
-Adapters are imported when they are first used. If a library is missing, the message names the extra of this package that brings it.
+The module of an engine's adapter is imported when the engine is first used. If a library is missing, the message names the extra of
+this package that installs the library.
 
-Some libraries cannot be installed beside the others. Their engines run in environments of their own, which the user's file of
-engines lists, one table for each engine:
+Some simulation libraries cannot be installed in one Python environment with the libraries of other engines. The engines of these
+libraries run in Python environments of their own. The user's file of engines lists these environments, one table for each engine:
 
     [heun]
     class = "my_engine:Heun"                     # MODULE:CLASS of the adapter; engines of ELSEWHERE do not need it
@@ -85,9 +86,9 @@ class Environment:
 
     Attributes:
         engine: name of the engine.
-        class_name: MODULE:CLASS of its adapter.
-        python: path of the interpreter.
-        memory: limit of a process [bytes]; 0 stands for the usual limit.
+        class_name: MODULE:CLASS of the engine's adapter.
+        python: path of the environment's Python interpreter.
+        memory: limit [bytes] of the memory of a process; 0 stands for the usual limit.
     """
 
     engine: str
@@ -103,18 +104,18 @@ def is_class(name: str) -> bool:
 
 
 def names() -> list[str]:
-    """List all engines but the rivals: those of this package, then plug-ins, then those of the user's file of engines."""
+    """List the names of all engines except RIVALS: this package's, then plug-ins, then those of the user's file of engines."""
     others = [*(point.name for point in _plug_ins()), *read_environments()]
     return [*OWN, *COMPILED, *DERIVED, *FOREIGN, *dict.fromkeys(others)]
 
 
 def all_names() -> list[str]:
-    """List the engines of `names`, and then the rivals."""
+    """List the engines of `names`, and then those of RIVALS."""
     return [*names(), *RIVALS]
 
 
 def environment_of(name: str) -> Environment | None:
-    """Return the environment in which an engine runs, by its name; None if it runs in the environment of this process."""
+    """Return the environment of the engine called `name`; None if the engine runs in the Python environment of this process."""
     return None if name in SAFE or is_class(name) else read_environments().get(name)
 
 
@@ -123,7 +124,8 @@ def get(name: str) -> Engine:
 
     Raises:
         UnknownEngine: no engine has that name.
-        ImportError: its adapter cannot be imported. (Adapters import their library only when they build a model.)
+        ImportError: the engine's adapter cannot be imported. (An adapter imports its simulation library only when it builds a
+            model.)
     """
     if name in (*OWN, *COMPILED):
         return resolve_name(OWN_CLASS if name in OWN else COMPILED_CLASS)(name)  # type: ignore[no-any-return]
@@ -153,7 +155,7 @@ def _plug_ins() -> Iterable[Any]:
 
 
 class MissingExtra(BadInput, ImportError):
-    """A library that an engine or a verb needs is not installed; the message names the extra that installs it."""
+    """A library that an engine or a subcommand needs is not installed; the message names this package's extra that installs it."""
 
 
 def not_installed(error: ImportError) -> str:
@@ -166,7 +168,7 @@ def not_installed(error: ImportError) -> str:
 
 
 def require(library: str) -> None:
-    """Check that a library of EXTRAS is installed.
+    """Check that an optional library, one of the keys of EXTRAS, is installed.
 
     Raises:
         MissingExtra: it is not installed.

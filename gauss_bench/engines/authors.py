@@ -17,9 +17,9 @@ The file is `authors.toml` in the engine's folder, or any file that a user names
     integrator = "rk4"                # may be left out if the engine has only one
     iterations = 2
 
-The engine's `variants.toml` defines the knobs, and the type and range of their values. A file may have at most as many settings as
-the search has variants of that engine. Tables name a setting by the text of its options, such as "rigid,iterations=2", with which
-everybody can run it again (`own_options.py`).
+The engine's `variants.toml` defines the knobs (options of the engine), and the type and range of their values. A file for an engine
+may have at most as many settings as the search has variants of the same engine. Tables name a setting by the text of its options,
+such as "rigid,iterations=2", with which everybody can run it again (`own_options.py`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -108,7 +108,8 @@ def read_settings(path: Path) -> AuthorsSettings:
 def candidates_of(engine: str, files: Sequence[str | Path] = ()) -> list[Variant]:
     """Return the candidate settings that the authors of an engine contribute, without duplicates.
 
-    First come the candidates of the file in the engine's folder, then those of `files`; files for other engines are left out.
+    The candidates in the `authors.toml` of the engine's folder come first, then the candidates in `files`; files of settings for
+    other engines are skipped.
 
     Raises:
         SettingsFault: a file has a fault.
@@ -142,10 +143,10 @@ def _read(path: Path, file: Line) -> AuthorsSettings:
     _require(written <= date.today() + ONE_DAY, "date", f"{written} has not come yet")
     name = _read_text(file, "engine", "engine")
     engine, variants = _find_engine(name)
-    knobs = {key: _read_reason(f"knobs.{key}", line) for key, line in _lines(file, "knobs").items()}
+    knobs = {key: _read_reason(f"knobs.{key}", line) for key, line in _table_of_tables(file, "knobs").items()}
     for key in knobs:
         _require(key in variants.knobs, f"knobs.{key}", f"{name} has no such knob; it has {', '.join(variants.knobs)}")
-    lines = _lines(file, "settings")
+    lines = _table_of_tables(file, "settings")
     most = len(variants.space)
     allowed = f"there may be {most}, as many as the search has variants of {name}"
     _require(len(lines) <= most, "settings", f"{len(lines)} settings; {allowed}")
@@ -173,10 +174,15 @@ def _find_engine(name: str) -> tuple[Any, Variants]:
 
 
 def _read_candidate(place: str, line: Line, engine: Any, variants: Variants, owner: str) -> Variant:
-    """Check one table of [settings] and return its candidate.
+    """Check one table [settings.NAME] of an authors' file and return it as a variant, a candidate of searches.
+
+    The table may change knobs of `base`, which names settings of the suite; by default these are the engine's first settings.
 
     Args:
         place: name of the table in messages.
+        line: key -> value of the table.
+        engine: adapter of the engine.
+        variants: content of the engine's `variants.toml`.
         owner: names of the authors.
 
     Raises:
@@ -188,8 +194,8 @@ def _read_candidate(place: str, line: Line, engine: Any, variants: Variants, own
     named = "integrator" in line or len(offered) == 1
     _require(named, f"{place}.integrator", f"is missing; {engine.name} has {', '.join(offered)}")
     chosen = {"integrator": line.get("integrator", offered[0]), "stabilization": line.get("stabilization", "none")}
-    for key, there in (("integrator", offered), ("stabilization", engine.stabilizations)):
-        _require(chosen[key] in there, f"{place}.{key}", f"no {key} {chosen[key]!r}; there are {', '.join(there)}")
+    for key, available in (("integrator", offered), ("stabilization", engine.stabilizations)):
+        _require(chosen[key] in available, f"{place}.{key}", f"no {key} {chosen[key]!r}; there are {', '.join(available)}")
     changes = {}
     for key, value in line.items():
         if key not in (BASE, *CHOSEN):
@@ -216,7 +222,7 @@ def _read_value(place: str, key: str, value: Any, variants: Variants) -> Any:
 
 
 def _read_reason(place: str, line: Line) -> Reason:
-    """Check one table of [knobs]: it must have the address of the knob's documentation, and a sentence why the knob is set."""
+    """Check a table [knobs.NAME]: it must have the address of the knob's documentation, and a sentence why the knob is set."""
     for key in line:
         _require(key in ("source", "why"), f"{place}.{key}", "no such field; there are source, why")
     source, why = (_read_text(line, key, f"{place}.{key}") for key in ("source", "why"))
@@ -225,11 +231,11 @@ def _read_reason(place: str, line: Line) -> Reason:
     return Reason(source, why)
 
 
-def _lines(file: Line, name: str) -> Mapping[str, Line]:
-    """Return the table `name` of a file, which must hold at least one table, and nothing but tables.
+def _table_of_tables(file: Line, name: str) -> Mapping[str, Line]:
+    """Return the entry `name` of a parsed file: a table with at least one entry, all of whose entries are tables.
 
     Raises:
-        SettingsFault: it does not.
+        SettingsFault: the file has no such entry.
     """
     lines = file.get(name)
     if not (isinstance(lines, dict) and lines and all(isinstance(x, dict) for x in lines.values())):
@@ -238,13 +244,13 @@ def _lines(file: Line, name: str) -> Mapping[str, Line]:
 
 
 def _read_text(line: Line, key: str, place: str) -> str:
-    """Return the text of a field, which must be printable, in one line, not empty and not longer than LONGEST.
+    """Return the text of the field `key` of a table; it must be printable, in one line, not empty and not longer than LONGEST.
 
     Args:
         place: name of the field in messages.
 
     Raises:
-        SettingsFault: it is not.
+        SettingsFault: the text does not meet these requirements.
     """
     text = line.get(key)
     good = isinstance(text, str) and len(text.strip()) > 0 and len(text) <= LONGEST and harmless(text) == text and "\n" not in text
@@ -253,6 +259,6 @@ def _read_text(line: Line, key: str, place: str) -> str:
 
 
 def _require(good: bool, place: str, otherwise: str) -> None:
-    """Raise a SettingsFault with the place and the text `otherwise`, unless `good`."""
+    """If `good` is false, raise a SettingsFault whose message is the place in the file and the text `otherwise`."""
     if not good:
         raise SettingsFault(f"{place}: {otherwise}")

@@ -60,8 +60,8 @@ RATIO, CURVE = -0.5, 0.2  # if the first bar of CHAIN is at the angle x, the sec
 def accelerate_states(solve: Callable[[Array, Array], Array], q: Array, v: Array, bars: Sequence[Bar]) -> Array:
     """Return the absolute accelerations (k, n) of bars at k absolute states q, v (k, n).
 
-    If a rod is modelled as two bars that are fixed to each other, the second one, the last bar "twin", has no columns in q and v,
-    and none in the result.
+    A rod may be modelled as two bars that are fixed to each other; the second bar is then called "twin" and is the last of `bars`.
+    The arrays q and v and the result have no columns for the bar "twin".
 
     Args:
         solve: function of the bars' angles and angular speeds (bars,), each relative to the parent's; it returns the angular
@@ -77,7 +77,7 @@ def accelerate_states(solve: Callable[[Array, Array], Array], q: Array, v: Array
 
 
 def angles_of(q: Array, bars: Sequence[Bar]) -> Array:
-    """Return the angles of all bars (bars,) in q (n,), or their angular speeds in v (n,).
+    """Return the angles of all bars (bars,) from q (n,), or their angular speeds from v (n,).
 
     The bar "twin" is fixed to the bar "rod", so that its angle is that of the rod.
     """
@@ -91,12 +91,15 @@ def relative(absolute: Array, bars: Sequence[Bar]) -> Array:
     return np.asarray(absolute - with_ground[[bar.parent for bar in bars]])
 
 
-def sum_up(turns: Array, bars: Sequence[Bar]) -> Array:
-    """Return the absolute angles, speeds or accelerations (bars,) from those relative to the parents; undoes `relative`."""
-    found = np.zeros(len(bars) + 1)  # the last entry is the ground's
+def sum_up(relative_to_parent: Array, bars: Sequence[Bar]) -> Array:
+    """Return the absolute angles, speeds or accelerations (bars,) from those relative to the parents; undoes `relative`.
+
+    Every parent must stand before its children in `bars`.
+    """
+    absolute = np.zeros(len(bars) + 1)  # the last entry, which the ground's index -1 reads, stays zero
     for k, bar in enumerate(bars):
-        found[k] = turns[k] + found[bar.parent]
-    return found[:-1]
+        absolute[k] = relative_to_parent[k] + absolute[bar.parent]
+    return absolute[:-1]
 
 
 def accelerations_of(theta: Array, w: Array, alpha: Array, bars: Sequence[Bar]) -> Array:

@@ -14,9 +14,9 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
-NOT_TOLD = "not told"  # of an engine that does not say which Python code it times
+NOT_TOLD = "not told"  # the answer of an engine that does not say which Python code its timed runs execute
 EMPTY: Mapping[str, Any] = {}
-CHOSEN = ("integrator", "stabilization")  # knobs that are fields of `Choice`: settings give them no value
+CHOSEN = ("integrator", "stabilization")  # options that are fields of `Choice`: settings give them no value
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Choice:
         stabilization: name of a stabilisation of the engine.
         step: step size [s] of a fixed-step integrator.
         tolerance: relative tolerance of an integrator that chooses its own steps; the absolute tolerance is a hundredth of it, in
-            SI units. None takes both tolerances from the settings.
+            SI units. If it is None, the settings give both tolerances.
     """
 
     settings: str = "default"
@@ -84,7 +84,7 @@ class Model(Protocol):
         ...
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to q0, v0 at times[0], and allocate memory for samples at the times (k,) [s]; not timed.
+        """Reset to q0, v0 at times[0], and allocate memory for samples at the times (k,) [s]; this call is not timed.
 
         Args:
             native: whether the engine's own loop takes the steps between samples; otherwise Python calls the engine for every step.
@@ -96,7 +96,7 @@ class Model(Protocol):
         ...
 
     def read(self) -> Trajectory:
-        """Return the samples in absolute coordinates, with their accelerations; not timed.
+        """Return the samples in absolute coordinates, with their accelerations; this call is not timed.
 
         The trajectory's `steps` is None if the library chooses its steps and does not count them.
 
@@ -107,15 +107,15 @@ class Model(Protocol):
 
 
 class Engine(Protocol):
-    """An engine builds models of mechanisms. It may also have the members of `EngineDefaults`.
+    """An engine builds models of mechanisms. An engine may also have the optional members of `EngineDefaults`.
 
     Attributes:
-        name: its name on the command line and in the tables.
-        integrators: names of its integrators; the first is its default.
-        stabilizations: names of its stabilisations.
-        settings: label -> options, as printed in the report; the first label is its default.
-        native_loop: whether it has a compiled loop over steps.
-        python_loop: whether Python can call single steps.
+        name: name of the engine on the command line and in the tables.
+        integrators: names of the engine's integrators; the first is the default.
+        stabilizations: names of the engine's constraint stabilisations.
+        settings: label of settings -> (name of an option -> value), as printed in the report; the first label is the default.
+        native_loop: whether the engine has a compiled loop over steps.
+        python_loop: whether Python can call the engine for single steps.
     """
 
     @property
@@ -136,9 +136,9 @@ class Engine(Protocol):
         ...
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why the engine cannot model a mechanism with a choice, or None if it can.
+        """Return the reason why the engine cannot simulate a mechanism with a given setting, or None if it can.
 
-        The call must not need the library, so that it also answers where the library is not installed.
+        This method must not import the engine's library, because it is also called where the library is not installed.
         """
         ...
 
@@ -174,18 +174,21 @@ class EngineDefaults:
     An engine need not inherit from this class.
 
     Attributes:
-        adaptive: integrators that choose their own steps; they use the tolerance of a choice.
+        adaptive: names of the integrators that choose their own steps; they use `Choice.tolerance` in place of `Choice.step`.
         variants: name -> `Variant`, the candidates of a search; if there are none, a search tries every combination of settings,
             integrator and stabilisation.
-        knobs: name -> object with `meaning`, `source` and `values`, as `variants.read_variants` returns them; users can set each
-            knob alone (`--settings KNOB=VALUE`).
-        options: names of options that users can set alone, for an engine without knobs.
+        knobs: name of an option -> object with `meaning`, `source` and `values`, as `variants.read_variants` returns them; users
+            can set each of these options alone (`--settings KNOB=VALUE`).
+        options: names of options that users can set alone, for an engine that has no `knobs`.
         first: names of the variants that a search tries first if its time is short.
-        soft: name of settings or of a variant -> the reason why J a = gamma holds only roughly under it.
-        unfinished: name of a variant -> the reason why its solver stops before it has converged.
-        resizable: whether a model uses a new step or tolerance after its attribute `choice` was replaced between two runs.
-        library_calls: name -> function (mechanism, q, v) -> `LibraryCall`, at a state q, v (n,); `growth` times each.
-        packages: names of installed packages whose versions belong to the provenance of a run.
+        soft: name of settings or of a variant -> the reason why accelerations with this setting satisfy the constraints
+            J a = gamma only approximately.
+        unfinished: name of a variant -> the reason why the variant's solver stops before it has converged.
+        resizable: whether the engine's models use a new step or tolerance after the model's attribute `choice` was replaced
+            between two runs.
+        library_calls: name of a call -> function (mechanism, q, v) that returns the `LibraryCall` at a state q, v (n,); the
+            subcommand `growth` times each of these calls.
+        packages: names of installed packages whose versions are recorded with a run.
     """
 
     adaptive: Sequence[str] = ("dop853",)
@@ -200,7 +203,7 @@ class EngineDefaults:
     packages: Sequence[str] = ()
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
-        """Name the Python code that a timed run executes besides the library; an empty text if there is none."""
+        """Name the Python code that a timed run executes outside the library; an empty text if there is none."""
         return NOT_TOLD
 
     def unbuilt(self, settings: str) -> str:
@@ -227,33 +230,35 @@ class ModelDefaults:
     def joint_forces(self, t: float, q: Array, v: Array) -> Mapping[str, Array]:
         """Return name of a joint -> (3,) the engine's fx, fy [N] on the joint's second link and moment [N m] about its point.
 
-        Args:
-            t: time [s]; q, v: (n,) state in absolute coordinates.
+        Joints whose forces the engine does not compute are left out; by default all are.
 
-        Joints whose forces the engine does not know are left out.
+        Args:
+            t: time [s].
+            q, v: (n,) state in absolute coordinates.
 
         Raises:
-            RunFailure: the engine has no forces at that state.
+            RunFailure: the engine cannot compute joint forces at this state.
         """
         return {}
 
     def bare_calls(self) -> tuple[Callable[[], object], Callable[[], object]]:
-        """Return two functions: the library's own call alone, and a trivial call, which shows the cost of calling.
+        """Return two functions: the library's own call alone, and a trivial call of the library, which shows the cost of calling.
 
-        The benchmark times both functions of the engines that a suite lists under `bare`.
+        A suite may list engines under `bare`; the benchmark then times both functions of each of these engines.
 
         Raises:
-            RunFailure: the engine has no such functions.
+            RunFailure: the engine does not provide these two functions.
         """
         raise RunFailure(Status.SKIP, "the engine has no bare call of its library")
 
     def batch(self, q: Array, v: Array, steps: int) -> Callable[[], Array]:
         """Return a function that takes `steps` steps from each of the states q, v (k, n), all in one call.
 
-        The benchmark times this function of the engines that a suite lists under `batch`.
+        A suite may list engines under `batch`; the benchmark then times the function that this method returns for each of these
+        engines.
 
         Raises:
-            RunFailure: the engine has no such function.
+            RunFailure: the engine cannot step many trajectories in one call.
         """
         raise RunFailure(Status.SKIP, "the engine has no steps of many trajectories at once")
 

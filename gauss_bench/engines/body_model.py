@@ -12,14 +12,15 @@ from gauss_bench.trajectory import Trajectory, with_accelerations
 
 
 class BodyModel(ABC):
-    """A mechanism in a library of free bodies, run by one `Choice`: a base class for models (`Model` in `base.py`).
+    """A mechanism in a library of free bodies, run with one setting of the engine (`Choice`); a base class of models.
 
-    A subclass supplies `acceleration`, and `run`, which steps through `plan` and stores states in `q` and `v`.
+    A subclass supplies `acceleration`, and `run`, which takes the steps of `plan` and stores states in `q` and `v`. The interface
+    of models is `Model` in `base.py`.
 
     Attributes:
-        options: knob -> value.
-        plan: stretches of equal steps; `prepare` sets it.
-        q, v: (k, n) samples of absolute states.
+        options: name of an option of the engine -> value.
+        plan: intervals of time, each with steps of equal size; `prepare` sets it.
+        q, v: (k, n) absolute states at the sample times.
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):

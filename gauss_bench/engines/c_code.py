@@ -4,8 +4,9 @@ The engine's C source defines, with q, v and a of N numbers,
 
     static void acceleration(double t, const double *q, const double *v, double *a)
 
-It is compiled in one file with the steps, so that the compiler may inline it. The methods are those of `integrate/fixed_step.py`.
--ffast-math lets the compiler reorder sums, as anyone who writes C for speed would.
+This function is compiled in one file with the integrators, so that the compiler may inline it. The integrators' methods are those
+of `integrate/fixed_step.py`. The compiler's flag -ffast-math lets it reorder sums; a programmer who writes C for speed would use
+it.
 """
 
 import ctypes
@@ -70,7 +71,7 @@ class Code:
     """
 
     def __init__(self, acceleration: str, n: int):
-        """Compile the C source of an acceleration of n coordinates with the steps of all METHODS."""
+        """Compile the C source `acceleration` of a function for n coordinates, together with one integrator for each of METHODS."""
         self.n = n
         self.library = _library("\n".join([f"#define N {n}", acceleration, ACCELERATE, *map(write_steps, METHODS)]))
         # Without these types ctypes passes an address as an int of 32 bits, and refuses a float.
@@ -146,7 +147,7 @@ class CompiledSteps:
             self.advance(self.x[k + 1], self.dx[k + 1], float(self.times[k]), h, count)
 
     def read(self) -> Trajectory:
-        """Return the samples, translated to absolute coordinates; samples after one that is not finite are NaN."""
+        """Return the samples, converted to absolute coordinates; all samples after the first one that is not finite are NaN."""
         reached = slice(finite(self.x, self.dx))
         motion = np.array(self.motion(self.times[reached], self.x[reached], self.dx[reached]))  # (3, reached, n_q)
         q, v, a = np.full((3, len(self.times), motion.shape[2]), np.nan)

@@ -86,19 +86,21 @@ class CompiledModel:
         return self.kernel.acceleration(q, v, t)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start, and compile all code that the run needs, so that no timed run compiles.
+        """Reset the model to the start, and compile all code that the run needs, so that no timed run compiles.
 
         Args:
             times: (k,) times [s] of the samples.
-            native: whether compiled code also takes the steps between samples; otherwise Python calls it for each step.
+            native: whether compiled code also executes the loop over the steps between samples; otherwise Python calls compiled
+                code once for each step.
         """
         self.kernel.prepare(self.choice.integrator)
         self.times, self.native = times, native
+        # switches: changes of the independent coordinates; fallbacks: steps at which none were usable, as `read` explains
         self.steps = self.evaluations = self.switches = self.fallbacks = 0
         self.parts = equal_runs(times, self.choice.step)
         self.planned = 0  # number of steps of the run
-        for part in self.parts:  # a part is a group of consecutive samples with equal steps between them
-            # a leg is a part's sequence of equal steps without a jump of a force: the kernel divides a step in which a force jumps
+        for part in self.parts:  # a part is a group of consecutive samples with steps of equal number and size between them
+            # a leg is a sequence of equal steps in a part; if a force jumps within a step, the kernel divides this step at the jump
             legs = self.kernel.legs(float(times[part.row]), part.size, part.steps * part.samples)
             self.planned += sum(leg.n for leg in legs)
         self.q, self.v = sample_arrays(times, self.mechanism.q0, self.mechanism.v0)
@@ -111,14 +113,17 @@ class CompiledModel:
             self._run_adaptive()
 
     def _run_adaptive(self) -> None:
-        """Integrate by DOP853, which chooses its own steps, and store the samples."""
+        """Integrate by DOP853, which chooses its own steps, and store the samples.
+
+        The kernel counts `switches`, changes of the independent coordinates, and `fallbacks`, steps at which none were usable.
+        """
         tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
         motion = self.kernel.integrate(self.q[0], self.v[0], self.times, *tolerances)
         self.q, self.v, self.steps, self.evaluations = motion.q, motion.v, motion.steps, motion.evaluations
         self.switches, self.fallbacks = self.kernel.switches, self.kernel.fallbacks
 
     def _run_fixed(self) -> None:
-        """Take fixed steps; consecutive intervals between samples that have the same steps are one call of the native loop."""
+        """Take fixed steps; one call of the native loop covers consecutive sample intervals with equal size and number of steps."""
         for row, count, h, intervals in self.parts:
             q, v, t = self.q[row], self.v[row], float(self.times[row])
             if self.native and intervals == 1:
@@ -137,9 +142,9 @@ class CompiledModel:
         self.evaluations = (EVALUATIONS[self.choice.integrator] + differences) * self.steps
 
     def _roll(self, q: Array, v: Array, t: float, h: float, n: int, every: int | None) -> tuple[Array, Array]:
-        """Take n steps of h [s] from q, v (n_q,) at time t [s], and count changes of the program.
+        """Take n steps of h [s] from q, v (n_q,) at time t [s], and add the kernel's counts to `switches` and `fallbacks`.
 
-        Return q, v after each `every` steps (n / every, n_q), or only after the last one (n_q,) if `every` is None.
+        Return q, v after every `every`-th step, each (n / every, n_q). If `every` is None, return q, v (n_q,) after the last step.
         """
         samples = self.kernel.rollout(q, v, h, n, t, every=every, integrator=self.choice.integrator)
         self.switches += self.kernel.switches

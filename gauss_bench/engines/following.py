@@ -7,24 +7,25 @@ import numpy as np
 from gauss_bench.terms import Array
 
 TURN = 2 * np.pi
-PIECES = 720  # grid points in a turn: away from dead centres, no link turns by half a turn between two of them
+PIECES = 720  # grid intervals in a turn: away from dead centres, no link turns by half a turn between two grid points
 
 
-def follow(lines: Callable[[Array], Array], start: float, at: Array, angles: Array, length: float | None = None) -> Array:
+def follow(angles_of: Callable[[Array], Array], start: float, at: Array, angles: Array, length: float | None = None) -> Array:
     """Return approximate, unwrapped link angles (k, links) [rad] at the values `at` (k,) of the linkage's coordinate.
 
-    The angles are continuous in the coordinate and equal `angles` at `start`. They are interpolated in a table, which is accurate
-    enough for `wind` to find the right number of whole turns.
+    The angles are continuous in the coordinate and equal `angles` at `start`. They are interpolated in a table. The function `wind`
+    uses them only to add the right number of whole turns to exact angles, and the table is accurate enough for that.
 
     Args:
-        lines: function of values (j,) of the coordinate; it returns the angles (j, links), up to whole turns.
+        angles_of: function of values (j,) of the coordinate; it returns the exact angles (j, links), up to whole turns.
         start: value of the coordinate at which the angles are known.
+        at: (k,) values of the coordinate at which the angles are wanted.
         angles: (links,) angles at `start`.
         length: typical length [m] if the coordinate is a length; None if it is an angle.
     """
     low, high = min(start, at.min()), max(start, at.max())
-    # If the coordinate is an angle that goes beyond one turn, the motion repeats. Then the table has one turn from `start`, and
-    # in every further turn each link angle advances by as much as in that one.
+    # If the coordinate is an angle that goes beyond one turn, the motion repeats. Then the table covers one turn from `start`, and
+    # in every further turn each link angle advances by as much as in the turn of the table.
     turning = length is None and high - low > TURN
     if turning:
         low, high = start, start + TURN
@@ -32,11 +33,12 @@ def follow(lines: Callable[[Array], Array], start: float, at: Array, angles: Arr
     # numbers of grid points below and above `start`; one more at each end where the table is not exactly a turn
     below, above = (int(np.ceil(x / fine)) + (not turning) for x in (start - low, high - start))
     grid = start + fine * np.arange(-below, above + 1)  # grid[below] is `start`
-    followed = np.unwrap(np.nan_to_num(lines(grid)), axis=0)  # NaN where the linkage cannot close
-    followed += angles - followed[below]
+    # (grid, links) continuous angles at the grid points; `angles_of` returns NaN where the linkage cannot close
+    table = np.unwrap(np.nan_to_num(angles_of(grid)), axis=0)
+    table += angles - table[below]
     turns = np.floor((at - start) / TURN) * turning  # (k,) whole turns beyond the table
-    inside = np.stack([np.interp(at - TURN * turns, grid, x) for x in followed.T], axis=-1)
-    return np.asarray(inside + np.outer(turns, followed[-1] - followed[0]))
+    in_table = np.stack([np.interp(at - TURN * turns, grid, x) for x in table.T], axis=-1)
+    return np.asarray(in_table + np.outer(turns, table[-1] - table[0]))
 
 
 def wind(angles: Array, near: Array) -> Array:

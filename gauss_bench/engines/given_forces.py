@@ -33,17 +33,25 @@ def split_load(load: OnJoints) -> list[OnJoints]:
 class GivenForces:
     """The forces that an adapter gives to its library, and the springs and dampers that are elements of the library.
 
+    A given force is one that the adapter computes in Python and passes to the library. Given forces of constant loads, springs and
+    dampers on the tree coordinates y are constant - stiffness y - damping y'.
+
     Attributes:
         own: springs and dampers that are elements of the library.
-        constant: (n,) constant part of the given forces on tree coordinates.
+        constant: (n,) constant part of the given forces on tree coordinates [N, N m].
         stiffness, damping: (n, n) matrices of the given forces on tree coordinates.
-        others: given forces that vary, or are no laws on tree coordinates; None if there are none.
+        others: given forces that vary with time or with the direction of motion, or that cannot be written as springs and dampers
+            on tree coordinates; None if there are none.
     """
 
     def __init__(self, mechanism: Mechanism, tree: Tree, is_own: Callable[[OnJoints], bool]):
-        """Sort the forces of a mechanism; `is_own` tells whether the library has an element for a spring or damper."""
+        """Sort the forces of a mechanism; `is_own` tells whether the library has an element for a spring or damper.
+
+        `sort_loads` returns the forces that do not vary as loads of three kinds. `Steady` is a constant force on tree coordinates.
+        `OnJoints` is a spring and damper on a sum of tree coordinates. `OtherLoad` is any other load, which acts on links.
+        """
         loads = sort_loads(mechanism, tree)
-        # If one part of a force is no law on tree coordinates, the whole force is given as one on links.
+        # A force may have several loads. If one of them is an OtherLoad, the whole force is given as a force on links.
         beyond = {x.name for x in loads if isinstance(x, OtherLoad)}
         within = [x for x in loads if isinstance(x, OnJoints) and x.name not in beyond]
         springs = [part for load in within for part in split_load(load)]
@@ -62,7 +70,7 @@ class GivenForces:
 
     @property
     def joint_damping(self) -> Array:
-        """The damping (n,) of the joints by elements of the library [N s/m, N m s/rad]."""
+        """The damping coefficients (n,) [N s/m, N m s/rad] of the tree coordinates that the library's own damper elements have."""
         return sum((x.c * np.abs(x.row) for x in self.own), np.zeros(self.tree.n))
 
     @property
@@ -71,13 +79,13 @@ class GivenForces:
         return self.others is None and not self.stiffness.any() and not self.damping.any()
 
     def on_joints(self, y: Array, dy: Array) -> Array:
-        """Return the given forces (n,) of laws on tree coordinates, at a tree state y, dy (n,)."""
+        """Return the given forces (n,) that `constant`, `stiffness` and `damping` describe, at a tree state y, dy (n,)."""
         return np.asarray(self.constant - self.stiffness @ y - self.damping @ dy)
 
     def on_links(self, t: float, y: Array, dy: Array) -> Array | None:
-        """Return the given forces that vary or are no laws on tree coordinates, at time t [s] and a tree state y, dy (n,).
+        """Return the forces and torques (3 links,) of `others` on the links, at their centres of mass; None if there are none.
 
-        They are forces and torques (3 links,) on the links, at their centres of mass; None if there are none.
+        They are those at time t [s] and a tree state y, dy (n,).
         """
         if self.others is None:
             return None
@@ -85,7 +93,7 @@ class GivenForces:
         return self.others.generalised(q, v, t)
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the sum of all given forces as forces (n,) on the tree coordinates, at time t [s] and a tree state y, dy (n,)."""
+        """Return the generalised forces (n,) on tree coordinates of all given forces together, at time t [s] and y, dy (n,)."""
         on_links = self.on_links(t, y, dy)
         if on_links is None:
             return self.on_joints(y, dy)

@@ -1,9 +1,11 @@
-"""Install and remove the environments of the engines of ELSEWHERE, in a folder of the user's data.
+"""Install and remove the Python environments of engines whose libraries need one of their own (the engines of ELSEWHERE).
 
-venv and pip make an environment from the engine's `requirements.txt`, and pip checks the hashes in it. The environment is built in
-a hidden folder. When pip has succeeded, the folder is renamed and the engine is entered in the user's file of engines. An
-installation that fails or is interrupted leaves nothing. One that is killed leaves its hidden folder, which the next call removes.
-No other folder is removed unless it holds the file MADE, and the user's own tables in the file of engines stay as they are.
+The environments are in a folder of the user's data. venv and pip make an environment from the engine's `requirements.txt`, and pip
+checks the hashes in this file. The environment is built in a hidden folder. When pip has succeeded, the hidden folder gets the name
+of the engine, and a table of the engine is added to the user's file of engines (`gauss_bench/engines/__init__.py` describes this
+file). An installation that fails or is interrupted leaves nothing behind. An installation that is killed leaves its hidden folder
+behind, and the next call of this module removes it. Apart from hidden folders, a folder is removed only if it contains the file
+MADE. The user's own tables in the file of engines stay as they are.
 """
 
 import contextlib
@@ -85,11 +87,12 @@ def is_installed_here(name: str) -> bool:
 
 
 def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
-    """Install the environment of an engine and enter it in the user's file of engines.
+    """Install the environment of an engine and add a table of the engine to the user's file of engines.
 
     Args:
-        why_unusable: function of the engine's name, called at the end; it returns the reason why the engine cannot be used, or an
-            empty text.
+        why_unusable: function that is called with the engine's name after the packages are installed; it returns the reason why the
+            engine cannot be used, or an empty text if it can.
+        told: function that shows the user one line of progress.
 
     Raises:
         InstallationFault: the environment cannot be installed, or the engine cannot be used.
@@ -117,11 +120,14 @@ def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
 
 
 def make_environment(place: Path, fill: Callable[[Path], object], told: Told, quiet: bool = False) -> None:
-    """Make an environment in a folder, or leave nothing if that fails; the caller has called `hold` for the folder above.
+    """Make an environment in a folder; if that fails, leave nothing behind. The caller must hold the lock of the parent folder.
+
+    `hold` locks the parent folder.
 
     Args:
-        place: the folder; an environment in it is replaced.
-        fill: function that installs packages; it gets the hidden folder in which the new environment is built.
+        place: the folder; an environment that is already there is replaced.
+        fill: function that installs the packages into a folder; the folder is the hidden one in which the environment is built.
+        told: function that shows the user one line of progress.
         quiet: whether the programs' output is kept from the terminal.
 
     Raises:
@@ -145,7 +151,7 @@ def remove(name: str) -> None:
     """Remove an environment that `install` made, and its entry in the user's file of engines.
 
     Raises:
-        InstallationFault: `install` made no environment of that engine.
+        InstallationFault: the engine has no environment that `install` made.
     """
     read_offered(name)
     place = home() / name
@@ -160,7 +166,7 @@ def remove(name: str) -> None:
 def _undo(name: str) -> None:
     """Delete the environment of an engine.
 
-    If the engine's table in the user's file of engines names this environment, the table is removed too.
+    If the user's file of engines has a table that names this environment, this table is removed as well.
     """
     if is_installed_here(name):
         _take_out(name)
@@ -202,14 +208,17 @@ def is_ours(folder: Path) -> bool:
 
 
 def _make_hidden(place: Path) -> Path:
-    """Make and return a hidden folder beside a place; its name is new, because the pip of a killed installation may still run."""
+    """Make a hidden folder with a new unique name beside a place, and return it.
+
+    The name must be new, because the pip of an installation that was killed may still run and write into its own hidden folder.
+    """
     folder = Path(tempfile.mkdtemp(prefix=f".{place.name}.part-", dir=place.parent))
     (folder / MADE).touch()
     return folder
 
 
 def _delete(place: Path) -> None:
-    """Delete an environment; if that is interrupted, the next call deletes the rest."""
+    """Delete an environment by way of a hidden folder; if that is interrupted, the next call of `hold` deletes the rest."""
     doomed = _make_hidden(place)
     place.rename(doomed / place.name)
     shutil.rmtree(doomed)
@@ -282,7 +291,10 @@ def _read_file() -> str:
 
 
 def _enter(name: str, python: Path) -> None:
-    """Add the table of an engine, with the interpreter `python`, to the end of the user's file of engines."""
+    """Add the table of an engine, with the interpreter `python`, to the end of the user's file of engines.
+
+    The text that the user wrote stays as it is, and an empty line separates the new table from it.
+    """
     before = _read_file()
     gap = "\n" if before.endswith("\n") or not before else "\n\n"
     table = {"class": ELSEWHERE[name], "python": str(python)}
@@ -292,7 +304,10 @@ def _enter(name: str, python: Path) -> None:
 
 
 def _take_out(name: str) -> None:
-    """Remove the table of an engine from the user's file of engines, with the empty line before it."""
+    """Remove the table of an engine from the user's file of engines, with the empty line before it.
+
+    `_write_file` checks that the new text holds exactly the other tables.
+    """
     before = _read_file()
     # an empty line, [name] with or without quotes, and the lines of the keys below it
     table = rf'(?m)(^[ \t]*\n)?^[ \t]*\[[ \t]*"?{re.escape(name)}"?[ \t]*\].*\n?(^[ \t]*({"|".join(KEYS)})[ \t]*=.*\n?)*'
@@ -304,10 +319,11 @@ def _write_file(text: str, tables: dict[str, object]) -> None:
     """Replace the text of the user's file of engines; remove the file if the text is empty.
 
     Args:
-        tables: the tables that the text must hold, in any order and with any comments.
+        text: the new text.
+        tables: the parsed tables that the text must contain, in any order and with any comments.
 
     Raises:
-        InstallationFault: the text does not hold exactly these tables; the file stays as it is.
+        InstallationFault: the text does not contain exactly the tables in `tables`; the file is left unchanged.
     """
     path = Path(os.path.realpath(file_of_engines()))  # the target, if the file is a link
     try:

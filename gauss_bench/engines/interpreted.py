@@ -117,7 +117,7 @@ class OwnSteps:
             self.steps += count
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> tuple[Array, Array]:
-        """Return the state after `count` steps of h [s]; accelerations after time `last` [s] are taken at `last`."""
+        """Return the state after `count` steps of h [s]; accelerations for later times than `last` [s] are evaluated at `last`."""
         # A step that ends where a force jumps must be computed with the force before the jump: `held_back` does that.
         step, rate = STEPS[self.choice.integrator], held_back(self.stabilized, last)
         for i in range(count):
@@ -132,11 +132,11 @@ class InterpretedModel(OwnSteps):
     """A mechanism under one formulation, integrator and stabilisation."""
 
     def __init__(self, name: str, mechanism: Mechanism, choice: Choice):
-        """Prepare the equations of a mechanism, and check that the loads of its dry friction are determined."""
+        """Prepare the equations of a mechanism, and check that the joint forces on which dry friction depends are unique."""
         options = KNOWN.resolve(choice.settings)
         self.mechanism, self.choice, self.start = mechanism, choice, (mechanism.q0, mechanism.v0)
         self.tolerances = options["dop853_rtol"], options["dop853_atol"]
-        self.rate = float(options["baumgarte_alpha_beta_per_s"])
+        self.rate = float(options["baumgarte_alpha_beta_per_s"])  # [1/s] both alpha and beta of Baumgarte's terms
         self.formulation = FORMULATIONS[name]
         self.evaluator = Evaluator(mechanism)
         self.friction = self.evaluator.friction
@@ -144,7 +144,8 @@ class InterpretedModel(OwnSteps):
             self.evaluator.check_loads()
         except UndeterminedLoads as error:
             raise RunFailure(Status.RANK_LOST, str(error)) from error
-        self.rank = mechanism.n - mechanism.dof + len(mechanism.drivers) + len(mechanism.knife_edges)  # at the start
+        # number of independent constraint rows at the start
+        self.rank = mechanism.n - mechanism.dof + len(mechanism.drivers) + len(mechanism.knife_edges)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return the accelerations (n,) at time t [s] and a state q, v (n,), without Baumgarte's terms."""
@@ -155,11 +156,11 @@ class InterpretedModel(OwnSteps):
         self.evaluations += 1
         terms = self.evaluator.terms(t, q, v)
         if self.choice.stabilization == "baumgarte":
-            terms = baumgarte(terms, self.rate, self.rate)
+            terms = baumgarte(terms, self.rate, self.rate)  # alpha = beta: gaps decay with critical damping
         return self._accelerate(t, q, v, terms)
 
     def _accelerate(self, t: float, q: Array, v: Array, terms: Terms) -> Array:
-        """Return the acceleration (n,) that follows from the terms and the friction of joints."""
+        """Return the acceleration (n,) that follows from the terms of the equations of motion and from friction in joints."""
         solution = self._solve(t, terms)
         return self._add_friction(t, self.friction.directions(q, v), terms, solution) if self.friction else solution.a
 
@@ -214,7 +215,10 @@ class InterpretedModel(OwnSteps):
         return self.evaluator.project(t, x, dx)
 
     def read(self) -> Trajectory:
+        """Return the samples of the run; the acceleration of each sample is computed from its state."""
+
         def acceleration_of_sample(k: int) -> Array:
+            """Return the accelerations (n,) at sample k."""
             return self.acceleration(float(self.times[k]), self.x[k], self.dx[k])
 
         return with_accelerations(self.times, self.x, self.dx, acceleration_of_sample, self.steps, self.evaluations)

@@ -1,4 +1,4 @@
-"""The former name of `interpreted`, for one release."""
+"""The former name of the module `interpreted`, which is kept for one release."""
 
 import warnings
 

@@ -1,12 +1,12 @@
-"""Read an engine's options as a user writes them, in one of three forms.
+"""Read an engine's options from a text that a user writes in one of three forms.
 
-    NAME                  the options of the settings or the variant of that name
-    KEY=VALUE,...         the options of the engine's first settings, with other values of some
-    NAME,KEY=VALUE,...    the options of that name, with other values of some
+    NAME:                 the options of the settings, or of the variant, with this name
+    KEY=VALUE,...:        the options of the engine's first settings, with the given options changed
+    NAME,KEY=VALUE,...:   the options of the settings or variant NAME, with the given options changed
 
-The first settings also define which options exist, and the types of their values: where the first settings have a number, the value
-must be a number, and a list must keep its length. A word must be a value of that option in settings or variants of the engine, or
-be listed among the values of that option.
+The first settings of an engine also define which options exist, and the types of their values. If an option is a number in the
+first settings, every value of the option must be a number; a list must have the length that it has there. If an option is a word,
+its value must be a word that occurs in settings or variants of the engine, or that the engine lists among the option's values.
 """
 
 import json
@@ -74,11 +74,13 @@ class OptionTable:
         """Return the value of the option `key`, with its numbers as floats if the default has floats.
 
         Args:
-            shown: the value as messages show it.
+            value: the value to be checked.
+            shown: the text by which error messages show the value.
 
         Raises:
-            OptionError: the value has another type than the default, or the option does not take it.
+            OptionError: the value has another type than the default, or is not among the values that the option may have.
         """
+        # the first entry of `labels` has the default of every option
         usual = next(iter(self.labels.values()))[key]
         match usual:
             case bool():  # before int: Python's bool is an int
@@ -116,7 +118,7 @@ def is_assignment(text: str) -> bool:
 
 
 def _read(text: str) -> Any:
-    """Return the TOML value of a text.
+    """Parse a text as a TOML value, such as a number, a list or a quoted text, and return the value.
 
     If the text is not a TOML value, return the text itself if it is one or more words without quotes, and otherwise None.
     """

@@ -45,17 +45,17 @@ PLAN = inspect.getsource(plan)  # every program has this function
 
 
 def heading(name: str) -> str:
-    """Return a name as the heading of a CSV column, with underscores for characters that could end the column."""
+    """Return a name as the heading of a CSV column; characters that could end the column become underscores."""
     return "".join(c if c.isalnum() or c in "._- " else "_" for c in name)
 
 
 def coordinates(mechanism: Mechanism, kinds: Sequence[str] = ("x", "y", "theta")) -> list[str]:
-    """Return the headings of the columns of q (n,): LINK.x, LINK.y, LINK.theta for every link."""
+    """Return the column headings for the positions q (n,): LINK.x, LINK.y, LINK.theta for every link."""
     return [f"{heading(link.name)}.{x}" for link in mechanism.links for x in kinds]
 
 
 def rates(mechanism: Mechanism) -> list[str]:
-    """Return the headings of the columns of v (n,): LINK.vx, LINK.vy, LINK.omega for every link."""
+    """Return the column headings for the velocities v (n,): LINK.vx, LINK.vy, LINK.omega for every link."""
     return coordinates(mechanism, ("vx", "vy", "omega"))
 
 
@@ -93,7 +93,11 @@ FAMILIES = {  # name of a law that rises from 0 to 1 -> its value and first two 
 
 
 def write_law(name: str, law: MotionLaw) -> str:
-    """Return the source of a function t -> (value, rate, second rate) that is the law of `mechanism/motion_laws.py`."""
+    """Return the Python source of a function t -> (value, rate, second derivative) that computes the motion law `law`.
+
+    Every law other than "constant" and "table" is a rise from rest to rest: the text RISE with the formulas of its family. The
+    function `python` writes a number or list as Python source.
+    """
     numbers = {key: python(np.asarray(x).tolist()) for key, x in law.numbers.items()}
     body = {"constant": CONSTANT, "table": TABLE}.get(law.name, RISE)
     return f"def {name}(t):\n{Template(body).substitute(numbers, family=FAMILIES.get(law.name, ''))}"
@@ -162,7 +166,8 @@ class Parts:
 def force_numbers(forces: GivenForces, mechanism: Mechanism, tree: Tree) -> dict[str, Any]:
     """Return name -> value of the constants of a program that passes forces on tree coordinates to its library at every step.
 
-    The forces are CONSTANT - STIFFNESS y - DAMPING y'. LAWS pairs the index of each driven tree coordinate with its motion law.
+    The generalised forces on the tree coordinates y are CONSTANT - STIFFNESS y - DAMPING y'. LAWS pairs the index of each driven
+    tree coordinate with its motion law.
     """
     laws = name_laws(mechanism)
     driven = [[at, laws[id(driver.law)]] for at, driver in drivers_by_coordinate(mechanism, tree).items()]
@@ -170,7 +175,11 @@ def force_numbers(forces: GivenForces, mechanism: Mechanism, tree: Tree) -> dict
 
 
 def write_tree_program(mechanism: Mechanism, tree: Tree, choice: Choice, parts: Parts) -> str:
-    """Return the text of a program that runs a linkage in a library of joint trees, with the step of a choice."""
+    """Return the text of a program that runs a linkage in a library of joint trees, with the step size `choice.step`.
+
+    `parts` has the statements for the library. In the program, the angles of the links are ANGLES + TURNS y, where y are the tree
+    coordinates. Import statements are sorted by the name of the module.
+    """
     y0, dy0 = tree.relative(mechanism.q0, mechanism.v0)
     turns, links = turning(tree), range(len(mechanism.links))
     numbers = {

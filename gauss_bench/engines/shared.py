@@ -30,7 +30,7 @@ from gauss_bench.trajectory import RunFailure, Status
 from gauss_bench.trajectory import finite as finite  # plug-ins import these two from here
 from gauss_bench.trajectory import with_accelerations as with_accelerations
 
-SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)  # [rad, m] of random states about the start; speeds spread 10 times as far [1/s]
+SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)  # [rad, m] of random states about the start; speeds spread 10 times as far [rad/s, m/s]
 PARALLEL = 1e-12  # largest sine of the angle between parallel axes: angles are summed in different orders, which rounds differently
 End = TypeVar("End")
 
@@ -57,12 +57,15 @@ class LibraryEngine:
         cls.first, cls.soft, cls.unfinished = file.first, file.soft, file.unfinished
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
-        """Return an empty text: a timed run executes the library alone."""
+        """Return an empty text, because a timed run executes no Python code outside the library; an adapter may override this."""
         return ""
 
 
 def unsteady(mechanism: Mechanism, library: str) -> str | None:
-    """Return the reason why an adapter that gives its library only steady forces cannot model the mechanism, or None if it can."""
+    """Return the reason why an adapter cannot model the mechanism if it supports only forces that do not vary, or None if it can.
+
+    A force varies if its size depends on time or on the direction of motion.
+    """
     if not mechanism.varying:
         return None
     names = ", ".join(f.name for f in mechanism.varying)
@@ -73,7 +76,7 @@ def common_refusal(mechanism: Mechanism, library: str) -> str | None:
     """Return the reason why no adapter of this package models the mechanism, or None if there is no such reason.
 
     Args:
-        library: name of the library, as the reason gives it.
+        library: name of the library in the returned sentence.
 
     Raises:
         TypeError: a force is of a kind that cannot be expressed by loads.
@@ -97,7 +100,10 @@ def jointed(mechanism: Mechanism) -> list[AngleDriver | SlideDriver]:
 
 
 def driven_coordinates(mechanism: Mechanism, tree: Tree) -> list[int | None]:
-    """List for each driver of `jointed` the index of the tree coordinate that it prescribes; None if it prescribes a sum."""
+    """List, for each driver of an angle or slide (`jointed`), the index of the tree coordinate that equals the driven coordinate.
+
+    The entry is None if the driven angle is a sum of several tree coordinates.
+    """
     hinges = {b.link: b.at for b in tree.branches if b.kind == "revolute" and b.parent == GROUND}
     slides = slide_indices(tree)
     return [hinges.get(d.link) if isinstance(d, AngleDriver) else slides.get(d.joint.name) for d in jointed(mechanism)]
@@ -126,7 +132,10 @@ def drivers_by_coordinate(mechanism: Mechanism, tree: Tree) -> dict[int, AngleDr
 
 
 def driven_rows(mechanism: Mechanism, tree: Tree) -> tuple[Array, Array]:
-    """Return rows (k, n) and constants (k,) of the k drivers of `jointed`: each prescribes x = row . y + constant."""
+    """Return rows (k, n) and constants (k,) of the k drivers of angles and slides (`jointed`).
+
+    Driver k prescribes the driven coordinate x_k = rows[k] . y + constants[k], where y (n,) are the tree coordinates.
+    """
     drivers, slides, turns = jointed(mechanism), slide_indices(tree), turning(tree)
     rows, constants = np.zeros((len(drivers), tree.n)), np.zeros(len(drivers))
     for k, driver in enumerate(drivers):
@@ -174,13 +183,17 @@ def measure_gaps(pins: Iterable[tuple[End, End]], place: Callable[[End], Array])
     """Return end b minus end a of each pin (pins, 2) [m].
 
     Args:
-        place: function of an end of a pin; it returns the end's place in the world, (2,) or (3,) [m].
+        pins: for each pin its two ends, which are the points where it is attached to its two links.
+        place: function of such an end; it returns the position of the end in the world, (2,) or (3,) [m].
     """
     return np.array([(place(b) - place(a))[:2] for a, b in pins]).reshape(-1, 2)
 
 
 def tree_states(tree: Tree, y0: Array, dy0: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield the start y0, dy0 (n,) and random tree states around it, at which loops may be open."""
+    """Yield the start y0, dy0 (n,) in tree coordinates and rates, and random states around it, at which loops may be open.
+
+    The states spread over the ranges in SPREAD. Speeds are so large that the velocity terms matter in a comparison.
+    """
     random = np.random.default_rng(0)
     for size in SPREAD:
         yield y0 + size * random.uniform(-1.0, 1.0, tree.n), dy0 + 10.0 * size * random.uniform(-1.0, 1.0, tree.n)
@@ -188,17 +201,18 @@ def tree_states(tree: Tree, y0: Array, dy0: Array) -> Iterator[tuple[Array, Arra
 
 @dataclass(frozen=True, eq=False)
 class OpenTree:
-    """The suite's own terms of a tree without its closing pins: the reference for a library's model of the tree.
+    """The suite's own equations of motion of a tree without its closing pins: the reference for a library's model of the tree.
 
-    V maps tree rates y' to absolute speeds, and a0 is the absolute acceleration at y'' = 0. The tree obeys
+    The matrix V maps tree rates y' to absolute speeds, and a0 is the absolute acceleration if y'' = 0. The equations of motion of
+    the tree are
 
         V^T M V y'' = V^T (Q - M a0)
 
     Attributes:
         q: (3 links,) absolute coordinates.
-        mass: (n, n) V^T M V.
-        forces: (n,) V^T (Q - M a0).
-        load: largest force in Q plus the largest in M a0: the scale for differences of `forces`.
+        mass: (n, n) mass matrix V^T M V.
+        forces: (n,) forces and velocity terms V^T (Q - M a0).
+        load: largest force in Q plus the largest force in M a0, which is the scale for differences of `forces`.
         gaps: (pins, 2) point b minus point a of each closing pin [m].
     """
 
@@ -210,7 +224,7 @@ class OpenTree:
 
 
 def open_tree(evaluator: Evaluator, tree: Tree, y: Array, dy: Array) -> OpenTree:
-    """Evaluate the suite's own terms at a tree state y, dy (n,) and t = 0; loops may be open."""
+    """Evaluate the suite's own equations of motion of the tree at a tree state y, dy (n,) and t = 0; loops may be open."""
     q, v, a0 = tree.absolute(y, dy, np.zeros(tree.n))
     speeds = unit_speeds(tree, y)
     Q, inertial = evaluator.applied.generalised(q, v, 0.0), evaluator.mass * a0

@@ -22,16 +22,17 @@ class Script:
     """A Python script under construction.
 
     Attributes:
-        lines: the lines written so far.
+        lines: the lines of Python source recorded so far.
     """
 
     def __init__(self, statements: Mapping[str, str]):
         """Begin an empty script.
 
         Args:
-            statements: functions and methods whose calls are lines of the script: name -> variable that takes the result. A
-                variable that ends with an underscore gets a number; "" stands for a call without a variable. A call of any other
-                function becomes part of the expression that uses its result.
+            statements: name of a function or method whose calls become lines of the script -> variable to which the line assigns
+                the result. If the variable's name ends with an underscore, a number is appended to it. If the name is "", the
+                result is not assigned. A call of a function that is not in this table becomes part of the expression that uses its
+                result.
         """
         self.lines: list[str] = []
         self._statements, self._counts = dict(statements), {prefix: count(1) for prefix in statements.values()}
@@ -47,8 +48,9 @@ class Script:
     def record_call(self, source: str, text: str) -> "StandIn":
         """Record a call and return the stand-in for its result.
 
-        A call of a function that is not one of `statements` writes no line: its stand-in is the expression for the call. A call of
-        one of `statements` is a line of the script; the line assigns the result to the function's variable, if it has one.
+        A call of a function that is in `statements` becomes a line of the script, which assigns the result to the variable of this
+        function, if there is one. A call of another function writes no line: the stand-in for its result is the expression for the
+        call.
 
         Args:
             source: the expression for the function.
@@ -67,7 +69,7 @@ class Script:
 
 
 class StandIn:
-    """A stand-in for an object of the library; `_source` is the expression for that object in the script."""
+    """A substitute for an object of the library, which records calls; `_source` is the expression for the object in the script."""
 
     _script: Script
     _source: str
@@ -78,7 +80,7 @@ class StandIn:
         object.__setattr__(self, "_source", source)
 
     def __getattr__(self, name: str) -> "StandIn":
-        """Return the stand-in for an attribute, such as a method."""
+        """Return the stand-in for an attribute of the object, such as a method."""
         if name.startswith("__"):  # numpy and others look for such attributes; a stand-in has none of them
             raise AttributeError(name)
         return StandIn(self._script, f"{self._source}.{name}")

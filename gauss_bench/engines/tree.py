@@ -1,15 +1,16 @@
 """The spanning tree of a linkage and the joints that close its loops, for engines in relative coordinates.
 
-A branch connects each link to its parent and has one coordinate y; the branch of a free link has three. Vectors of the plane are
-complex numbers: z is a centre of mass, E = exp(i theta) of the parent, and r = exp(i theta) anchor of the child.
+A branch connects a link to its parent by a joint, and has one coordinate y; the branch of a free link has three coordinates.
+Vectors of the plane are complex numbers: z is the centre of mass of the link, theta its angle, r = exp(i theta) anchor the vector
+from z to the joint, and E = exp(i theta_parent). The kinds of branches are:
 
-    revolute    theta = theta_parent + y,      z + r = z_parent + E parent_anchor
-    prismatic   theta = theta_parent + turn,   z + r = z_parent + E (parent_anchor + base + y axis)
-    free        x, y, theta of the centre of mass
+    revolute:    theta = theta_parent + y,      z + r = z_parent + E parent_anchor
+    prismatic:   theta = theta_parent + turn,   z + r = z_parent + E (parent_anchor + base + y axis)
+    free:        The coordinates are x, y and theta of the centre of mass.
 
-Slides enter the tree before pins, so that pins close the loops wherever possible. The tree takes either the first pins of the file
-or those that keep links near the ground. Branches are listed depth first. A single state (n,) is mapped in Python numbers, which is
-fastest; a batch (..., n) is mapped in numpy.
+Slides enter the tree before pins, so that pins close the loops wherever possible. The pins of the tree are either the first ones in
+the linkage's file, or those that give each link a short path to the ground. Branches are listed depth first. A single state (n,) is
+mapped in Python numbers, which is fastest; a batch of states (..., n) is mapped in numpy.
 """
 
 import cmath
@@ -35,14 +36,15 @@ class Branch:
     """A link and the joint that connects it to its parent.
 
     Attributes:
-        link, parent: indices of links; the parent may be GROUND.
-        kind: "revolute", "prismatic" or "free".
+        link, parent: indices of the link and of its parent; the parent may be GROUND.
+        kind: kind of the branch, "revolute", "prismatic" or "free".
         joint: the joint of the linkage; None for a free link.
         at: index of the branch's first tree coordinate.
-        parent_anchor, anchor: (2,) the joint's point in the parent and in the link, from the centre of mass [m].
-        base: (2,) of a slide: offset of its line from parent_anchor, in the parent's frame [m].
-        axis: (2,) of a slide: unit vector along its line, in the parent's frame.
-        turn: of a slide: constant angle of the link relative to the parent [rad].
+        parent_anchor, anchor: (2,) [m] the joint's point in the parent's frame and in the link's frame; the origin of a frame is
+            the centre of mass.
+        base: (2,) [m] for a slide: vector from parent_anchor to the slide's line, in the parent's frame; otherwise zero.
+        axis: (2,) for a slide: unit vector along the line, in the parent's frame; otherwise zero.
+        turn: [rad] for a slide: constant angle of the link relative to the parent; otherwise zero.
     """
 
     link: int
@@ -58,7 +60,10 @@ class Branch:
 
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
-        """The branch's tree coordinates, as coordinates of the linkage between parent and link."""
+        """The branch's tree coordinates, written as relative angles and displacements between the parent and the link.
+
+        A pin has an angle, a slide a displacement along its axis, and a free link both displacements and the angle.
+        """
         if self.kind == "revolute":
             return (Angle(self.parent, self.link),)
         near, far = Point(self.parent, self.parent_anchor, ""), Point(self.link, self.anchor, "")
@@ -129,7 +134,12 @@ class Tree:
         return AbsoluteState(self._stack(q, shape), self._stack(v, shape), self._stack(a, shape))
 
     def _stack(self, states: dict[int, Any], shape: tuple[int, ...]) -> Array:
-        """Return the complex vectors and the angles of all links as an array (*shape, 3 links) in the order of q."""
+        """Return the states of all links as an array (*shape, 3 links), with x, y and theta of each link, in the order of q.
+
+        Args:
+            states: link -> position x + i y and angle theta of its centre of mass, or the rates of both.
+            shape: shape of the numbers in `states`; empty for a single state.
+        """
         out = np.empty((*shape, self.links, 3))
         for i in range(self.links):
             z, theta = states[i]
@@ -144,16 +154,20 @@ class Tree:
         return at.generate([x.value for x in states], [x.rate for x in states])
 
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Map absolute states q, v (..., 3 links) to tree coordinates and rates (..., n); gaps at its joints are ignored."""
+        """Map absolute states q, v (..., 3 links) to tree coordinates and rates (..., n).
+
+        Gaps at joints of the tree are ignored, such as two points of a pin that do not coincide.
+        """
         y, dy = self._coordinates(0.0, q, v)
         return y, dy
 
     def forces(self, q: Array, Q: Array) -> Array:
         """Return the forces (..., n) on the tree coordinates that do the virtual work of the forces Q (..., 3 links) at q."""
         y, _ = self.relative(q, np.zeros_like(q))
-        same, rest = np.broadcast_to(y[..., None, :], (*y.shape, self.n)), np.zeros((*y.shape, self.n))
+        # n copies of each state, and zeros of the same shape (..., n, n)
+        repeated, zeros = np.broadcast_to(y[..., None, :], (*y.shape, self.n)), np.zeros((*y.shape, self.n))
         # speeds (..., n, 3 links): row k is the motion of all links if tree coordinate k alone moves, at unit rate
-        speeds = self.absolute(same, rest + np.eye(self.n), rest).v
+        speeds = self.absolute(repeated, zeros + np.eye(self.n), zeros).v
         return np.asarray((speeds @ Q[..., None])[..., 0])
 
 
@@ -163,7 +177,7 @@ def exponential(x: Array) -> Callable[[Any], Any]:
 
 
 def columns(x: Array) -> Any:
-    """Return the n coordinates of x: Python numbers for a single state (n,), arrays (...) for a batch (..., n)."""
+    """Return the n coordinates of x one by one; each is a Python number for a state (n,), an array (...) for a batch (..., n)."""
     return x.tolist() if x.ndim == 1 else np.moveaxis(x, -1, 0)
 
 
@@ -172,8 +186,8 @@ class Turning:
     """The angles of all links as sums of tree coordinates: theta = rows . y + constants.
 
     Attributes:
-        rows: (links + 1, n) of zeros and ones; the last row is the ground's.
-        constants: (links + 1,) [rad].
+        rows: (links + 1, n) matrix of zeros and ones; the last row belongs to the ground.
+        constants: (links + 1,) constant parts of the angles [rad]; the last entry belongs to the ground.
     """
 
     rows: Array
@@ -209,40 +223,41 @@ def ends(joint: Joint) -> tuple[int, int]:
 
 
 def spanning_tree(mechanism: Mechanism, least_depth: bool = False) -> Tree:
-    """Return a spanning tree that takes slides first, then pins; links that no joint connects to the ground become free.
+    """Return a spanning tree that takes slides first, then pins; links that no joints connect to the ground become free.
 
     Args:
-        least_depth: whether the pins are chosen so that every link is as few joints away from the ground as the slides allow;
-            otherwise they are taken in the order of the file, which makes long chains.
+        least_depth: how pins are chosen after all slides that close no loop of slides. If true, the pins are those for which the
+            path of every link to the ground has the fewest joints. If false, pins are taken in the order of the linkage's file,
+            which makes long chains.
     """
     slides = _without_loops(mechanism, mechanism.slides)
     pins = mechanism.pins
     chosen = _nearest(mechanism, slides, pins) if least_depth else _without_loops(mechanism, [*slides, *pins])
     neighbours = _neighbours(joint for joint in mechanism.joints if joint in chosen)  # in the order of the file
     branches: list[Branch] = []
-    reached = {GROUND}
-    n = 0
+    reached = {GROUND}  # links that have a branch
+    next_coordinate = 0  # index of the next tree coordinate
 
     def descend(parent: int) -> None:
-        """Add branches to all links that hang on `parent` and are not reached yet, depth first."""
-        nonlocal n
+        """Add a branch, with one coordinate, for each link joined to `parent` that has none yet, and go on from there."""
+        nonlocal next_coordinate
         for joint, child in neighbours[parent]:
             if child not in reached:
                 reached.add(child)
-                branches.append(_branch(joint, parent, child, n))
-                n += 1
+                branches.append(_branch(joint, parent, child, next_coordinate))
+                next_coordinate += 1
                 descend(child)
 
     descend(GROUND)
-    origin = np.zeros(2)
+    origin = np.zeros(2)  # also stands for the vectors that a free link does not have
     for link in range(len(mechanism.links)):
         if link not in reached:
             reached.add(link)
-            branches.append(Branch(link, GROUND, "free", None, n, origin, origin, origin, origin, 0.0))
-            n += 3
+            branches.append(Branch(link, GROUND, "free", None, next_coordinate, origin, origin, origin, origin, 0.0))
+            next_coordinate += 3
             descend(link)
     closures = tuple(joint for joint in mechanism.joints if joint not in chosen)
-    return Tree(tuple(branches), closures, n, len(mechanism.links))
+    return Tree(tuple(branches), closures, next_coordinate, len(mechanism.links))
 
 
 def _without_loops(mechanism: Mechanism, joints: Sequence[Joint]) -> list[Joint]:
@@ -260,8 +275,8 @@ def _without_loops(mechanism: Mechanism, joints: Sequence[Joint]) -> list[Joint]
 def _nearest(mechanism: Mechanism, slides: Sequence[Joint], pins: Sequence[Joint]) -> list[Joint]:
     """Return all slides, and the pins that lead from the ground to every link over the fewest joints (Dijkstra's algorithm).
 
-    When a link is reached, all links that slides connect to it are reached with it, because a pin to one of them would close a
-    loop over a slide.
+    When the search reaches a link, it also reaches all links that slides connect to this link, because a pin to one of them would
+    close a loop that contains a slide. If a group of links has no connection to the ground, its paths start from its first link.
     """
     by_slides, by_pins = _neighbours(slides), _neighbours(pins)
     chosen: list[Joint] = []
@@ -269,7 +284,7 @@ def _nearest(mechanism: Mechanism, slides: Sequence[Joint], pins: Sequence[Joint
     waiting: list[tuple[int, int]] = []  # (depth, link), nearest first
 
     def reach(link: int, depth: int) -> None:
-        """Reach a link that is `depth` joints away from the ground, and all links behind its slides."""
+        """Mark as reached a link that is `depth` joints away from the ground, and recursively all links that slides join to it."""
         reached.add(link)
         heappush(waiting, (depth, link))
         for joint, other in by_slides[link]:
@@ -302,8 +317,8 @@ def _neighbours(joints: Iterable[Joint]) -> defaultdict[int, list[tuple[Joint, i
 def _branch(joint: Joint, parent: int, child: int, at: int) -> Branch:
     """Return the branch from `parent` to `child`, whose coordinate has the index `at`.
 
-    Seen from its second link, the offset, direction and turn of a slide change their signs, and the direction is an angle in the
-    frame of that link.
+    If the parent is the second link of a slide, the slide is used backwards: its offset, direction and turn change their signs, and
+    the direction is given in the frame of the second link.
     """
     zero = np.zeros(2)
     # pairs of a coordinate that the joint keeps constant, and its value: a slide keeps its offset [m] and its angle [rad]
@@ -313,6 +328,7 @@ def _branch(joint: Joint, parent: int, child: int, at: int) -> Branch:
     near, far, sign = (first, second, 1.0) if forward else (second, first, -1.0)
     if not isinstance(motion := joint.motion, Along):  # a pin
         return Branch(child, parent, "revolute", joint, at, near.local, far.local, base=zero, axis=zero, turn=0.0)
-    theta = motion.angle if forward else motion.angle - turn  # direction of the slide in the parent's frame
+    # direction of the slide in the parent's frame [rad]; base: from the near point to the slide's line, axis: along the line
+    theta = motion.angle if forward else motion.angle - turn
     base, axis = sign * offset * unit(theta, across=True), sign * unit(theta)
     return Branch(child, parent, "prismatic", joint, at, near.local, far.local, base=base, axis=axis, turn=sign * turn)

@@ -1,8 +1,11 @@
 """The loads of a linkage, sorted into three kinds, for engines whose coordinates are those of a joint tree.
 
-Steady      constant generalised force on tree coordinates: a torque, or a force along a slide with its reaction on the guide
-OnJoints    spring and damper on an angle or a slide, which is a sum of tree coordinates L = row . y + constant
-OtherLoad   all others: a force at a point, or a law on a distance or along an axis without a slide
+The kinds are classes; y are the tree coordinates:
+
+    Steady:      A constant generalised force on tree coordinates: a torque, or a force along a slide with its
+                 reaction on the guide.
+    OnJoints:    A spring and damper on an angle or a slide displacement, which is a sum of tree coordinates L = row . y + constant.
+    OtherLoad:   Every other load: a force at a point, or a force law on a distance or along an axis to which no slide is parallel.
 """
 
 from collections.abc import Sequence
@@ -37,7 +40,7 @@ class Steady:
     """The constant generalised force `value` times `force` (n,) on the tree coordinates.
 
     Attributes:
-        names: forces of the linkage that it stands for: one torque, or a force along a slide and its reaction.
+        names: names of the linkage's forces that this load replaces: one torque, or a force along a slide and its reaction.
     """
 
     force: Array
@@ -63,7 +66,7 @@ class OnJoints:
 
 @dataclass(frozen=True, eq=False)
 class OtherLoad:
-    """A load of the linkage's force `name` that cannot be written as a spring and damper on tree coordinates."""
+    """A load of the force `name` in the linkage; the load cannot be written as a spring and damper on tree coordinates."""
 
     name: str
     load: PointForce | Law
@@ -73,7 +76,11 @@ TreeLoad = Steady | OnJoints | OtherLoad
 
 
 def sort_loads(mechanism: Mechanism, tree: Tree) -> list[TreeLoad]:
-    """Return all forces of a mechanism that do not vary with time, as loads on its tree."""
+    """Return all forces of a mechanism that do not vary with time, as loads of the three kinds of this module.
+
+    Torques, and forces that act only along slides of the tree, become constant forces on tree coordinates (motors). Each of the
+    other forces becomes one load or several. Forces that vary are left out.
+    """
     turns = turning(tree)
     steady = [f for f in mechanism.forces if not factor_of(f)]
     motors = [Steady(turns.rows[f.link] - turns.rows[f.reaction], f.value, (f.name,)) for f in steady if isinstance(f, Torque)]
@@ -90,14 +97,15 @@ def sort_loads(mechanism: Mechanism, tree: Tree) -> list[TreeLoad]:
 def slide_motors(forces: Sequence[PointForce], mechanism: Mechanism, tree: Tree, turns: Turning) -> list[Steady]:
     """Return the forces that only act along slides of the tree, as constant forces on the slides' coordinates.
 
-    Such a force acts on the block of a slide. If the guide moves, another one of the forces must be its reaction on the guide.
+    Such a force acts on the block of a slide. If the guide is fixed to the ground, its reaction has no effect. If the guide moves,
+    another force in `forces` must be the reaction on the guide.
     """
     motors: list[Steady] = []
     done: set[str] = set()
     slides = [b for b in tree.branches if b.kind == "prismatic"]
     for f in forces:
         for b in slides:
-            if f.name in done or f.point.link != b.link:
+            if f.name in done or f.point.link != b.link:  # a force becomes one motor only
                 continue
             value = along_slide(f, b, turns)
             if value is None:
@@ -106,13 +114,16 @@ def slide_motors(forces: Sequence[PointForce], mechanism: Mechanism, tree: Tree,
             if b.parent != GROUND and not reactions:
                 continue
             names = (f.name, *reactions[:1])
-            motors.append(Steady(np.eye(tree.n)[b.at], value, names))
+            motors.append(Steady(np.eye(tree.n)[b.at], value, names))  # the unit vector of the slide's coordinate
             done.update(names)
     return motors
 
 
 def along_slide(f: PointForce, b: Branch, turns: Turning) -> float | None:
-    """Return the component [N] of a force along the slide of a branch; None if the force is zero or has another direction."""
+    """Return the component [N] of a force along the slide of a branch.
+
+    Return None if the force is zero or has another direction, or if its direction turns relative to the parent link.
+    """
     if not turns.together(f.frame, b.parent):
         return None
     force = rotate(f.value, turns.constants[f.frame] - turns.constants[b.parent])  # (2,) in the parent's frame
@@ -122,7 +133,7 @@ def along_slide(f: PointForce, b: Branch, turns: Turning) -> float | None:
 
 
 def is_reaction(g: PointForce, f: PointForce, b: Branch, mechanism: Mechanism, turns: Turning) -> bool:
-    """Tell whether g on the guide of a slide is opposite to f on its block and on the same line.
+    """Tell whether the force g on the guide of a slide is opposite to the force f on the block, and acts on the same line.
 
     Opposite forces on different lines would turn the links too.
     """
@@ -136,7 +147,7 @@ def is_reaction(g: PointForce, f: PointForce, b: Branch, mechanism: Mechanism, t
 def refuse_load(load: TreeLoad, turns: Turning, library: str) -> str | None:
     """Return the reason why a library cannot express a load, or None if it can.
 
-    The library is one that has springs and dampers on single coordinates and between points, and forces at points.
+    The library is assumed to support springs and dampers on single coordinates and between points, and forces at points.
     """
     match load:
         case Steady() | OtherLoad(load=Law(coordinate=Distance())):
@@ -150,9 +161,10 @@ def refuse_load(load: TreeLoad, turns: Turning, library: str) -> str | None:
 
 
 def turn_force(force: PointForce, turns: Turning) -> tuple[bool, Array]:
-    """Tell whether a force is fixed in the world, and return its vector (2,) [N] there, or else in the link of its point.
+    """Return (in_world, vector): whether the direction of a force is fixed in the world, and the vector (2,) of the force [N].
 
-    The force must be fixed in one of them: `refuse_load` refuses others.
+    The vector is given in the world's axes if the direction is fixed in the world, and otherwise in the frame of the link on which
+    the force acts. The direction must be fixed in one of these two; `refuse_load` refuses all other forces.
     """
     in_world = turns.together(force.frame, GROUND)
     fixed_in = GROUND if in_world else force.point.link
@@ -160,7 +172,10 @@ def turn_force(force: PointForce, turns: Turning) -> tuple[bool, Array]:
 
 
 def sort_load(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Turning) -> list[TreeLoad]:
-    """Return one load of the linkage's force `name` as loads on the tree.
+    """Return one load of the linkage's force `name` as loads of the three kinds of this module.
+
+    A force law on an angle, or along a slide of the tree, acts on a sum of tree coordinates; its spring and damper become
+    `OnJoints`, and its constant part becomes `Steady`. Every other load becomes an `OtherLoad`.
 
     Raises:
         TypeError: the load acts on a sum of coordinates.
@@ -187,7 +202,10 @@ def sort_load(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Tu
 
 
 def on_joints(name: str, row: Array, constant: float, law: Law) -> list[TreeLoad]:
-    """Return the loads of a law on L = row . y + constant; the law's constant part becomes a `Steady` force."""
+    """Return the loads of a force law on the coordinate L = row . y + constant, where y are the tree coordinates.
+
+    The part of the force that depends on the state becomes an `OnJoints` load, and the constant part `bias` a `Steady` force.
+    """
     found: list[TreeLoad] = []
     if law.bias:
         found.append(Steady(row, law.bias, (name,)))
@@ -197,9 +215,10 @@ def on_joints(name: str, row: Array, constant: float, law: Law) -> list[TreeLoad
 
 
 def slide_coordinate(along: Along, mechanism: Mechanism, tree: Tree) -> tuple[Array, float] | None:
-    """Return the row (n,) and constant that express a coordinate along an axis by that of a slide between the same two links.
+    """Return row (n,) and constant such that the coordinate along an axis is row . y + constant.
 
-    Return None if the tree has no such slide, or if the slide is not parallel to the axis.
+    Here y are the tree coordinates, one of which belongs to a slide between the same two links as the axis. Return None if the tree
+    has no slide between these two links, or if the slide is not parallel to the axis.
     """
     pair = {along.point.link, along.origin.link}
     branch = next((b for b in tree.branches if b.kind == "prismatic" and {b.link, b.parent} == pair), None)

@@ -1,8 +1,8 @@
 """The common parts of adapters to libraries of joint trees.
 
-TreeModel               base of models in tree coordinates y (n,), with rates dy; it translates states and samples
-verify                  compares a library's model of the tree with the linkage, at states at which loops are open
-acceleration_by_steps   finds the acceleration of a library that only steps
+TreeModel:               The base class of models in tree coordinates y (n,), with rates dy. It translates states and samples.
+verify:                  The function compares a library's model of the tree with the linkage, at states with open loops.
+acceleration_by_steps:   The function finds accelerations from the steps of a library that computes none itself.
 """
 
 from abc import ABC, abstractmethod
@@ -24,17 +24,18 @@ from gauss_bench.trajectory import Trajectory, with_accelerations
 
 
 class TreeModel(ABC):
-    """A mechanism in a library of joint trees, run by one `Choice`: a base class for models (`Model` in `base.py`).
+    """A mechanism in a library of joint trees, run with one setting of the engine (`Choice`): a base class of models.
 
-    A subclass calls this `__init__` and then builds the library's model. It supplies `tree_acceleration`, and `run`, which steps
-    through `plan` and stores tree states in `y` and `dy`. It may extend `prepare` and `read`.
+    A subclass calls this `__init__` and then builds the library's model. It supplies `tree_acceleration`, and `run`, which takes
+    the steps of `plan` and stores tree states in `y` and `dy`. It may extend `prepare` and `read`. The interface of models is
+    `Model` in `base.py`.
 
     Attributes:
         library: the library's name in messages.
-        options: knob -> value; "tree" selects the spanning tree.
-        y0, dy0: (n,) tree state at the start.
-        plan: stretches of equal steps; `prepare` sets it.
-        y, dy: (k, n) samples of tree states.
+        options: name of an option of the engine -> value; the option "tree" selects the spanning tree.
+        y0, dy0: (n,) tree coordinates and rates at the start.
+        plan: intervals of time, each with steps of equal size; `prepare` sets it.
+        y, dy: (k, n) tree coordinates and rates at the sample times.
     """
 
     library: str
@@ -92,10 +93,12 @@ class TreeModel(ABC):
         return sum(stretch.steps for stretch in self.plan)
 
     def trajectory(self, y: Array, dy: Array, steps: int, evaluations: int | None = None, note: str = "") -> Trajectory:
-        """Return samples y, dy (k, n) at the prepared times in absolute coordinates, with the library's accelerations.
+        """Return the samples y, dy (k, n) in absolute coordinates, with the accelerations that the library computes for them.
+
+        The times of the samples are those that `prepare` was given.
 
         Raises:
-            RunFailure: the accelerations of a sample fail; the failure has the samples before it.
+            RunFailure: the library finds no accelerations at a sample; the exception holds the samples before this one.
         """
         q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
 
@@ -107,9 +110,9 @@ class TreeModel(ABC):
 
 @dataclass(frozen=True, eq=False)
 class OpenModel:
-    """Quantities that a library computes for its model of the tree at a tree state, without closures and drivers.
+    """Quantities that a library computes for the open tree of a linkage, without closures and drivers, at a tree state y, dy.
 
-    A library gives the mass matrix and the forces, or the accelerations, or all of them: each pair determines the motion.
+    The motion must be determined by the mass matrix and the forces, or by the accelerations. A library may give all of them.
 
     Attributes:
         gaps: (pins, 2) point b minus point a of each closing pin [m], by the library's own kinematics.
@@ -126,7 +129,7 @@ class OpenModel:
     positions: Array | None = None
 
     def __post_init__(self) -> None:
-        """Check that the quantities determine the motion."""
+        """Check that the mass matrix and the forces are given, or the accelerations."""
         if (self.mass is None or self.forces is None) and self.accelerations is None:
             raise TypeError("give the mass matrix and the forces, or the accelerations: they determine the motion")
 
@@ -139,7 +142,7 @@ def verify(mechanism: Mechanism, tree: Tree, describe: Callable[[Array, Array], 
         tolerance: largest allowed difference, relative to the scale of each quantity.
 
     Raises:
-        RunFailure: a quantity differs by more.
+        RunFailure: a quantity differs by more than the tolerance allows.
     """
     evaluator = evaluator_of(mechanism)
     for y, dy in tree_states(tree, *tree.relative(mechanism.q0, mechanism.v0)):
@@ -167,17 +170,19 @@ TwoSteps = Callable[[float, Array, Array, float], tuple[Array, Array]]  # (t, y,
 def acceleration_by_steps(rates: TwoSteps, t: float, y: Array, dy: Array, steps: Sequence[float]) -> Array:
     """Return the acceleration (n,) at time t [s] and a tree state y, dy (n,), from steps of several sizes [s] that a library takes.
 
-    In a step of size h the rates change by h D(h), with D(h) = a + b h + ... The polynomial through D at all sizes gives a = D(0).
-    If a library treats springs and dampers implicitly, that changes b, not a. If it rounds the rates with an error e, the error of
-    the acceleration is about e / h.
+    In a step of size h the rates change by h D(h), with D(h) = a + b h + ... The polynomial through D at all step sizes gives the
+    acceleration a = D(0). If a library treats springs and dampers implicitly, this changes b, but not a. If the library rounds the
+    rates with an error e, the error of the acceleration is about e / h.
 
-    In a library whose constraints act on velocities, the velocities v1 after a step have J v1 = 0, with J at the step's beginning.
-    From a state with J v = 0, one step would therefore give J a = 0 in place of J a = gamma. So D is taken from the second of two
-    steps, of which the first begins one step before, at y - h dy. At that state the loops have gaps of the size h^2. The library
-    must not close these gaps: to close a gap in a step adds an acceleration whose size does not depend on h.
+    In a library whose constraints act on velocities, the velocities v1 after a step satisfy J v1 = 0, with J at the beginning of
+    the step. If a step began at a state with J v = 0, both velocities would satisfy the same equation, and their difference would
+    give J a = 0 in place of J a = gamma. So D is taken from the second of two steps. The first step begins at the time t - h, and
+    at the position y - h dy, where the loops have gaps of the size h^2. The library must not close these gaps, because to close a
+    gap in one step adds an acceleration whose size does not depend on h.
 
     Args:
-        rates: function (t, y, dy, h) -> rates (n,) after one step of h [s], and after two.
+        rates: function (t, y, dy, h) that returns the rates (n,) after one step of h [s], and the rates after two such steps.
+        steps: sizes of the steps [s].
     """
     changes = []
     for h in steps:

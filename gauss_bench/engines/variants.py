@@ -1,5 +1,8 @@
 """Read an engine's knobs, settings and variants from the file `variants.toml` in the engine's folder.
 
+A knob is an option of the engine. Settings and variants are named sets of values of the knobs: suites run the settings, and
+searches try the variants. The file has one line and four tables:
+
     first = [NAME, ...]     variants that a search tries first if its time is short; this line stands above the tables
     [knobs]                 NAME = { meaning = "...", source = "https://..." }; `own_search` = "reason" may replace the source;
                             `values` lists further words that the knob may have, `range` its least and its largest number
@@ -9,14 +12,15 @@
     [variants]              NAME = { settings = "LABEL", integrator = "...", stabilization = "...", KNOB = value, ... }, tried by
                             searches
 
-A knob is an option of the engine. A knob that a variant leaves out has the value of the variant's settings. Without `settings`
-these are the first ones, and without `stabilization` it is "none". If a line lists several values of a knob, it stands for every
-combination of the values. The name of a combination is the line's name and the chosen values ("lean/rk4/2"). Settings may also have
-two fields that are no knobs: a `remark` for readers, and `soft`, the reason why accelerations with these settings, and with their
-variants, satisfy J a = gamma only approximately.
+A knob that a variant leaves out has the value of the settings that the variant names. A variant without `settings` uses the
+engine's first settings, and a variant without `stabilization` uses "none". If a line of [variants] lists several values of a knob,
+the line stands for every combination of the values. The name of a combination is the line's name and the chosen values
+("lean/rk4/2"). Besides knobs, settings may have two other fields. The field `remark` is a note for readers. The field `soft` is the
+reason why accelerations with these settings, and with the variants that name them, satisfy J a = gamma only approximately.
 
-Every knob must have the address of a documentation page, example or tracker, or the reason why the suite's authors try it. The
-file is refused if a knob has neither, or if it uses an unknown knob. So readers can look up every option that is compared.
+Every knob must have `source`, the address of a documentation page, example or issue, or `own_search`, the reason why the suite's
+authors try the knob. So readers can look up every option that is compared. The file is refused if a knob has neither of these two
+fields, or if settings or a variant use a knob that is not declared.
 """
 
 import math
@@ -48,10 +52,10 @@ class Knob:
     """An option of an engine.
 
     Attributes:
-        meaning: its effect, in a few words.
-        source: address of its documentation, or OWN_SEARCH and the reason to try it.
-        values: words that it may have besides those that settings and variants use.
-        range: least and largest number that it may be; for a list, that every entry may be.
+        meaning: effect of the option, in a few words.
+        source: address of the option's documentation, or the text OWN_SEARCH and the reason to try the option.
+        values: words that the option may have as its value, besides those that settings and variants use.
+        range: least and largest number that the option may be; if the option is a list, that every entry may be.
     """
 
     meaning: str
@@ -60,7 +64,7 @@ class Knob:
     range: tuple[float, float] = (-math.inf, math.inf)
 
     def allows(self, value: Any) -> bool:
-        """Tell whether all numbers in a value are in the range; words and flags are always allowed."""
+        """Tell whether all numbers in a value of this knob are in `range`; strings and Booleans are always allowed."""
         entries = value if isinstance(value, (list, tuple)) else [value]
         numbers = [x for x in entries if isinstance(x, (int, float)) and not isinstance(x, bool)]  # Python's bool is an int
         least, most = self.range
@@ -72,10 +76,10 @@ class Variants:
     """The content of an engine's file of variants.
 
     Attributes:
-        knobs: name -> knob.
-        settings: label -> knob -> value.
-        space: name -> variant, in the order of the file; a search tries all of them.
-        first: names of the variants to try first if time is short.
+        knobs: name of an option of the engine -> `Knob`.
+        settings: label of settings -> (name of an option -> value).
+        space: name of a variant -> `Variant`, in the order of the file; a search tries all of them.
+        first: names of the variants that a search tries first if its time is short.
         soft: name of settings or of a variant whose accelerations satisfy J a = gamma only approximately -> cause.
         unfinished: name of a variant that stops its solver before it has converged -> cause.
     """
@@ -88,7 +92,7 @@ class Variants:
     unfinished: Mapping[str, str] = field(default_factory=dict)
 
     def options(self, name: str) -> Mapping[str, Any]:
-        """Return knob -> value of the settings or the variant of that name, or of a text in the form of `own_options`.
+        """Return name of an option -> value, given the name of settings or of a variant, or a text such as "rigid,iterations=2".
 
         Raises:
             KeyError: no settings and no variant have that name.
@@ -107,7 +111,8 @@ def read_variants(room: Path) -> Variants:
     """Read the knobs, settings and variants of the engine in a folder.
 
     Raises:
-        VariantError: a table or field has a fault, a knob has no source, or the file uses an unknown knob.
+        VariantError: a table or field has a fault, a knob has neither `source` nor `own_search`, or settings or a variant use a
+            knob that is not declared.
     """
     path = room / FILE
     try:
@@ -121,15 +126,17 @@ def read_variants(room: Path) -> Variants:
 def _read(file: Mapping[str, Any]) -> Variants:
     """Check a parsed file table by table, and return its content.
 
-    A variant is soft if its settings are, and unfinished if its options include all knob values of a line of [[unfinished]].
+    A variant is soft (it satisfies J a = gamma only approximately) if the settings that it names are. A variant is unfinished (its
+    solver stops before it has converged) if its options include all knob values of a table [[unfinished]]. A "line" is the table of
+    one knob, of one set of settings, or of one variant: key -> value.
 
     Raises:
         VariantError: a table or field has a fault.
     """
-    knobs = {name: _read_knob(f"knobs.{name}", line) for name, line in _lines(file, "knobs").items()}
-    settings, soft = _read_settings(_lines(file, "settings"), [name for name in knobs if name not in CHOSEN])
+    knobs = {name: _read_knob(f"knobs.{name}", line) for name, line in _table_of_tables(file, "knobs").items()}
+    settings, soft = _read_settings(_table_of_tables(file, "settings"), [name for name in knobs if name not in CHOSEN])
     space: dict[str, Variant] = {}
-    for name, line in _lines(file, "variants").items():
+    for name, line in _table_of_tables(file, "variants").items():
         label = line.get("settings", next(iter(settings)))
         for variant in _read_line(name, line, label, settings, knobs):
             taken = variant.name in space or variant.name in settings
@@ -155,8 +162,8 @@ def _read(file: Mapping[str, Any]) -> Variants:
     return Variants(knobs, settings, space, first, soft, unfinished)
 
 
-def _lines(file: Mapping[str, Any], name: str) -> dict[str, Line]:
-    """Return the table `name` of a file if it holds inline tables; only the table of variants may be empty."""
+def _table_of_tables(file: Mapping[str, Any], name: str) -> dict[str, Line]:
+    """Return the table `name` of a file, all of whose entries must be tables; only the table "variants" may be empty."""
     lines = file.get(name)
     good = isinstance(lines, dict) and all(isinstance(x, dict) for x in lines.values())
     _require(good and (bool(lines) or name == "variants"), name, "a table of inline tables is wanted")
@@ -184,9 +191,13 @@ def _read_range(place: str, line: Line) -> tuple[float, float]:
 
 
 def _read_settings(lines: Mapping[str, Line], own: Sequence[str]) -> tuple[dict[str, Line], dict[str, str]]:
-    """Return two tables: label of settings -> knob -> value, for all knobs in `own`; and label of soft settings -> stated cause.
+    """Return two tables: label of settings -> (knob -> value), and label of soft settings -> cause that the file states.
 
-    Settings are soft if the constraints give way under them, so that J a = gamma holds only approximately.
+    Settings are soft if the constraints give way with them, so that J a = gamma holds only approximately.
+
+    Args:
+        lines: label of settings -> table of the file.
+        own: names of the knobs to which settings give values.
     """
     settings: dict[str, Line] = {}
     soft: dict[str, str] = {}
@@ -207,23 +218,30 @@ def _read_settings(lines: Mapping[str, Line], own: Sequence[str]) -> tuple[dict[
 
 
 def _read_line(name: str, line: Line, label: str, settings: Mapping[str, Line], knobs: Mapping[str, Knob]) -> Iterator[Variant]:
-    """Check one line of [variants] and yield its variants; `label` is the label of its settings."""
+    """Check one line of [variants] and yield its variants, one for every combination of the values that it lists.
+
+    Args:
+        name: name of the line.
+        line: key -> value, or list of values, of the line.
+        label: label of the settings that the line names.
+        settings: label of settings -> (knob -> value).
+    """
     place = f"variants.{name}"
     _require(label in settings, place, f"there are no settings {label!r}")
     _require_known(line, (*knobs, "settings"), place)
     _require("integrator" in line, place, "integrator is missing")
-    # if the line has a stabilization, its place among the keys stays, because the order of keys makes the names of combinations
+    # names of combinations list the values in the order of the line's keys; `|` keeps the position of a key that the line has
     yield from _combinations(name, line | {"stabilization": line.get("stabilization", "none")}, settings[label])
 
 
 def _require(good: bool, place: str, otherwise: str) -> None:
-    """Raise a VariantError with the place and the text `otherwise`, unless `good`."""
+    """If `good` is false, raise a VariantError whose message is the place in the file and the text `otherwise`."""
     if not good:
         raise VariantError(f"{place}: {otherwise}")
 
 
 def _require_known(line: Line, names: tuple[str, ...], place: str) -> None:
-    """Refuse a line that has a key besides `names`."""
+    """Refuse a table of the file that has a key other than `names`."""
     for name in line:
         _require(name in names, place, f"{name} is no knob: nothing says what it is and where it comes from")
 
@@ -232,7 +250,7 @@ def _read_cause(text: Any, place: str) -> str:
     """Return a stated cause, which must be a text of at least MIN_REASON_LENGTH characters.
 
     Raises:
-        VariantError: it is not.
+        VariantError: the text is shorter, or no text.
     """
     _require(isinstance(text, str) and len(text) >= MIN_REASON_LENGTH, place, f"gives no cause: {text}")
     return str(text)
@@ -242,7 +260,9 @@ def _combinations(name: str, line: Line, usual: Mapping[str, Any]) -> Iterator[V
     """Yield a variant for every combination of the values that a line of [variants] lists.
 
     Args:
-        usual: knob -> value in the settings that the line names, for the knobs that the line leaves out.
+        name: name of the line.
+        line: key -> value, or list of values.
+        usual: knob -> value in the settings that the line names; used for the knobs that the line leaves out.
     """
     values = {k: x for k, x in line.items() if k != "settings"}
     lists = {k: x for k, x in values.items() if _is_choice(x, usual.get(k))}
@@ -253,8 +273,8 @@ def _combinations(name: str, line: Line, usual: Mapping[str, Any]) -> Iterator[V
 
 
 def _is_choice(value: Any, usual: Any) -> bool:
-    """Tell whether a value in a line is a list of alternatives for a knob.
+    """Tell whether a knob's value in a line of [variants] is a list of alternatives, and not the value of one variant.
 
-    If the knob's usual value is itself a list, only a list of lists counts as alternatives.
+    If the knob's value in the settings, `usual`, is itself a list, only a list of lists counts as alternatives.
     """
     return isinstance(value, list) and (not isinstance(usual, list) or all(isinstance(x, list) for x in value))

@@ -1,5 +1,7 @@
-"""The adapter to Bullet, through PyBullet. Its wheel is large and made for one version of Python, so it has its own environment.
+"""The adapter to Bullet, through the Python package PyBullet.
 
-`translate.py` refuses linkages and sorts forces; `joints.py` and `bodies.py` build a linkage, with `world.py` as their base;
-`accelerations.py` finds accelerations from steps; `adapter.py` runs the linkage; `program.py` writes programs.
+PyBullet's wheel is large and made for one version of Python, so the engine has its own Python environment. `translate.py` refuses
+linkages that Bullet cannot model, and sorts forces. `joints.py` and `bodies.py` build a linkage in Bullet, and their common base
+class is in `world.py`. `accelerations.py` computes accelerations from the velocities before and after a step. `adapter.py` runs the
+linkage, and `program.py` writes programs.
 """

@@ -1,19 +1,21 @@
 """Accelerations at a given state, found from Bullet's steps.
 
-Bullet computes no accelerations of closed loops. A step of h [s] from y, v solves for velocities v1 = P(y) (v + h a_free). P
-projects velocities onto those that the closures at y allow, J(y) v1 = 0, and a_free are the accelerations without closures. In the
-limit of short steps, velocities change at the rate
+Bullet computes no accelerations of closed loops. From coordinates y and velocities v, a step of h [s] computes the new velocities
+v1 = P(y) (v + h a_free). Here P(y) projects velocities onto those that the loop closures at y allow, J(y) v1 = 0, and a_free are
+the accelerations of the open tree or of the free bodies, without closures. In the limit of short steps, velocities change at the
+rate
 
     y'' = P(y) a_free + d/de P(y + e v) v        at e = 0
 
 The first term is the change of v in one step at y, divided by the length h of the step, which may have any value. The second term
-is found by fourth-order finite differences of P(y + e v) v. Each value of P(y + e v) v is the result of a step so short that forces
-have no effect, and only the projection remains. So the result has no error of a time step, and no error of closing gaps (erp = 0).
-Here the solver iterates until it has converged. With Bullet's own limits, which runs use, the solver stops before it has converged,
-and sooner for shorter steps.
+is found by fourth-order finite differences of the function P(y + e v) v of e. Each value of this function is the result of a step
+so short that forces have no effect, and only the projection remains. So the accelerations have no error of a time step, and no
+error of closing gaps (erp = 0). For these steps the option CONVERGED lets Bullet's solver iterate until it has converged. Runs use
+Bullet's usual limits of iterations, with which the solver stops before it has converged, and sooner for shorter steps.
 
-`tree_model.acceleration_by_steps` is unsuitable for Bullet: it divides the error of the iterative solver by the length of a step.
-This step is much shorter than the distance e between the points of the differences here, so the error would be much larger.
+The function `tree_model.acceleration_by_steps` is unsuitable for Bullet, because it divides the error of the iterative solver by
+the length of a very short time step. The finite differences of this file divide this error by a much larger number, the distance e
+between their points.
 """
 
 from collections.abc import Mapping
@@ -35,7 +37,7 @@ INSTANT = 1e-15  # [s] length of a step that only projects
 
 
 class Accelerations:
-    """A function (t, y, dy) -> the accelerations (n,) of a world's coordinates, for a state on the constraints.
+    """A function (t, y, dy) -> accelerations (n,) of a simulation world's coordinates y, at a state that meets the constraints.
 
     The accelerations are P(y) a_free + d/de P(y + e v) v at e = 0, with v = dy, as the head of this file explains.
 

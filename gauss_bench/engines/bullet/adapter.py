@@ -5,7 +5,7 @@ the new velocities, and these give the new positions. Bullet finds the impulses 
 projected Gauss-Seidel method), or by Dantzig's direct method. The constraints hold for the new velocities at the old positions, so
 at the new positions the velocities of a run miss them by the change over one step.
 
-Before a model is used, it is compared with the suite's own terms, at states at which loops are open.
+Before a model is used, its accelerations are compared with those that the suite computes, at states at which loops are open.
 """
 
 from collections.abc import Mapping, Sequence
@@ -111,7 +111,7 @@ def step_through(
 
 
 class JointModel(TreeModel):
-    """A mechanism as a tree of joints in Bullet, run by one `Choice`.
+    """A mechanism as a tree of joints in Bullet, run with one setting of the engine (`Choice`).
 
     Attributes:
         laws: index of a driven joint -> its motion law.
@@ -120,7 +120,10 @@ class JointModel(TreeModel):
     library = "Bullet"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Compare the open tree with the linkage, and build a world in which accelerations are found."""
+        """Build the model, compare its open tree with the linkage, and build a world that only evaluates accelerations.
+
+        The solver of this second world iterates until it has converged; runs make a world of their own in `prepare`.
+        """
         import pybullet
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
@@ -131,16 +134,16 @@ class JointModel(TreeModel):
         self.accelerations = Accelerations(self._world({**self.options, **CONVERGED}), self.forces, self.laws)
 
     def _world(self, options: Mapping[str, Any], closed: bool = True) -> TreeWorld:
-        """Return a new world of the linkage under given options; without `closed` its loops are open."""
+        """Return a new world that holds the linkage, with given options; if `closed` is false, the loops stay open."""
         world = TreeWorld(self.pybullet, self.mechanism, self.tree, options, closed)
         world.damp(self.forces.joint_damping)
         return world
 
     def _verify(self) -> None:
-        """Compare the open tree with the linkage.
+        """Compare the model's open tree with the linkage.
 
         Raises:
-            RunFailure: they differ.
+            RunFailure: gaps of joints or accelerations differ.
         """
         world = self._world({**self.options, **UNDAMPED}, closed=False)
         world.set_step(1.0)  # velocities of the open tree change in proportion to the step: its length causes no error
@@ -158,9 +161,10 @@ class JointModel(TreeModel):
         return self.accelerations(t, y, dy)
 
     def accelerate(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (3 links,) at the state on the constraints that is nearest to a tree state y, dy (n,).
+        """Return the absolute accelerations (3 links,) at the state nearest to y, dy (n,) that satisfies all constraints.
 
-        If loops were open, redundant closures would contradict each other, and Bullet's solver would not converge.
+        The given tree state is first projected onto the constraints: at a state with open loops, redundant closures would
+        contradict each other, and Bullet's solver would not converge.
         """
         q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
         return super().accelerate(t, *self.tree.relative(*self.evaluator.project(t, q, v)))
@@ -177,10 +181,10 @@ class JointModel(TreeModel):
 
 
 class FreeBodies(BodyModel):
-    """A mechanism as free bodies in Bullet, run by one `Choice`."""
+    """A mechanism as free bodies in Bullet, run with one setting of the engine (`Choice`)."""
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Compare the free bodies with the linkage, and build a world in which accelerations are found."""
+        """Build the model, compare its free bodies with the links, and build a world that only evaluates accelerations."""
         import pybullet
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
@@ -192,14 +196,14 @@ class FreeBodies(BodyModel):
         self.accelerations = Accelerations(converging_world, self.forces, {})
 
     def _verify(self) -> None:
-        """Compare the free bodies with the linkage, at its start.
+        """Compare Bullet's forces on the unconnected bodies with those on the links, at the start, over one step of SHORT.
 
         Raises:
-            RunFailure: their accelerations differ.
+            RunFailure: the forces differ.
         """
         q, v = self.mechanism.q0, self.mechanism.v0
         world = BodyWorld(self.pybullet, self.mechanism, {**self.options, **UNDAMPED}, closed=False)
-        world.set_step(SHORT)  # Bullet turns no rigid body by more than a quarter of a turn in a step
+        world.set_step(SHORT)  # short, because Bullet turns no rigid body by more than a quarter of a turn in a step
         world.put(q, v)
         world.step(self.forces(0.0, q, v).tolist())
         # Bullet's force is mass times change of velocity over the step

@@ -14,13 +14,14 @@ from gauss_bench.terms import Array
 
 
 class BodyWorld(World):
-    """A world of Bullet in which the links of a linkage are free bodies; without `closed` no pin holds them together."""
+    """A world of Bullet in which the links of a linkage are free bodies."""
 
     def __init__(self, pybullet: Any, mechanism: Mechanism, options: Mapping[str, Any], closed: bool = True):
+        """Add the links and the ground as rigid bodies; if `closed`, add a point-to-point constraint for every pin."""
         super().__init__(pybullet, mechanism, options)
         self.bodies = [self._add_body(link.mass, link.inertia) for link in mechanism.links]
         ground = self._add_body(0.0, 0.0)
-        self._advance()  # Bullet uses the inertias of rigid bodies from the end of the first step on: torques had no effect in it
+        self._advance()  # Bullet sets the inertias of rigid bodies at the end of the first step, and ignores torques in this step
         self.angles = angles(mechanism.q0).copy()  # angles when they were last set or read: `state` counts turns from them
         for pin in mechanism.pins if closed else ():
             # Bullet's numbers of a body and of its link; -1 is the body itself
@@ -57,7 +58,7 @@ class BodyWorld(World):
         return q, v
 
     def drive(self, joint: int, rate: float) -> None:
-        """Refuse to drive a joint: only trees of joints have motors, and `refusal` of `translate.py` refuses driven free bodies."""
+        """Raise TypeError, because only trees of joints have motors; `refusal` in `translate.py` refuses driven free bodies."""
         raise TypeError("free bodies have no motors")
 
     def step(self, forces: Sequence[float]) -> None:

@@ -1,7 +1,9 @@
 """A linkage as a tree of Bullet's joints; point-to-point constraints close the pins that the tree leaves open.
 
-At y = 0 the frames of all Bullet's links are parallel. The constant angle between guide and block of a slide is therefore in the
-points of the block, and no quaternion rounds it. A free link hangs on three joints, with two links without mass between them.
+The frames of all links in Bullet are parallel when all joint coordinates y are zero. So Bullet's frame of a link may be turned by a
+constant angle against the link's own frame, as for the block of a slide. The coordinates of the points on the link include this
+angle, so that no quaternion rounds it. A link that is not connected to the ground by the tree is carried by three joints in a row,
+which are two slides and a hinge, and by two massless links between these joints.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,11 +26,11 @@ UPWARDS: Sequence[float] = (0.0, 0.0, 1.0)
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint of Bullet's tree, and the link that hangs on it.
+    """A joint of Bullet's tree, and the link that the joint carries.
 
     Attributes:
         parent: number of the parent joint, counted from 1; 0 is the base.
-        turns: whether it is a hinge; otherwise it is a slide.
+        turns: whether the joint is a hinge; otherwise it is a slide.
         origin: (3,) place of the joint in the parent's frame [m].
         axis: (3,) axis of the joint in the parent's frame.
         centre: (3,) centre of mass of the link in the joint's frame [m].
@@ -45,16 +47,19 @@ class Joint:
 
 
 def list_joints(mechanism: Mechanism, tree: Tree) -> list[Joint]:
-    """List Bullet's joints in the order of the tree coordinates."""
-    angles = turning(tree).constants  # (links + 1,) of the links' own frames relative to Bullet's at y = 0; the ground's last
-    carriers = {GROUND: 0}  # link -> number of the joint on which it hangs
+    """List Bullet's joints in the order of the tree coordinates; a branch that is not "free" makes one joint.
+
+    Bullet's frames of all links are parallel at y = 0; the links' own frames are turned against them by constant angles.
+    """
+    angles = turning(tree).constants  # (links + 1,) [rad] of these constant angles; the ground's is the last, at index -1
+    carriers = {GROUND: 0}  # link -> number of the joint that carries the link; numbers count from 1, and 0 is the base
     origins: dict[int, Array] = {GROUND: np.zeros(2)}  # link -> its joint relative to its centre of mass, in Bullet's frame
     joints: list[Joint] = []
     for b in tree.branches:
         mass, inertia = mechanism.links[b.link].mass, mechanism.links[b.link].inertia
         if b.kind == "free":
-            # slides along x and y that carry no mass, then a hinge that carries the link; a joint's number is len(joints) after
-            # it was appended, because numbers count from 1
+            # slides along x and y that carry no mass, then a hinge that carries the link; after a joint was appended, its number
+            # is len(joints), because numbers count from 1
             joints.append(Joint(0, turns=False, origin=ORIGIN, axis=(1.0, 0.0, 0.0), centre=ORIGIN, mass=0.0, inertia=0.0))
             joints.append(
                 Joint(len(joints), turns=False, origin=ORIGIN, axis=(0.0, 1.0, 0.0), centre=ORIGIN, mass=0.0, inertia=0.0)
@@ -72,7 +77,7 @@ def list_joints(mechanism: Mechanism, tree: Tree) -> list[Joint]:
 
 
 class TreeWorld(World):
-    """A world of Bullet in which the links of a linkage hang on a tree of joints; without `closed` its loops are open."""
+    """A world of Bullet in which a tree of joints carries the links of a linkage; if `closed` is false, the loops stay open."""
 
     def __init__(self, pybullet: Any, mechanism: Mechanism, tree: Tree, options: Mapping[str, Any], closed: bool = True):
         """Add the tree of joints to a new world, without the motors that brake joints by default, and close its loops."""

@@ -45,7 +45,8 @@ RUN = """    joints = range(len(Y0))
 def write(mechanism: Mechanism, choice: Choice, variants: Variants) -> str:
     """Return the text of a program that runs a mechanism with one `Choice`.
 
-    TreeWorld is built with a stand-in for PyBullet, which records all calls; `script.lines` then holds them as program text.
+    TreeWorld is built with a stand-in for PyBullet, which records all calls; `script.lines` then holds these calls as program text.
+    The stand-in `step` stands for the program's variable of this name, the length of a step.
 
     Raises:
         RunFailure: the links are free bodies, or the program would need forces that only this suite computes.
@@ -66,5 +67,6 @@ def write(mechanism: Mechanism, choice: Choice, variants: Variants) -> str:
     step: Any = script.stand_in("step")
     world.set_step(step)
     numbers = force_numbers(forces, mechanism, tree)
+    # CARRIERS: for each link of the linkage, the index of the link in Bullet that carries it
     numbers["CARRIERS"] = [world.carrier(i) for i in range(len(mechanism.links))]
     return write_tree_program(mechanism, tree, choice, Parts(["import pybullet"], numbers, script.lines, RUN))

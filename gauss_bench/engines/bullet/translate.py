@@ -37,12 +37,15 @@ def refusal(mechanism: Mechanism, tree: Tree, coordinates: str) -> str | None:
 
 
 def joint_forces(mechanism: Mechanism, tree: Tree) -> GivenForces:
-    """Return all applied forces of a mechanism, except gravity; only dampers on one joint are elements of Bullet."""
+    """Return all applied forces of a mechanism, except gravity; Bullet itself computes only dampers that act on a single joint."""
     return GivenForces(mechanism, tree, lambda load: not load.k and on_one_joint(load))
 
 
 class BodyForces:
-    """A function (t, q, v) -> the forces (3 links,) on free links, without gravity, which Bullet adds."""
+    """A function (t, q, v) -> forces (3 links,) on the links as free bodies: fx, fy and torque of each link, without gravity.
+
+    Bullet adds gravity itself.
+    """
 
     are_constant = False  # so that a run reads the state after every step, as it must to count the turns of links
 

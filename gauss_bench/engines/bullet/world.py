@@ -1,16 +1,17 @@
-"""The common base of linkages in Bullet as trees of joints (`joints.py`) and as free bodies (`bodies.py`).
+"""The common base class of linkages in Bullet, modelled as trees of joints (`joints.py`) or as free bodies (`bodies.py`).
 
 Traps of PyBullet 3.2.7, which reports none of them:
 
     changeDynamics     If one call sets linearDamping, angularDamping or maxJointVelocity together with mass or inertia, it sets
-                       mass and inertia of the base, and frees the base. They are therefore set in calls of their own.
-    damping            A default of 0.04 slows every link of a tree, in proportion to the speed and to its square.
-    speeds             Joints cannot be faster than 100 rad/s or m/s by default.
-    motors             By default a motor brakes every joint.
-    inertias           They are zero without a collision shape, until they are set.
-    torques            Bullet forgets them after a step.
-    rigid bodies       They feel no torque in their first step.
-    closures           By default they exert at most an impulse of 500 N s in a step.
+                       mass and inertia of the base, and frees the base. So damping and the limit of speeds are set in calls of
+                       their own.
+    damping            By default, damping of 0.04 slows every link of a tree, in proportion to the link's speed and to its square.
+    speeds             By default, joints cannot be faster than 100 rad/s or m/s.
+    motors             By default, a motor brakes every joint.
+    inertias           The inertias of a body without a collision shape are zero until they are set.
+    torques            Bullet forgets applied forces and torques after a step.
+    rigid bodies       Rigid bodies feel no torque in their first step.
+    closures           By default, a loop closure exerts an impulse of at most 500 N s in a step.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -58,7 +59,7 @@ class World:
         return function(*arguments, **keywords, physicsClientId=self.client)
 
     def _set_damping_and_limits(self, body: int) -> None:
-        """Set the damping of all links of a body to the option `damping`, and raise the limit of the joint speeds to FASTEST."""
+        """Set the damping of all links of a Bullet multibody to the option `damping`, and its limit of joint speeds to FASTEST."""
         damping = self.options["damping"]
         # -1 is the base; but Bullet keeps these numbers once for the whole body, with all its links and joints
         self._call(self.pybullet.changeDynamics, body, -1, linearDamping=damping, angularDamping=damping)

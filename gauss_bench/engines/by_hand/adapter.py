@@ -1,9 +1,10 @@
 """Two kinds of linkage, with equations derived on paper and written in C, as an expert would do to make one linkage fast.
 
 The derivations are `crank_slider.c` and `four_bar.c`: trigonometry closes the loop, and Lagrange's equation is written in the angle
-of the crank, the only degree of freedom. No code is generated. The derivations cover these two loops with the loads that `loops.py`
-names; every other linkage is skipped. Each model is compared with the linkage before it is used. The velocities and accelerations
-of the other links follow from those of the crank by the linkage's constraint rows.
+of the crank, the only degree of freedom. No code is generated. These equations cover only crank-sliders and four-bars, with the
+loads that the head of `loops.py` names; every other linkage is skipped. Each model is compared with the suite's equations of the
+linkage before it is used. The velocities and accelerations of the other links follow from those of the crank by the linkage's
+constraint equations J v = 0 and J a = gamma.
 """
 
 import ctypes
@@ -27,7 +28,7 @@ from gauss_bench.terms import Array
 FOLDER = Path(__file__).parent
 SETTINGS = {"default": {"compiler_flags": " ".join(FLAGS)}}
 AGREEMENT = 1e-9  # relative: rounding and the closure of the start cause about 1e-13, a wrong term about 1
-CHECKED = 0.3  # [rad] crank angle between the states that are compared
+CHECKED = 0.3  # [rad] the model is checked at the start and at crank angles that differ from the start's by this angle
 
 
 class ByHand:
@@ -62,26 +63,32 @@ class ByHand:
 
 
 class ByHandModel(CompiledSteps):
-    """The model of a linkage in one coordinate, the angle of its crank."""
+    """The model of a linkage in one coordinate, the angle of its crank.
+
+    This crank angle x is the angle of the line between the crank's two pins. So it is the angle of the crank's frame plus
+    `loop.lines[0]`, the constant angle of this line in the crank's frame.
+    """
 
     note = "one coordinate, derived by hand, in C"
 
     def __init__(self, mechanism: Mechanism, loop: Loop, choice: Choice):
-        """Compile the derivation with the numbers of the linkage, and compare its motion with the linkage."""
+        """Compile the C source of the derived equations with the numbers of the linkage, and check the resulting motion."""
         self.mechanism, self.loop, self.choice, self.evaluator = mechanism, loop, choice, Evaluator(mechanism)
         numbers = "\n".join(f"static const double {name} = {float(value)!r};" for name, value in loop.numbers.items())
         self.code = Code(f"{numbers}\n{(FOLDER / loop.source).read_text(encoding='utf-8')}", n=1)
         self.advance = partial(self.code.step, choice.integrator)
         self.crank = angle_slot(loop.links[0])
-        # the derivation's crank angle is that of the line between the crank's pins, at the angle lines[0] in the crank's frame
+        # crank angle (1,) [rad] of the line between the crank's pins, and crank speed (1,) [rad/s]
         self.start = np.array([mechanism.q0[self.crank] + loop.lines[0]]), mechanism.v0[[self.crank]]
         self._verify()
 
     def _verify(self) -> None:
-        """Compare the derivation with the linkage at the start and at a crank angle on either side.
+        """Compare the derived equations with the suite's, at the start and at two crank angles CHECKED before and after the start.
+
+        Each entry of `pairs` is (value, expected value, scale of the difference). The crank speeds 1 and -10 rad/s are arbitrary.
 
         Raises:
-            RunFailure: accelerations, joints or the start differ.
+            RunFailure: accelerations differ, joints have gaps, or the start differs.
         """
         angle, speed = self.start
         for turn, rate in ((0.0, speed), (-CHECKED, np.ones(1)), (CHECKED, -10.0 * np.ones(1))):
@@ -103,31 +110,36 @@ class ByHandModel(CompiledSteps):
         """Return q, v, a (k, n) of all links at crank angles x (k, 1) and speeds dx (k, 1)."""
         q = self._place_links(x[:, 0])
         second = np.array([self.code.acceleration(0.0, *state)[0] for state in zip(x, dx, strict=True)])
+        # J v = 0 and the crank's speed determine v; then J a = gamma(q, v) and the crank's acceleration determine a
         at_rest = self.evaluator.constraints(0.0, q, np.zeros_like(q))
         v = self._solve(at_rest.J, 0 * at_rest.gamma, dx[:, 0])
         moving = self.evaluator.constraints(0.0, q, v)
         return q, v, self._solve(moving.J, moving.gamma, second)
 
     def _solve(self, J: Array, right: Array, crank: Array) -> Array:
-        """Solve J x = right for the rates or second rates x (k, n) of all links, given that of the crank (k,)."""
+        """Solve J x = right (k, m) for the velocities or accelerations x (k, n) of all links; `crank` (k,) is the crank's entry."""
         row = np.broadcast_to(np.eye(self.mechanism.n)[self.crank], (len(J), 1, self.mechanism.n))
         ends = np.concatenate([right, crank[:, None]], axis=1)
         return np.asarray(np.linalg.solve(np.concatenate([J, row], axis=1), ends[..., None])[..., 0])
 
     def _place_links(self, th: Array) -> Array:
-        """Return q (k, n) at crank angles (k,): each link is placed at the pin that joins it to the link before."""
+        """Return q (k, n) at crank angles th (k,): each link is placed at the pin that joins it to the previous link of the chain.
+
+        The ground comes before the crank.
+        """
         loop, q = self.loop, np.zeros((len(th), self.mechanism.n))
         start_angles = np.array([angle_at(self.mechanism.q0, link) for link in loop.links])
-        # `follow` tracks the angles from the start, at the crank angle start[0][0], and so finds the whole turns that `wind` adds
+        # `_angles` gives angles up to multiples of 2 pi. `follow` tracks them continuously from the crank angle start[0][0] of the
+        # start, and `wind` adds the multiples of 2 pi that are missing.
         unwrapped = wind(self._angles(th), follow(self._angles, float(self.start[0][0]), th, start_angles))  # (k, 3)
         for link, angle, pin in zip(loop.links, unwrapped.T, loop.pins, strict=True):
-            # the pin's point on the link before is placed already; the point on the link itself must coincide with it
+            # the pin's point on the previous link is placed already; the pin's point on this link must coincide with it
             q[:, angle_slot(link)] = angle
             places(q)[:, link] = position(q, pin.before) - rotate(pin.own.local, angle)
         return q
 
     def _angles(self, th: Array) -> Array:
-        """Return the angles (k, 3) [rad] of the links at crank angles (k,), up to whole turns except for the crank."""
+        """Return the angles (k, 3) [rad] of the links at crank angles (k,); those of the two other links up to whole turns."""
         lines, out = np.empty((len(th), 3)), np.zeros(2)
         for row, x in zip(lines, th, strict=True):
             self.code.library.line_angles(ctypes.c_double(x), ctypes.c_void_p(out.ctypes.data))

@@ -1,4 +1,4 @@
-"""The numbers of a linkage that the two derivations by hand need, or the reason why neither derivation holds for it.
+"""The numbers of a linkage that the equations derived by hand need, or the reason why these equations do not cover the linkage.
 
 A crank-slider has a crank on a ground pin, a rod, and a slider on a level guide of the ground; a four-bar has a second ground pin
 in the slider's place. Loads: gravity, a constant torque and damping on the crank, and on the slider a spring and damper along x.
@@ -20,11 +20,11 @@ LEVEL = 1e-12  # [rad] largest angle of a guide or spring that counts as level
 
 
 class Underived(ValueError):
-    """No equation was derived by hand for this linkage; the message gives the difference."""
+    """No equation was derived by hand for this linkage; the message says what kind of linkage or load is covered."""
 
 
 class Pin(NamedTuple):
-    """The two points of a pin: `before` on the ground or on the link before, `own` on the link that the pin carries."""
+    """The two points of a pin: `before` is on the previous link of the chain (or the ground), `own` on the next link."""
 
     before: Point
     own: Point
@@ -32,15 +32,18 @@ class Pin(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """The numbers of a linkage that is a crank-slider or a four-bar, for the derivation of its kind.
+    """The numbers of a crank-slider or a four-bar that the equations derived by hand for this kind of linkage need.
+
+    The links form a chain: the crank, the second link (connecting rod), and the third link (slider or rocker).
 
     Attributes:
-        source: file of the derivation.
-        numbers: name in the derivation -> value.
+        source: C file of the derived equations.
+        numbers: name of a constant in this file -> value.
         links: indices of the crank, the second and the third link.
-        lines: (3,) for each link the direction [rad], in the link's frame, of the line whose angle the derivation uses; for a
-            slider, minus its constant angle.
-        pins: for each link the pin that joins it to the ground or to the link before.
+        lines: (3,) for each link the direction [rad], in the link's frame, of the line between the link's two pins: the equations
+            use the angle of this line. A slider has one pin, and its line is horizontal in the world: the entry is minus the
+            slider's constant angle.
+        pins: for each link the pin that joins it to the previous link; for the crank, to the ground.
     """
 
     source: str
@@ -51,10 +54,13 @@ class Loop:
 
 
 def loop_of(mechanism: Mechanism) -> Loop:
-    """Recognise a linkage as a crank-slider or a four-bar, and return its numbers for the derivation in C.
+    """Recognise a linkage as a crank-slider or a four-bar, and return its numbers for the equations in C.
+
+    Names of the numbers: OX, OY are the crank's pin on the ground, R is the crank's length, DX, DY are the rocker's pin on the
+    ground, and S is the rocker's length. SIDE is the sign that selects the one of two closures in which the linkage starts.
 
     Raises:
-        Underived: the linkage is neither of the two, or has a load that the derivations lack.
+        Underived: the linkage is neither a crank-slider nor a four-bar, or it has a load that the derived equations do not include.
     """
     crank, pins = mechanism.crank, mechanism.pins
     constrained = mechanism.drivers or mechanism.constraints or mechanism.has_friction
@@ -96,7 +102,7 @@ def loop_of(mechanism: Mechanism) -> Loop:
 
 
 def _find_pin(pins: Sequence[Revolute], before: int, link: int) -> Pin | None:
-    """Return the pin that joins a link to the link before, or None."""
+    """Return the pin between the link `before` and the link `link`, or None if there is none."""
     for pin in pins:
         for a, b in ((pin.a, pin.b), (pin.b, pin.a)):
             if (a.link, b.link) == (before, link):
@@ -115,11 +121,15 @@ def _vector(name: str, x: Array) -> dict[str, float]:
 
 
 def _weights(k: str, mechanism: Mechanism, link: int, pivot: Point, tip: Point) -> dict[str, float]:
-    """Return the numbers J, WC and WS of link `k` (1 or 3): its inertia about its pivot, and the moments of its weight.
+    """Return the numbers J, WC and WS of a link: its inertia about the pivot, and two coefficients of the moment of its weight.
 
-    The moment of the weight at the angle th of the line from pivot to tip is WC cos(th) - WS sin(th).
+    At the angle th of the line from pivot to tip, the moment of the weight about the pivot is WC cos(th) - WS sin(th).
+
+    Args:
+        k: "1" for the crank or "3" for the rocker; a part of the names, as in J1, W1C, W1S.
     """
     body, (gx, gy) = mechanism.links[link], mechanism.gravity
+    # mass times the vector from pivot to centre of mass [kg m], in a frame whose x axis runs from pivot to tip
     x, y = body.mass * turn_vector(-pivot.local, -_angle(tip.local - pivot.local))
     inertia = body.inertia + body.mass * float(pivot.local @ pivot.local)
     return {f"J{k}": inertia, f"W{k}C": float(gy * x - gx * y), f"W{k}S": float(gx * x + gy * y)}
@@ -146,7 +156,10 @@ def _slider(mechanism: Mechanism, slide: Prismatic, link: int, pin: Point) -> di
 
 
 def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> dict[str, float]:
-    """Return torque and damping on the crank, and stiffness, damping and rest position of the spring along x at the slider's pin.
+    """Return the torque T and damping D on the crank, and K, C and X0 of the spring along x at the slider's pin.
+
+    K, C and X0 are the stiffness, damping and rest position of this spring; a four-bar (`slider` is None) has no such entries. Only
+    one spring may act, and its line must be horizontal within LEVEL.
 
     Raises:
         Underived: another load acts.
@@ -167,6 +180,7 @@ def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> 
                 and abs(angle) < LEVEL
                 and coefficients["K"] == coefficients["C"] == 0
             ):
+                # from the slider's pin to the point on which the spring acts [m], in the world's axes
                 beside = turn_vector(point.local - pin.local, angle_at(mechanism.q0, point.link))
                 coefficients |= {"K": k, "C": c, "X0": rest + float(origin.local[0]) - float(beside[0])}
             case _:

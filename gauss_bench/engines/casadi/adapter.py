@@ -65,6 +65,7 @@ class Casadi(LibraryEngine, file=VARIANTS):
         return f"CasADi {casadi.CasadiMeta.version()} with SUNDIALS"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why CasADi cannot run a mechanism with a given setting, or None if it can."""
         if choice.integrator == "idas_ggl" and choice.stabilization != "none":
             return "the stabilised index 2 form keeps the constraints by itself"
         if choice.integrator in METHODS and choice.stabilization == "projection":
@@ -81,14 +82,15 @@ class Casadi(LibraryEngine, file=VARIANTS):
 
 
 class CasadiModel:
-    """A mechanism as a differential-algebraic or ordinary system, integrated by SUNDIALS.
+    """A mechanism as a system of differential-algebraic or of ordinary differential equations, integrated by SUNDIALS.
 
     Attributes:
         solve: function (t, q, v) -> accelerations (n,), multipliers (m,).
         system: the system as CasADi's integrators take it: ode, alg, x, z, t and the parameter p.
         x: (k, 2n) samples, each q and then v.
-        spans: length [s] of every interval between samples if each is a call of its own; empty if the whole run is one call.
-        integrators: length of an interval -> its integrator; the key 0 stands for the whole run.
+        spans: length [s] of every interval between samples if the integrator is called once for each interval; empty if one call
+            integrates the whole run.
+        integrators: length [s] of an interval between samples -> the interval's integrator; the key 0 stands for the whole run.
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
@@ -105,12 +107,14 @@ class CasadiModel:
         self.system = self._write_system(e)
 
     def _write_system(self, e: Any) -> dict[str, Any]:
-        """Return the system of the equations M a + J' multipliers = Q, J a = gamma.
+        """Return the system for CasADi's integrators: one of the three forms of M a + J^T multipliers = Q, J a = gamma.
 
+        The head of this file lists the forms: ordinary equations (cvodes_...), index 1 (idas), and stabilised index 2 (idas_ggl).
         The start time of the system is a parameter, so that intervals of equal length share an integrator.
 
         Args:
-            e: the equations; c (m,) are the residuals of the velocities, phi those of the positions, without knife edges.
+            e: `Equations` of `equations.py`; c (m,) are the residuals of the constraints on velocities, J v = 0, and phi are those
+                of the constraints on positions, which knife edges do not have.
         """
         from gauss_bench.engines.casadi.equations import solution, stabilize
 
@@ -123,9 +127,8 @@ class CasadiModel:
             a, multipliers = ca.SX.sym("a", n), ca.SX.sym("multipliers", e.c.shape[0])
             motion = e.mass * a + e.J.T @ multipliers - e.Q
             system = {"z": ca.vertcat(a, multipliers), "ode": ca.vertcat(e.v, a), "alg": ca.vertcat(motion, e.J @ a - e.gamma)}
-            if (
-                self.choice.integrator == "idas_ggl"
-            ):  # Gear, Gupta and Leimkuhler: mu keeps the positions, multipliers the velocities
+            # Gear, Gupta and Leimkuhler: J^T mu is added to q', so that mu keeps the positions, and the multipliers the velocities
+            if self.choice.integrator == "idas_ggl":
                 mu = ca.SX.sym("mu", e.phi.shape[0])
                 system["z"] = ca.vertcat(system["z"], mu)
                 system["ode"] = ca.vertcat(e.v - ca.jacobian(e.phi, e.q).T @ mu, a)
@@ -154,7 +157,11 @@ class CasadiModel:
         self.integrators = {x: self._make_integrator(grid) for x, grid in grids.items()}
 
     def _make_integrator(self, grid: list[float]) -> Any:
-        """Return CasADi's integrator from 0 over the times of a grid [s]."""
+        """Return CasADi's integrator from time 0 that returns the states at the times `grid` [s], relative to the start.
+
+        Two cases give algebraic variables the tolerance LOOSE, as the comment there explains: stabilised index 2 (ggl), and IDAS
+        that starts again after every projection.
+        """
         relative, absolute = self.choice.tolerances(self.options["reltol"], self.options["abstol"])
         options: dict[str, Any] = {"reltol": relative, "abstol": absolute}
         kind, _, method = self.choice.integrator.partition("_")
@@ -172,7 +179,7 @@ class CasadiModel:
     def _solve_algebraic(self, t: float, x: Array) -> Array:
         """Return the algebraic variables at time t [s] and a state x (2n,): accelerations, multipliers, and corrections mu = 0.
 
-        The array is empty for a system of ordinary differential equations.
+        A system of ordinary differential equations has no algebraic variables, so the returned array is empty.
         """
         if "z" not in self.system:
             return np.zeros(0)
@@ -216,9 +223,13 @@ class CasadiModel:
         return np.array(states).T
 
     def read(self) -> Trajectory:
-        """Return the samples, with accelerations without Baumgarte's terms."""
+        """Return the samples; the accelerations are computed from the states, without Baumgarte's terms.
+
+        Samples after a failure of the integrator stay NaN.
+        """
         n = self.mechanism.n
         q, v = self.x[:, :n], self.x[:, n:]
+        # `finite` returns the number of samples before the first one that is not finite
         reached, a = slice(finite(self.x)), np.full_like(q, np.nan)
         a[reached] = np.array(self.solve.map(reached.stop)(self.times[reached], q[reached].T, v[reached].T)[0]).T
         return Trajectory(self.times, q, v, a, self.steps, self.evaluations, "steps and orders are the integrator's own choice")

@@ -1,4 +1,4 @@
-"""Equal steps with CasADi's accelerations in closed form, in generated C or in CasADi's virtual machine.
+"""Integration with steps of fixed size: CasADi gives the accelerations in closed form, as generated C or in its virtual machine.
 
 Users who want speed from CasADi write such steps, without an integrator of SUNDIALS. The accelerations are generated as C, and
 compiled together with the steps. If there is no C compiler, or if a variant asks for it, CasADi's virtual machine takes the steps.
@@ -23,15 +23,16 @@ CHUNK = 500  # steps in one call of the virtual machine: enough to make the cost
 
 
 class EqualSteps(CompiledSteps):
-    """A mechanism with CasADi's accelerations and equal steps.
+    """A mechanism whose accelerations CasADi computes, integrated with steps of fixed size.
 
     Attributes:
-        plain: function (t, q, v) -> accelerations (n,) that are reported, without Baumgarte's terms.
-        used: function (t, q, v) -> accelerations (n,) that are integrated.
-        advance: function that takes steps in place.
+        plain: CasADi function (t, q, v) -> accelerations (n,) that are reported, without Baumgarte's terms.
+        used: CasADi function (t, q, v) -> accelerations (n,) that are integrated, with Baumgarte's terms if the setting has them.
+        advance: function (q, v, t, size, count) that takes `count` steps of `size` [s] and overwrites q and v (n,).
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
+        """Prepare both functions of accelerations, and the loop over steps: generated C if a compiler exists, else interpreted."""
         import casadi
 
         from gauss_bench.engines.casadi.equations import equations, solution, stabilize
@@ -50,7 +51,11 @@ class EqualSteps(CompiledSteps):
             self.note += f": {NO_COMPILER}"
 
     def _compile_steps(self) -> Advance:
-        """Return a function that takes steps in place, in C."""
+        """Return the function `advance`, compiled from generated C.
+
+        CasADi generates the C function `used` for the attribute `used`; its work arrays hold numbers (`work`) and integers
+        (`whole`).
+        """
         generator = self.ca.CodeGenerator("engine")
         generator.add(self.used)
         f, n = self.used, self.mechanism.n
@@ -66,13 +71,14 @@ static void acceleration(double t, const double *q, const double *v, double *a)
         return partial(Code(generator.dump() + call, n).step, self.choice.integrator)
 
     def _interpret_steps(self) -> Advance:
-        """Return a function that takes steps in place, in CasADi's virtual machine."""
+        """Return the function `advance`, which runs in CasADi's virtual machine."""
         ca, n = self.ca, self.mechanism.n
         x, h = ca.SX.sym("x", 2 * n + 1), ca.SX.sym("h")  # x is q, v, t
         step = ca.Function("step", [x, h], [self._step(x, h)])
         chains: dict[int, Any] = {}  # number of steps -> function that takes this number of steps
 
         def advance(q: Array, v: Array, t: float, size: float, count: int) -> None:
+            """Take `count` steps of `size` [s], at most CHUNK of them in one call, and overwrite q and v (n,)."""
             state = np.concatenate([q, v, [t]])
             while count:
                 part = min(count, CHUNK)
@@ -85,13 +91,14 @@ static void acceleration(double t, const double *q, const double *v, double *a)
         return advance
 
     def _step(self, x: Any, h: Any) -> Any:
-        """Return the expression of the state [q, v, t] after a step of h [s] from the state x."""
+        """Return CasADi's expression for the state [q, v, t] after one Runge-Kutta step of h [s] from the state x = [q, v, t]."""
         n = self.mechanism.n
 
         def rate(x: Any) -> Any:
-            """Return dx/dt."""
+            """Return dx/dt = [v, a, 1]."""
             return self.ca.vertcat(x[n : 2 * n], self.used(x[2 * n], x[:n], x[n : 2 * n]), 1)
 
+        # the nodes are not needed, because x includes the time; 0 * x is the zero from which a sum of stages starts
         _, rows, weights = tableau(self.choice.integrator)
         rates: list[Any] = []
         for row in rows:

@@ -74,7 +74,7 @@ def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions
     states = {"t": e.t, "q": e.q, "v": e.v}
 
     def function(name: str, inputs: str, **outputs: Any) -> Any:
-        """Return a function of the symbols that the letters of `inputs` name, and of the parameters."""
+        """Return a CasADi function whose arguments are the letters of `inputs`, such as "tqv", and p if there are parameters."""
         arguments = {x: states[x] for x in inputs} | ({"p": p} if parameters else {})
         return ca.Function(name, [*arguments.values()], [*outputs.values()], [*arguments], [*outputs])
 
@@ -95,7 +95,7 @@ def reason_to_refuse(mechanism: Mechanism) -> str | None:
     """Return the reason why the equations have no solution in closed form, or None if they have one.
 
     Raises:
-        TypeError: a force is of a kind that cannot be expressed by loads.
+        TypeError: a force is of a kind that the function `loads` of `mechanism/model.py` cannot express.
     """
     if reason := unsteady(mechanism, "CasADi"):
         return reason
@@ -108,7 +108,10 @@ def reason_to_refuse(mechanism: Mechanism) -> str | None:
 
 
 def replace_number(mechanism: Mechanism, name: str, symbol: Any) -> tuple[Mechanism, float]:
-    """Return the mechanism with a symbol in the place of the number of that name, and the number.
+    """Return the mechanism with `symbol` in the place of the number called `name`, and the value of this number.
+
+    Args:
+        name: "gravity.x", or TABLE.ITEM.FIELD, as in "links.crank.mass"; a component of a vector has ".x" or ".y" at the end.
 
     Raises:
         ValueError: the mechanism has no number of that name.

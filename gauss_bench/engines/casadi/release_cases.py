@@ -31,7 +31,11 @@ def list_probes() -> list[dict[str, str]]:
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of the case `name` at absolute states q, v (k, n)."""
+    """Return the absolute accelerations (k, n) of the four-bar at absolute states q, v (k, n), with one linear solver.
+
+    Args:
+        name: name of a case of `list_probes`; its last word is the linear solver.
+    """
     import casadi as ca
 
     solver = name.rpartition(" ")[2]
@@ -42,7 +46,13 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
 
 
 def accelerations(ca: Any, solver: str) -> Callable[[Array, Array], Any]:
-    """Return a function (q, v) -> accelerations (n,) that solves M a + J^T lambda = Q, J a = -(J v)' v; CasADi differentiates."""
+    """Return a CasADi function (q, v) -> accelerations (n,) of the four-bar FOUR_BAR, in absolute coordinates x, y, angle per bar.
+
+    The function solves M a + J^T lambda = Q, J a = -(J v)' v, where CasADi computes the derivatives.
+
+    Args:
+        solver: CasADi's name of the linear solver.
+    """
     n = 3 * len(FOUR_BAR)
     q, v = ca.MX.sym("q", n), ca.MX.sym("v", n)
     masses = [x for bar in FOUR_BAR for x in (bar.mass, bar.mass, bar.inertia)]
@@ -64,7 +74,11 @@ def accelerations(ca: Any, solver: str) -> Callable[[Array, Array], Any]:
 
 
 def defaults() -> dict[str, str]:
-    """Return name -> "there" for the plugins of the release, and option -> how integrators act if the option is not set."""
+    """Return two kinds of facts about the installed release of CasADi, by name.
+
+    The name of an available plugin has the value "there". The name of an integrator and its option has the value "acts as X" if the
+    integrator behaves without the option as with the value X of ASSUMED, and otherwise "acts otherwise than X".
+    """
     import casadi as ca
 
     found: dict[str, str] = {}
@@ -82,10 +96,10 @@ def defaults() -> dict[str, str]:
 
 
 def integrate(ca: Any, name: str, options: dict[str, Any]) -> tuple[list[int], list[float]]:
-    """Return an integrator's counts of steps and evaluations, and the state (2,) at its end, on van der Pol's oscillator.
+    """Integrate van der Pol's oscillator; return the counts of steps and evaluations, and the state (2,) at the end.
 
-    Runs show the defaults of options. The documentation in the library does not: in releases before 3.7 it describes options of
-    much older releases.
+    If a run without an option equals a run with the option set to a value, this value is the option's default. The documentation
+    that the library contains does not tell the defaults: in releases before 3.7 it describes options of much older releases.
     """
     x = ca.SX.sym("x", 2)
     ode = ca.vertcat(x[1], (1 - x[0] ** 2) * x[1] - x[0])

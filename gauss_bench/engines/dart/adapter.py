@@ -6,7 +6,8 @@ keeps the gaps of the loops, or reduces them by the share `erp`:
     M (v1 - v) = h f + J^T impulse,    J v1 = -erp gap / h,    y1 = y + h v1
 
 So DART computes no accelerations of closed loops; the adapter finds them from differences of velocities over short steps. Before
-the skeleton is used, it is compared with the suite's own terms, at tree states at which loops are open.
+DART's model of the tree (its skeleton) is used, its gaps of joints and its accelerations are compared with those that the suite
+computes, at tree states at which the loops are open.
 """
 
 from pathlib import Path
@@ -67,18 +68,18 @@ class Dart(LibraryEngine, file=VARIANTS):
 
 
 class DartModel(TreeModel):
-    """A mechanism in DART, run by one `Choice`.
+    """A mechanism in DART, run with one setting of the engine (`Choice`).
 
     Attributes:
         laws: index of a driven tree coordinate -> its motion law.
-        moving: the world of runs.
-        still: another world, in which accelerations are measured.
+        moving: the simulation world (`Built`) that runs step.
+        still: another equal world, in which accelerations at given states are measured.
     """
 
     library = "DART"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Compare the open tree with the linkage, and build the worlds."""
+        """Compare DART's model of the open tree with the linkage, and build the simulation worlds `moving` and `still`."""
         import dartpy
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
@@ -86,7 +87,8 @@ class DartModel(TreeModel):
         self.forces = forces_of(mechanism, self.tree, self.options["joint_forces"])
         self.laws = {at: driver.law for at, driver in drivers_by_coordinate(mechanism, self.tree).items()}
         with Messages() as messages:
-            # the world that is compared with the linkage: no closures, because `restart` is not called, and no motors
+            # the world that is compared with the linkage has open loops, because only `Built.restart` adds closures, and no
+            # motors; its step INSTANT is so short that DART's implicit springs and dampers give the accelerations of this state
             open_tree = self._build(motors=False)
             open_tree.world.setTimeStep(INSTANT)
             verify(mechanism, self.tree, lambda y, dy: self._describe(open_tree, y, dy), AGREEMENT)
@@ -102,16 +104,17 @@ class DartModel(TreeModel):
         return built
 
     def _describe(self, open_tree: Built, y: Array, dy: Array) -> OpenModel:
-        """Return gaps and accelerations of the open tree at a tree state y, dy (n,), by DART's own kinematics and dynamics."""
+        """Return the gaps of the loops and the accelerations of the open tree at a tree state y, dy (n,), as DART computes them."""
         open_tree.put(y, dy)
-        self._push(open_tree, 0.0)
+        self._push(open_tree, t=0.0)  # applies the forces of this state at t = 0
         open_tree.skeleton.computeForwardDynamics()
         return OpenModel(open_tree.gaps(), accelerations=open_tree.skeleton.getAccelerations()[open_tree.order])
 
     def _set_options(self, erp: float) -> None:
         """Set the options of closures; `erp` is the share of a gap that a step closes.
 
-        Trap: these options are static in DART. All closures of a process have the values that were set last, even by another model.
+        Trap: the options of closures are static variables in DART. So all closures in a process have the values that were set last,
+        even by another model.
         """
         closures = self.dartpy.constraint.BallJointConstraint
         closures.setErrorReductionParameter(erp)
@@ -153,7 +156,8 @@ class DartModel(TreeModel):
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
         """Return the accelerations (n,) at a tree state y, dy (n,), from the changes of rates over short steps.
 
-        DART computes accelerations only without closures, so those of closed loops must be measured.
+        DART computes accelerations only for trees without closures. So the accelerations of closed loops are measured as changes of
+        velocity over short steps.
 
         Raises:
             RunFailure: DART prints a message.
@@ -175,6 +179,8 @@ class DartModel(TreeModel):
         Raises:
             RunFailure: DART prints a message.
         """
+        # a stretch of the plan: begin [s], number of steps, their size [s], the time `last` [s] after which no force may be
+        # evaluated, because a force may jump at the end of the stretch, and the row of the sample at its end (or None)
         self._set_options(self.options["erp"])
         built, changing = self.moving, not self.forces.are_constant or bool(self.laws)
         step = built.world.step

@@ -1,7 +1,7 @@
 """Catch the messages that DART prints: DART reports faults only by printing, and then goes on.
 
-If numbers are not finite after a step, DART sets them to zero and prints that in every later step, 100,000 lines in a run. Such a
-run ends in zeros that look like a linkage at rest.
+If numbers are not finite after a step, DART sets them to zero and prints a message in every later step, 100,000 lines in a run. The
+last samples of a run that fails in this way are zeros, which look like a linkage at rest.
 """
 
 import os

@@ -1,8 +1,9 @@
-"""A linkage as a DART world: links hang on a skeleton of joints, and a ball constraint closes each pin that the tree leaves open.
+"""A linkage as a DART world: a skeleton (tree of joints) carries the links, and a ball constraint closes each pin outside the tree.
 
-DART's coordinates are the tree coordinates y in another order. Frames of links lie at their centres of mass. Springs and dampers on
-one coordinate are elements of DART, unless a setting makes them explicit. The adapter computes all other forces and gives them to
-DART. A driven joint has DART's actuator for velocities.
+DART's coordinates are the tree coordinates y in another order. Frames of links lie at their centres of mass. Springs and dampers
+that act on one coordinate become elements of DART, which treats them implicitly, unless the knob `joint_forces` is "explicit". The
+adapter computes all forces that are no elements of DART, and passes them to DART before each step. A driven joint uses DART's
+velocity actuator.
 """
 
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ IMPLICIT, EXPLICIT = "implicit", "explicit"  # values of the knob `joint_forces`
 
 
 def forces_of(mechanism: Mechanism, tree: Tree, joint_forces: str) -> GivenForces:
-    """Return the forces of a mechanism; with IMPLICIT, springs and dampers on one coordinate are elements of DART."""
+    """Return a mechanism's forces; if `joint_forces` is IMPLICIT, springs and dampers on one coordinate are DART's elements."""
     return GivenForces(mechanism, tree, lambda load: joint_forces == IMPLICIT and on_one_joint(load))
 
 
@@ -63,7 +64,7 @@ class Built:
     def push(self, forces: Array) -> None:
         """Set the forces and torques (3 links,) on the links, at their centres of mass, for the next steps."""
         for body, force, torque in zip(self.bodies, places(forces), angles(forces), strict=True):
-            body.setExtForce(spatial(force))
+            body.setExtForce(spatial(force))  # replaces the earlier force and torque, so that torques do not add up over steps
             body.addExtTorque([0.0, 0.0, torque], False)  # False: about the axis of the world
 
     @property
@@ -103,8 +104,8 @@ class Builder:
     """Builds a DART world of a mechanism, whose loops are still open.
 
     Attributes:
-        forces: the loads, of which springs and dampers of joints become elements of DART.
-        motors: whether driven joints have motors, which DART needs to follow motion laws; without them they move freely.
+        forces: the applied loads; DART itself models some of them, the springs and dampers in `forces.own`.
+        motors: whether driven joints have motors, which DART needs to follow motion laws; joints without motors move freely.
         skeleton: DART's tree of joints and bodies; DART's `bodies` are listed by link.
     """
 
@@ -116,7 +117,7 @@ class Builder:
         self.coordinates: dict[int, tuple[Any, int]] = {}  # index of a tree coordinate -> DART's joint, and the index within it
 
     def build(self) -> Built:
-        """Return the world; `Built.restart` adds its closures."""
+        """Return the simulation world with open loops; `Built.restart` adds the constraints that close them."""
         world, mechanism = self.dartpy.simulation.World(), self.mechanism
         world.setGravity(spatial(mechanism.gravity))
         asleep = world.getDeactivationOptions()  # by default DART stops bodies that move slowly
@@ -138,7 +139,7 @@ class Builder:
         return Built(world, self.skeleton, bodies, order, pins, start, closures=[])
 
     def _add_link(self, b: Branch) -> None:
-        """Add the joint and the body of a branch."""
+        """Add the joint and the rigid body of one branch of the tree (a link with the joint that carries it)."""
         create = {
             "revolute": self.skeleton.createRevoluteJointAndBodyNodePair,
             "prismatic": self.skeleton.createPrismaticJointAndBodyNodePair,
@@ -171,8 +172,8 @@ class Builder:
     def _add_springs(self) -> None:
         """Add the springs and dampers of joints.
 
-        A coordinate has one spring in DART, so all springs on it are summed. The rest position of the sum is the mean of their rest
-        positions, weighted by stiffness.
+        In DART a coordinate has only one spring, so all springs on a coordinate are combined into one. The rest position of this
+        combined spring is the mean of the springs' rest positions, weighted by their stiffness.
         """
         stiffness, preload, damping = np.zeros(self.tree.n), np.zeros(self.tree.n), self.forces.joint_damping
         for load in self.forces.own:
@@ -195,10 +196,11 @@ def place(body: Any, point: Array) -> Array:
 
 
 def select_pgs(dartpy: Any, built: Built, iterations: int) -> None:
-    """Make PGS the solver of impulses in place of Dantzig's method; it takes exactly `iterations` iterations.
+    """Make projected Gauss-Seidel (PGS), with exactly `iterations` iterations, the solver of impulses in place of Dantzig's method.
 
-    DART's solvers have no constructor in Python. But every world has a PGS as its second solver, for problems on which its first
-    solver fails. A world does not accept its own second solver as its first, so the PGS is taken from another world.
+    DART's solvers have no constructor in Python. However, every DART world has a PGS solver as its secondary solver, which solves
+    the problems on which the primary solver fails. A world does not accept its own secondary solver as its primary solver, so the
+    PGS solver is taken from a new world.
     """
     solver = dartpy.simulation.World().getConstraintSolver().getSecondaryBoxedLcpSolver()
     solver.setOption(dartpy.constraint.PgsBoxedLcpSolverOption(iterations, 0.0, 0.0))

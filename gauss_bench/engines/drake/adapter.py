@@ -1,13 +1,15 @@
 """Drake: a tree of joints, closed by constraints in discrete plants, or by stiff bushings in discrete or continuous plants.
 
+A plant is Drake's model of a multibody system. Discrete plants take steps of a fixed size, and integrators step continuous plants.
 Only the solver SAP of discrete plants handles constraints. A continuous plant accepts a constraint, but fails at the first
-evaluation; it can close loops only by bushings. SAP's contact approximations kSap, kSimilar and kLagged and its near-rigid
-threshold change no bit of a run without contacts, and kTamsi refuses constraints, so none of them is a knob.
+evaluation; so loops of continuous plants are closed by bushings. SAP's contact approximations kSap, kSimilar and kLagged and its
+near-rigid threshold change no bit of a run without contacts, and kTamsi refuses constraints, so none of them is a knob.
 
-At a state with closed loops a bushing exerts no force yet. The accelerations at such a state are therefore those of the open tree.
-In a motion, the accelerations of the closed linkage appear after some periods of the bushing.
+A bushing is a stiff spring and damper, so it exerts no force at a state with exactly closed loops. The accelerations at such a
+state are therefore those of the open tree. In a simulated motion, the accelerations approach those of the linkage with exactly
+closed loops only after some periods of the bushing's vibration.
 
-Before the tree is used, it is compared with the suite's own terms, at states at which loops are open.
+Before Drake's tree is used, its accelerations are compared with those that the suite computes, at states at which loops are open.
 """
 
 from collections.abc import Mapping
@@ -54,7 +56,7 @@ class Drake(LibraryEngine, file=VARIANTS):
         return f"Drake {version('drake')}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why Drake cannot run a mechanism with a choice, or None if it can."""
+        """Return the reason why Drake cannot run a mechanism with a given setting, or None if it can."""
         if reason := beyond_a_tree(mechanism, "Drake") or unsteady(mechanism, "Drake"):
             return reason
         options = VARIANTS.options(choice.settings)
@@ -67,6 +69,7 @@ class Drake(LibraryEngine, file=VARIANTS):
         return DrakeModel(mechanism, choice)
 
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
+        """Return a Python program that runs the mechanism in Drake; only integrators that choose their steps have an accuracy."""
         options = VARIANTS.options(choice.settings)
         tree = joint_tree(mechanism, options)
         accuracy = choice.tolerances(options["accuracy"], 0.0)[0] if choice.integrator in Drake.adaptive else None
@@ -74,18 +77,18 @@ class Drake(LibraryEngine, file=VARIANTS):
 
 
 def choose_closure(tree: Tree, options: Mapping[str, Any]) -> Closure:
-    """Return how settings with these options close the open pins of a tree."""
+    """Return how the pins that are no joints of the tree are closed, according to the options of the engine."""
     kind = options["closure"] if tree.closures else OPEN
     return Closure(kind, options["bushing_period_s"], options["bushing_damping_ratio"])
 
 
 class DrakeModel(TreeModel):
-    """A mechanism in Drake, run by one `Choice`.
+    """A mechanism in Drake, run with one setting of the engine (`Choice`).
 
     Attributes:
-        closure: how loops are closed; its kind is OPEN if there are no loops.
+        closure: how loops are closed; the kind of closure is OPEN if there are no loops.
         runners: step size [s] -> simulation of a discrete plant; a discrete plant has only one step size.
-        steppers: longest step [s] -> evaluators of plants with steps of this length and shorter.
+        steppers: longest step [s] -> list of `Stepper`, one for each of several discrete plants with this step and shorter ones.
         continuous: simulation of a continuous plant; None if the integrator is SAP.
     """
 
@@ -107,7 +110,7 @@ class DrakeModel(TreeModel):
         self._runner(choice.step)  # builds the discrete plant now, so that a linkage that Drake refuses fails here
 
     def _build(self, step: float, closure: Closure) -> Built:
-        """Return a plant for steps of a length [s], or a continuous plant if it is 0.
+        """Return a discrete plant with the given step size [s], or a continuous plant if `step` is 0.
 
         Raises:
             RunFailure: Drake refuses the linkage.
@@ -123,18 +126,18 @@ class DrakeModel(TreeModel):
         return OpenModel(gaps(open_tree.built, open_tree.context), accelerations=accelerations)
 
     def _runner(self, size: float) -> Runner:
-        """Return the simulation that takes steps of a size [s]; the plant is built on the first call for its size."""
+        """Return the simulation that takes steps of `size` [s]; a discrete plant is built on the first call with its step size."""
         if self.continuous:
-            return self.continuous
-        key = round(size, 15)  # sizes that differ by rounding only share a plant
+            return self.continuous  # a continuous plant serves for all step sizes
+        key = round(size, 15)  # two sizes that differ only by rounding share one plant
         if key not in self.runners:
             self.runners[key] = Runner(self.drake, self._build(size, self.closure))
         return self.runners[key]
 
     def _short_steppers(self, longest: float) -> list[Stepper]:
-        """Return HALVINGS + 1 steppers: the first takes steps of `longest` [s], each further one steps of half the length before.
+        """Return HALVINGS + 1 steppers: the first has the step size `longest` [s], each other one half that of its predecessor.
 
-        They are built at the first call for `longest`, and kept.
+        The steppers are built at the first call with the value `longest`, and stored in `self.steppers`.
         """
         if longest not in self.steppers:
             lengths = [longest / 2**k for k in range(HALVINGS + 1)]
@@ -143,16 +146,17 @@ class DrakeModel(TreeModel):
 
     @cached_property
     def _still(self) -> Stepper:
-        """A continuous plant for accelerations at given states."""
+        """A continuous plant that only evaluates accelerations at given states."""
         return Stepper(self._build(0.0, self.closure))
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
         """Return the accelerations (n,) at a tree state y, dy (n,).
 
-        With constraints they are extrapolated from steps; otherwise a continuous plant reports them.
+        If constraints close the loops, the accelerations are extrapolated from the steps of discrete plants; otherwise a continuous
+        plant reports them.
 
         Raises:
-            RunFailure: Drake finds none.
+            RunFailure: Drake finds no accelerations.
         """
         try:
             if self.closure.kind == BALL:
@@ -179,6 +183,7 @@ class DrakeModel(TreeModel):
         Raises:
             RunFailure: Drake gives up.
         """
+        # a runner has one step size; another runner starts from the present state when the step size changes
         y, dy = self.y0, self.dy0
         running: Runner | None = None
         for stretch in self.plan:
@@ -200,18 +205,20 @@ class DrakeModel(TreeModel):
     def read(self) -> Trajectory:
         """Return the samples with their accelerations.
 
-        With constraints, the accelerations of a sample are those that Drake reports for the run's next step. The steps of a run
-        leave small gaps in the loops. The shorter steps of `tree_acceleration` would close these gaps in a shorter time, so that
-        their accelerations would contain a fast motion that the run does not have. The first sample has no gap.
+        If constraints close the loops, the accelerations at a sample are those that Drake reports there for a step of the run's
+        step size. The steps of a run leave small gaps in the loops, and the next step closes a part of each gap. The shorter steps
+        of `tree_acceleration` would close this part in a shorter time, so that the accelerations would contain a fast motion that
+        the run does not have. The first sample has no gap, so `tree_acceleration` serves there.
         """
         if self.closure.kind != BALL:
             return super().read()
         q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
+        # index of a sample -> the simulation that took the steps to this sample; and simulation -> evaluator of its plant
         runners = {stretch.row: self._runner(stretch.size) for stretch in self.plan}
         steppers = {runner: Stepper(runner.built) for runner in {*runners.values()}}
 
         def acceleration_of_sample(k: int) -> Array:
-            """Return the absolute accelerations (3 links,) at sample k, by the plant that took the steps to this sample."""
+            """Return the absolute accelerations (3 links,) at sample k, as the discrete plant that stepped to it reports them."""
             y, dy = self.y[k], self.dy[k]
             if k == 0:  # no step leads to the first sample
                 return self.accelerate(float(self.times[0]), y, dy)

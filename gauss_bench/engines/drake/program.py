@@ -44,11 +44,11 @@ RUN = """    context = plant.GetMyMutableContextFromRoot(root)
 def write(mechanism: Mechanism, tree: Tree, choice: Choice, closure: Closure, scheme: str, accuracy: float | None) -> str:
     """Return the text of a program that runs a mechanism with one `Choice`.
 
-    Builder runs with stand-ins for Drake's modules, which record all calls; `script.lines` then holds them as program text.
+    Builder is given stand-ins for Drake's modules, which record all calls; `script.lines` then holds these calls as program text.
 
     Args:
         scheme: Drake's name of an integrator of continuous plants; empty for a discrete plant.
-        accuracy: accuracy of an integrator that chooses its steps; None for equal steps.
+        accuracy: accuracy of an integrator that chooses its steps; None for steps of fixed size.
     """
     script = Script(STATEMENTS)
     library = SimpleNamespace(**{name: script.stand_in(f"drake_{name}") for name in MODULES})
@@ -66,7 +66,7 @@ def write(mechanism: Mechanism, tree: Tree, choice: Choice, closure: Closure, sc
 
 
 def _set_integrator(scheme: str, accuracy: float | None) -> list[str]:
-    """Return the statements that set the integrator of a continuous plant; with an accuracy it chooses its steps."""
+    """Return the statements that set the integrator of a continuous plant; if `accuracy` is given, it chooses its own steps."""
     longest = "step" if accuracy is None else LONGEST_STEP
     lines = [
         f"integrator = drake_analysis.ResetIntegratorFromFlags(simulator, {scheme!r}, {longest})",

@@ -1,4 +1,4 @@
-"""Step plants of Drake: simulations for runs, and accelerations found from steps with constraints."""
+"""Steps of Drake's plants (models): simulations of runs, and accelerations that are found from steps with constraints."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -29,7 +29,7 @@ class Stepper:
         self.context = built.connect(self.root)
 
     def reported_acceleration(self, y: Array, dy: Array) -> Array:
-        """Return the y'' (n,) that Drake reports at a tree state y, dy (n,)."""
+        """Return the accelerations y'' (n,) that Drake reports at a tree state y, dy (n,)."""
         self.built.set_state(self.context, y, dy)
         return self.built.reported_acceleration(self.context)
 
@@ -76,7 +76,7 @@ class ContinuousRunner(Runner):
     """A simulation of a continuous plant by one of Drake's integrators."""
 
     def set_integrator(self, drake: Any, scheme: str, accuracy: float | None) -> None:
-        """Set the integrator to one of Drake's schemes; with an accuracy it chooses its steps."""
+        """Set the integrator to one of Drake's schemes; if `accuracy` is given, the integrator chooses its own steps."""
         self.integrator: Any = drake.analysis.ResetIntegratorFromFlags(self.simulator, scheme, LONGEST_STEP)
         self.takes_equal_steps = accuracy is None
         self.integrator.set_fixed_step_mode(self.takes_equal_steps)
@@ -103,20 +103,23 @@ class ContinuousRunner(Runner):
 def settled_acceleration(steppers: Callable[[float], Sequence[Stepper]], y: Array, dy: Array) -> Array:
     """Return the acceleration (n,) at a tree state y, dy (n,) with closed loops, found from steps of discrete plants.
 
-    A step of SAP makes the velocities of pinned points equal, evaluated with the positions at the beginning of the step. At the end
-    of the step a gap is therefore left. The step also closes half of the gap that the step before has left. Let D_k be the change
-    of speed in step k, divided by the step length h. If the loops are closed at first, D_k approaches a limit D(h), and its
-    distance from the limit halves in every step:
+    SAP is the solver of discrete plants. A step of SAP makes the velocities of the two points of each closing pin equal, evaluated
+    with the positions at the beginning of the step. At the end of the step a gap is therefore left between the points. The step
+    also closes half of the gap that the previous step left. Let D_k be the change of the speeds in step k, divided by the step
+    length h. If the loops are closed in the initial state, D_k approaches a limit D(h) for large k. The difference between D_k and
+    this limit is halved in every step, so that
 
         D(h) = 2 D_k - D_(k-1),    a = D(0)
 
-    D(0) is extrapolated from several lengths h. A force that Drake treats implicitly changes D(h), but not D(0).
+    The acceleration a is D(0), which is extrapolated from several step lengths h. Drake treats some forces implicitly; this changes
+    D(h), but not the limit D(0).
 
     Trap: if a step would change the speeds by less than a millionth, SAP does not change them at all. So if the results of short
-    steps do not agree, longer steps are taken.
+    steps do not agree, longer steps are tried: LENGTHS lists the longest step of each attempt.
 
     Args:
-        steppers: function of a longest step [s]; it returns steppers of plants with this step and shorter ones, the longest first.
+        steppers: function of a step size [s]; it returns a list of `Stepper`, one for each of several plants with this step size
+            and shorter ones, the longest first.
 
     Raises:
         RunFailure: the extrapolation changes if the shortest steps are left out.
@@ -129,10 +132,13 @@ def settled_acceleration(steppers: Callable[[float], Sequence[Stepper]], y: Arra
 
 
 def extrapolate_changes(steppers: Sequence[Stepper], y: Array, dy: Array) -> tuple[Array, float]:
-    """Return the acceleration (n,) extrapolated from all steppers, and its largest change if the shortest steps are left out.
+    """Return the acceleration (n,) extrapolated to step size zero, and how much it changes without the shortest step size.
+
+    The acceleration is extrapolated from the results of all steppers. The second value is the largest change of one of its
+    components if the result of the shortest step size is left out.
 
     Args:
-        steppers: one for each step length, the longest first; each takes SETTLING steps from the tree state y, dy (n,).
+        steppers: one for each step size, the longest first; each takes SETTLING steps from the tree state y, dy (n,).
     """
     pairs = [stepper.last_changes(y, dy, SETTLING) for stepper in steppers]
     # D(h) = 2 D_k - D_(k-1), because the distance from the limit D(h) halves in every step

@@ -1,20 +1,23 @@
-"""A linkage as a plant of Drake: links hang on a tree of joints, and one element closes each pin that the tree leaves open.
+"""A linkage as a plant (multibody model) of Drake: a tree of joints carries the links, and the other pins are closed by elements.
 
-    ball       AddBallConstraint: a constraint of discrete plants, for which the solver SAP finds impulses
-    bushing    LinearBushingRollPitchYaw without torques: a stiff spring and damper, for discrete and continuous plants
+One of two kinds of element closes each pin that is no joint of the tree:
+
+    ball:       AddBallConstraint, a constraint of discrete plants, for which the solver SAP finds impulses
+    bushing:    LinearBushingRollPitchYaw without torques, a stiff spring and damper, for discrete and continuous plants
 
 Drake's coordinates are the tree coordinates y in another order. Frames of links lie at their centres of mass. The adapter
-translates a force only if an element of Drake expresses it exactly, and refuses all others by name:
+translates a force only if an element of Drake expresses it exactly, and refuses all other forces by name. A force of the linkage on
+the left becomes the element or input of Drake on the right:
 
-    constant generalised force                     input port of generalised forces
-    spring on one hinge or slide                   RevoluteSpring, PrismaticSpring
-    damper on one tree coordinate                  damping of its joint
-    spring and damper between points               LinearSpringDamper, whose free length must be positive
-    force at a point, fixed in the world           input port of spatial forces
-    force at a point, fixed in its own link        Propeller without a moment
+    constant generalised force:                    input port of generalised forces
+    spring on one hinge or slide:                  RevoluteSpring, PrismaticSpring
+    damper on one tree coordinate:                 damping of the coordinate's joint
+    spring and damper between points:              LinearSpringDamper, whose free length must be positive
+    force at a point, fixed in the world:          input port of spatial forces
+    force at a point, fixed in the point's link:   Propeller without a moment
 
-Trap: a constraint on a point of the world ends the process at the first step (Drake 1.51.1, segmentation fault). Such points
-therefore lie on a body that is welded to the world.
+Trap: a constraint on a point of the world ends the process at the first step (Drake 1.51.1, segmentation fault). A constrained
+point of the ground is therefore a point of a body that is welded to the world.
 """
 
 from dataclasses import dataclass
@@ -73,9 +76,9 @@ class Closure:
     """How the pins that the tree leaves open are closed.
 
     Attributes:
-        kind: BALL, BUSHING or OPEN.
-        period: shortest undamped period of a bushing's vibration [s].
-        damping_ratio: damping of a bushing relative to critical damping.
+        kind: kind of the elements that close pins: BALL, BUSHING or OPEN (no elements).
+        period: shortest undamped period of a bushing's vibration [s]; only for BUSHING.
+        damping_ratio: damping of a bushing relative to critical damping; only for BUSHING.
     """
 
     kind: str = OPEN
@@ -113,14 +116,16 @@ class Built:
     """A plant of Drake and the system that is simulated.
 
     Attributes:
-        plant: Drake's MultibodyPlant.
-        system: the plant itself, or a diagram of the plant and propellers.
+        plant: Drake's object MultibodyPlant.
+        system: the Drake system that is simulated: the plant itself, or a diagram of the plant and propellers.
         bodies: Drake's bodies, in the order of the links.
         order: (n,) index of each tree coordinate in Drake's coordinates.
         pins: for each closing pin, its two ends: the frame of Drake's body and the point (3,) in it.
         motors: (n,) constant generalised forces on the tree coordinates.
-        winds: constant forces at points, as Drake's ExternallyAppliedSpatialForce, for the input port `wind_port`.
-        thrusts: (propellers,) forces of the propellers [N], for the input port `thrust_port`.
+        winds: constant forces at points whose direction is fixed in the world, as Drake's objects ExternallyAppliedSpatialForce;
+            they are values of the input port `wind_port`.
+        thrusts: (propellers,) forces of the propellers [N], whose directions are fixed in a link; they are values of the input port
+            `thrust_port`.
     """
 
     plant: Any
@@ -163,9 +168,9 @@ class Built:
         return self.plant.GetPositions(context)[self.order], self.plant.GetVelocities(context)[self.order]
 
     def reported_acceleration(self, context: Any) -> Array:
-        """Return the y'' (n,) of Drake's output port.
+        """Return the accelerations y'' (n,) that Drake's output port reports.
 
-        For a discrete plant this is the change of the speeds in the next step, divided by the step length.
+        A discrete plant reports the change of the speeds in the next step, divided by the step length.
         """
         accelerations: Array = np.array(self.plant.get_generalized_acceleration_output_port().Eval(context))[self.order]
         return accelerations
@@ -175,10 +180,14 @@ class Builder:
     """Builds plants of a mechanism."""
 
     def __init__(self, drake: Any, mechanism: Mechanism, tree: Tree):
+        """Take an object with Drake's modules as attributes (`load_library`), a mechanism, and the joint tree of its links."""
         self.drake, self.mechanism, self.tree = drake, mechanism, tree
 
     def build(self, step: float, closure: Closure) -> Built:
-        """Return a plant for steps of a length [s], or a continuous plant if the length is 0."""
+        """Return a discrete plant with the given step size [s], or a continuous plant if `step` is 0.
+
+        Drake needs bodies before their joints, joints before loads and closures, and all of them before `Finalize`.
+        """
         self.plant = self.drake.plant.MultibodyPlant(step)
         if step:
             # Trap: by default the reported accelerations are those of the last step, and zero before the first step.
@@ -189,12 +198,13 @@ class Builder:
         for i, link in enumerate(self.mechanism.links):
             # only the last moment of inertia acts; Drake refuses moments that no body can have, and takes three equal ones
             self.bodies[i] = self._add_body(f"link{i}", link.mass, link.inertia / link.mass)
-        # both by the index of a branch's first coordinate
+        # both tables have the index of a branch's first tree coordinate as their key; a branch is a link with its joint
         self.joints = {b.at: self._add_joint(b) for b in self.tree.branches}
         self.dampings = {b.at: np.zeros(3 if b.kind == "free" else 1) for b in self.tree.branches}
+        # a wind is a force whose direction is fixed in the world, a thrust one whose direction is fixed in its link
         self.winds: list[tuple[int, Array, Array]] = []  # link, point (2,) and force (2,) in the world's directions
         self.thrusts: list[tuple[int, Array, Array]] = []  # link, point (2,) and force (2,) in the link's directions
-        self.forces = np.zeros(self.tree.n)
+        self.forces = np.zeros(self.tree.n)  # constant generalised forces on the tree coordinates
         turns = turning(self.tree)
         for load in sort_loads(self.mechanism, self.tree):
             self._add_load(load, turns)
@@ -210,13 +220,16 @@ class Builder:
         return self._assemble(pins)
 
     def _assemble(self, pins: list[tuple[tuple[Any, Array], tuple[Any, Array]]]) -> Built:
-        """Return the finalised plant; if there are propellers (forces fixed in a link), return it in a diagram with them.
+        """Return the finalised plant; if there are thrusts, return it in a diagram with one propeller for each of them.
+
+        A wind is a force whose direction is fixed in the world, a thrust one whose direction is fixed in its link.
 
         Args:
             pins: for each closing pin, its two ends: the frame of Drake's body and the point (3,) in it.
         """
         order = []  # Drake's index of each tree coordinate
         for at in sorted(self.joints):
+            # a joint has one damping for each of its coordinates
             order += [self.joints[at].position_start() + k for k in range(len(self.dampings[at]))]
         bodies = [self.bodies[i] for i in range(len(self.mechanism.links))]
         winds = [self._spatial_force(*wind) for wind in self.winds]
@@ -227,10 +240,13 @@ class Builder:
         return Built(self.plant, system, bodies, np.array(order), pins, self.forces, winds, thrusts, wind_port, thrust_port)
 
     def _add_propellers(self, port: Any) -> tuple[Any, Any, Any]:
-        """Return a diagram of the plant and propellers, its input port for winds, and its input port for thrusts.
+        """Return a Drake diagram of the plant and the propellers, the diagram's input port for winds, and the one for thrusts.
+
+        A wind is a force whose direction is fixed in the world. A thrust is a force whose direction is fixed in its link; a
+        propeller exerts it.
 
         Args:
-            port: the plant's input port for forces at points, which gets winds and thrusts together.
+            port: the plant's input port for forces at points; the diagram passes winds and thrusts to it together.
         """
         builder = self.drake.framework.DiagramBuilder()
         builder.AddSystem(self.plant)
@@ -273,7 +289,7 @@ class Builder:
         return self.plant.AddJoint(tree.PlanarJoint(name, near, far))
 
     def _add_load(self, load: TreeLoad, turns: Turning) -> None:
-        """Add the elements of a load to the plant; keep a load that enters through an input port."""
+        """Add the elements of a load to the plant; store a load that enters the plant through an input port during the run."""
         match load:
             case Steady():
                 self.forces += load.value * load.force
@@ -298,7 +314,7 @@ class Builder:
                 self.plant.AddForceElement(spring(joint, rest, load.k))
 
     def _add_point_force(self, force: PointForce, turns: Turning) -> None:
-        """Keep a force that is fixed in the world (a wind) or in the link of its point (a thrust)."""
+        """Store a force whose direction is fixed in the world (a wind), or in the link on which it acts (a thrust)."""
         in_world, value = turn_force(force, turns)
         if value.any():
             kept = self.winds if in_world else self.thrusts
@@ -336,27 +352,30 @@ class Builder:
             self.plant.AddForceElement(self.drake.tree.LinearBushingRollPitchYaw(*ends, twist, twist, stiffness, damping))
 
     def _pin_masses(self) -> list[float]:
-        """List for each closing pin its least effective mass [kg] at the start: that of a force on its gap, in the worst direction.
+        """List for each closing pin its least effective mass [kg] at the start, when the loops are open.
 
-        The masses are those of the open tree.
+        Two opposite forces along a line act on the two ends of the pin. The effective mass is the force divided by the relative
+        acceleration of the ends along this line; the least mass is that in the direction in which this quotient is least.
         """
         tree = self.tree
         y, dy = tree.relative(self.mechanism.q0, self.mechanism.v0)
         own = open_tree(Evaluator(self.mechanism), tree, y, dy)
         speeds = unit_speeds(tree, y)  # (n, 3 links)
-        q = np.tile(own.q, (tree.n, 1))
-        rows = [velocity(q, speeds, b) - velocity(q, speeds, a) for a, b in closing_pins(tree)]  # each (n, 2)
+        q = np.tile(own.q, (tree.n, 1))  # the same positions with each unit speed of a tree coordinate
+        # for each pin, the relative velocity (n, 2) of its ends at these speeds: the transposed Jacobian of the gap
+        rows = [velocity(q, speeds, b) - velocity(q, speeds, a) for a, b in closing_pins(tree)]
         return [least_mass(J.T, own.mass) for J in rows]
 
 
 def least_mass(J: Array, M: Array) -> float:
-    """Return the least effective mass [kg] of a gap: force over acceleration of the gap, in the direction where it is least.
+    """Return the least effective mass [kg] of a gap, the vector between the two ends of an open pin.
 
-    The inverse of this mass is the largest eigenvalue of J M^-1 J^T.
+    The effective mass in a direction is the force on the two ends divided by the acceleration of the gap. The inverse of the least
+    effective mass is the largest eigenvalue of J M^-1 J^T.
 
     Args:
-        J: (2, n) Jacobian of the gap.
-        M: (n, n) mass matrix.
+        J: (2, n) Jacobian of the gap by the tree coordinates.
+        M: (n, n) mass matrix of the open tree.
     """
     return float(1 / np.linalg.eigvalsh(J @ np.linalg.solve(M, J.T)).max())
 

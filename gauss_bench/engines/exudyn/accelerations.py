@@ -1,11 +1,12 @@
-"""Accelerations of an Exudyn system at a given state, and the comparison of that system with its linkage.
+"""Accelerations of an Exudyn system at a given state, and the comparison of this system with its linkage.
 
 M is the mass matrix, f the applied forces, C the constraints and C_q their Jacobian. Two classes compute accelerations:
 
-    BuiltIn    takes the accelerations that Exudyn itself computes when a run starts from the state. Exudyn differentiates C_q v by
-               one-sided differences, which limits the accuracy to about 1e-7, and ignores the second derivatives of motion laws.
-    Readout    reads M, f and C_q from Exudyn. This module computes the rate of C_q by fourth-order differences along v, adds the
-               second derivatives of motion laws, and solves the system [M C_q^T; C_q 0].
+    BuiltIn:   It takes the accelerations that Exudyn itself computes when a run starts from the state. Exudyn differentiates C_q v
+               by one-sided differences, which limits the accuracy to about 1e-7, and ignores the second derivatives of motion laws.
+    Readout:   It reads the mass matrix M, the applied forces f and the Jacobian C_q from Exudyn. This module computes
+               the rate of C_q by fourth-order differences along v, adds the second derivatives of motion laws, and solves the
+               system [M C_q^T; C_q 0].
 """
 
 from typing import Any
@@ -99,10 +100,14 @@ class Readout:
 
 
 def kkt_acceleration(terms: Terms, redundant: bool) -> Array:
-    """Return the accelerations a (n,) that solve [M J^T; J 0] [a; lambda] = [Q; gamma], without any formulation of the suite.
+    """Return the accelerations a (n,) that solve M a + J^T lambda = Q, J a = gamma, without the suite's own formulations.
 
-    If rows are redundant, lambda is not unique. Then the least-squares solution of least norm is taken; a is the same in all
-    solutions.
+    If constraint rows are redundant, the multipliers lambda are not unique. In this case the least-squares solution of least norm
+    is taken; the accelerations a are the same in all solutions.
+
+    Args:
+        terms: M, J, Q and gamma of the equations.
+        redundant: whether constraint rows are redundant.
     """
     n, m = len(terms.M), len(terms.J)
     K = np.block([[terms.M, terms.J.T], [terms.J, np.zeros((m, m))]])
@@ -115,7 +120,8 @@ def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
     """Compare an Exudyn system with its linkage; constraint rows may have the opposite sign.
 
     Raises:
-        RunFailure: the number of degrees of freedom, the number of redundant rows or a term differs.
+        RunFailure: the number of degrees of freedom, the number of redundant rows, or a term of the equations of motion differs
+            between Exudyn's system and the linkage.
     """
     mechanism = evaluator.mechanism
     counts = system.mbs.ComputeSystemDegreeOfFreedom()

@@ -2,13 +2,15 @@
 
 The adapter is written for the newest release. Releases before 1.12 differ as follows:
 
-    errors          Exudyn raises exceptions of Python's own classes.
-    the console     SetWriteToConsole silences it.
-    settings        They are solutionSettings.writeSolutionToFile, linearSolverType and linearSolverSettings. The method of a step
-                    is an argument of SolveDynamic, and sets Newmark's method and the index of the constraints.
-    gaps            They are computed with the whole residual, because ComputeAlgebraicEquations writes beyond its end.
-    the log         It is flushed line by line only since 1.10.
-    bodies          Their arguments mass and inertia have the prefix `physics`.
+    errors:         Exudyn raises exceptions of Python's own classes.
+    console:        The function SetWriteToConsole keeps Exudyn from printing.
+    settings:       The settings are named solutionSettings.writeSolutionToFile, linearSolverType and linearSolverSettings.
+    integrator:     It is an argument of SolveDynamic. Flags of generalized-alpha select Newmark's method and index 2.
+    gaps:           They are computed with the whole residual, because ComputeAlgebraicEquations writes beyond the array's end.
+    log:            Exudyn flushes the log file line by line only since release 1.10.
+    bodies:         The arguments for mass and inertia have the prefix `physics`.
+
+The functions below test for the newer names; their second branch is for releases before 1.12.
 """
 
 from typing import Any
@@ -59,7 +61,7 @@ def write_nothing(settings: Any) -> None:
 def set_linear_solver(exu: Any, settings: Any, name: str, ignore_singular: bool) -> None:
     """Set the linear solver, a member of LinearSolverType; with `ignore_singular` it accepts singular Jacobians."""
     kind = getattr(exu.LinearSolverType, name)
-    if hasattr(settings, "linearSolver"):
+    if hasattr(settings, "linearSolver"):  # releases before 1.12 have linearSolverType and linearSolverSettings in its place
         settings.linearSolver.solverType = kind
         options = settings.linearSolver
     else:
@@ -70,18 +72,23 @@ def set_linear_solver(exu: Any, settings: Any, name: str, ignore_singular: bool)
 
 
 def set_method(exu: Any, settings: Any, name: str) -> None:
-    """Set the method of a step, a member of DynamicSolverType; in older releases, set the flags that stand for it."""
+    """Set the integrator, a member of DynamicSolverType: generalized-alpha, or the trapezoidal rule in index 2.
+
+    In releases before 1.12, set the two flags that select between these two integrators.
+    """
     run = settings.timeIntegration
     if hasattr(run, "solverType"):
         run.solverType = getattr(exu.DynamicSolverType, name)
         return
-    run.generalizedAlpha.useNewmark = run.generalizedAlpha.useIndex2Constraints = name == INDEX_2
+    index_2 = name == INDEX_2
+    run.generalizedAlpha.useNewmark = run.generalizedAlpha.useIndex2Constraints = index_2
 
 
 def solve(exu: Any, mbs: Any, settings: Any, update: bool) -> bool:
     """Run a system and tell whether Exudyn reports success; with `update`, the next run starts from the end of this one."""
     if hasattr(settings.timeIntegration, "solverType"):
         return bool(mbs.SolveDynamic(settings, updateInitialValues=update))
+    # before 1.12 the integrator is an argument; `set_method` has stored it in the flags
     alpha = settings.timeIntegration.generalizedAlpha
     kind = exu.DynamicSolverType.TrapezoidalIndex2 if alpha.useIndex2Constraints else exu.DynamicSolverType.GeneralizedAlpha
     return bool(mbs.SolveDynamic(settings, solverType=kind, updateInitialValues=update, showHints=False))
@@ -89,9 +96,9 @@ def solve(exu: Any, mbs: Any, settings: Any, update: bool) -> bool:
 
 def compute_gaps(solver: Any, mbs: Any, settings: Any) -> None:
     """Compute the residual of the constraints at the current state; it becomes the last rows of the solver's residual."""
-    if hasattr(settings, "solution"):
+    if hasattr(settings, "solution"):  # a release since 1.12
         solver.ComputeAlgebraicEquations(mbs, False)
-    else:
+    else:  # before 1.12, ComputeAlgebraicEquations writes beyond the end of an array
         solver.ComputeNewtonResidual(mbs, settings)
 
 
@@ -99,8 +106,9 @@ def rigid_body(kind: Any, mass: float, inertia: float | list[float], node: Any) 
     """Return a rigid body in the plane or in space.
 
     Args:
-        kind: Exudyn's class of the body.
-        inertia: moment of inertia of a body in the plane; the six moments of a body in space [kg m^2].
+        kind: Exudyn's class of the body, in the plane or in space.
+        mass: mass of the body [kg].
+        inertia: moment of inertia [kg m^2] of a body in the plane, or the six moments of inertia of a body in space.
         node: Exudyn's number of the body's node.
     """
     try:

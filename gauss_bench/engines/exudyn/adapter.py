@@ -4,10 +4,10 @@ Exudyn's state is the displacement u from reference coordinates. The reference i
 
     q = q0 + u,    v = u',    a = u''
 
-Before a model is used, it is compared with the suite's own terms. If all steps between samples have the same size, a run is one
-call of SolveDynamic. Otherwise it is one call for each sample. Each call continues with u, v and a, but starts the algorithmic
-accelerations of generalized-alpha anew, which causes an error within the method's order. Adaptive steps are always off, because
-they halve the step size without notice, and the benchmark compares at equal steps.
+Before a model is used, the terms of its equations of motion are compared with those that the suite computes. If all steps between
+samples have the same size, a run is one call of SolveDynamic. Otherwise a run has one call for each sample. Each call continues
+with u, v and a, but starts the algorithmic accelerations of generalized-alpha anew, which causes an error within the method's
+order. Adaptive steps are always off, because they halve the step size without notice, and the benchmark compares at equal steps.
 
 Exudyn's initial accelerations ignore the second derivative of a motion law, and the trapezoidal rule carries that error through the
 whole run. Under all settings, driven linkages therefore start from accelerations of the KKT system. If the second derivative of a
@@ -113,7 +113,7 @@ def linear_solver(rule: str, unknowns: int) -> str:
     The rule "NAME to MOST, NAME to MOST, NAME" means the first solver whose MOST is at least the number of unknowns.
 
     Raises:
-        ValueError: the rule has no solver for that number.
+        ValueError: the rule names no solver for this number of unknowns.
     """
     for part in rule.split(", "):
         name, _, most = part.partition(" to ")
@@ -126,6 +126,7 @@ class Log:
     """A log file for Exudyn's output, which is searched for warnings after a run: Exudyn raises no warnings in Python."""
 
     def __init__(self, exu: Any) -> None:
+        """Take Exudyn's module; `open` makes a file."""
         self.exu = exu
         self.file: IO[str] | None = None
 
@@ -138,7 +139,7 @@ class Log:
         os.unlink(name)  # the open file lives on, and is gone when the process ends, even if it is killed
 
     def close(self) -> str | None:
-        """Close the file and return its first warning; None if it has none."""
+        """Close the log file and return the first line in it that contains a warning; None if there is no such line."""
         if self.file is None:
             return None
         self.exu.SetWriteToFile("", False)
@@ -152,9 +153,9 @@ class ExudynModel:
 
     Attributes:
         q, v, a: (k, n) samples; q holds Exudyn's displacements u, to which `read` adds q0.
-        solver_runs: the calls of SolveDynamic; each takes a stretch of equal steps.
+        solver_runs: the calls of SolveDynamic; each takes a stretch, an interval of time with steps of equal size.
         last_steps: (k,) number of steps from the start to each sample.
-        failure: the reason why the run ended early; None if it did not.
+        failure: the reason why the run ended early; None if it did not end early.
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
@@ -191,12 +192,16 @@ class ExudynModel:
         return kkt_acceleration(self.readout(q, v, t), self.mechanism.redundant > 0)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start and plan the calls of SolveDynamic; `native` has no effect, because Exudyn always takes the steps."""
+        """Reset the model to the start and divide the run into calls of SolveDynamic.
+
+        `native` has no effect, because Exudyn always takes the steps.
+        """
         self.times = times
         counts = step_counts(times, self.choice.step)
         self.last_steps = np.cumsum([0, *(count for count, _ in counts)])
         sizes = np.array([size for _, size in counts])
-        # one call of the solver if all steps have the same size and no force jumps, or else one call for each sample
+        # One call of the solver if all steps have the same size and no force jumps; Stretch has begin, steps, size, last and row.
+        # Otherwise one call for each sample and each jump, because all steps of a call are equal, and a call must end at a jump.
         if len(sizes) and np.ptp(sizes) <= 1e-9 * sizes[0] and not self.mechanism.kinks:
             self.solver_runs = [Stretch(float(times[0]), int(self.last_steps[-1]), float(sizes[0]), np.inf, len(times) - 1)]
         else:
@@ -210,7 +215,8 @@ class ExudynModel:
     def _reset(self) -> None:
         """Go back to the start, and store the first sample.
 
-        Its accelerations are Exudyn's initial ones, or those of the KKT system if there are drivers or varying forces.
+        If there are drivers or varying forces, the accelerations of the first sample are those of the KKT system; otherwise they
+        are the initial accelerations that Exudyn computes.
         """
         data, initial = self.system.mbs.systemData, self.exu.ConfigurationType.Initial
         alpha = self.simulation.timeIntegration.generalizedAlpha
@@ -229,13 +235,15 @@ class ExudynModel:
             self.failure = RunFailure(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({sentence(error)})")
 
     def _register_samples(self) -> None:
-        """If one call of the solver covers several samples, let Exudyn call a Python function after each step, which stores them.
+        """If one call of the solver covers several samples, make Exudyn call a Python function after each step.
 
-        Otherwise register no function, so that no time is lost by calls of Python.
+        This function stores the samples, except the first one and the last one. Otherwise no function is registered, so that no
+        time is lost by calls of Python.
         """
-        if len(self.solver_runs) != 1 or len(self.times) == 2:
-            across_releases.call_after_steps(self.system.mbs, 0)
+        if len(self.solver_runs) != 1 or len(self.times) == 2:  # two samples are the start and the end
+            across_releases.call_after_steps(self.system.mbs, 0)  # 0: no function
             return
+        # number of steps from the start -> index of the sample that is due after these steps
         rows = {int(step): k for k, step in enumerate(self.last_steps) if 0 < k < len(self.times) - 1}
         step = -1  # Exudyn also calls the function before the first step
 
@@ -255,15 +263,19 @@ class ExudynModel:
         self.q[k], self.v[k], self.a[k] = data.GetODE2Coordinates(), data.GetODE2Coordinates_t(), data.GetODE2Coordinates_tt()
 
     def run(self) -> None:
-        """Run Exudyn's solver for one stretch after another, and store the samples; a failure goes into `self.failure`."""
+        """Run Exudyn's solver for one stretch (interval with equal steps) after another, and store the samples.
+
+        If the solver fails, the reason is stored in `self.failure`.
+        """
         settings, mbs = self.simulation, self.system.mbs
         time, alpha = settings.timeIntegration, settings.timeIntegration.generalizedAlpha
         for part in self.solver_runs:
             if self.failure:
                 return
             time.startTime, time.endTime, time.numberOfSteps = part.begin, self._end(part), part.steps
-            self.system.last = part.last
+            self.system.last = part.last  # no force is evaluated later than this time; infinite if no force jumps at the end
             try:
+                # with several calls, each must start from the end of the call before it
                 done = across_releases.solve(self.exu, mbs, settings, update=len(self.solver_runs) > 1)
             except across_releases.errors(self.exu) as error:
                 message = f"t = {mbs.systemData.GetTime():.6g} s: Exudyn gave up ({sentence(error)}); try a smaller step"
@@ -278,7 +290,7 @@ class ExudynModel:
             if steps != part.steps:
                 self.failure = RunFailure(Status.ERROR, f"Exudyn took {steps} steps where {part.steps} were asked for")
                 return
-            if part.row is not None:
+            if part.row is not None:  # the index of the sample at the end of this stretch
                 self._store_sample(part.row)
             alpha.computeInitialAccelerations = False  # the next call continues with the accelerations of this one
             if part.last != np.inf:  # a force jumps at the end of this stretch
@@ -289,7 +301,10 @@ class ExudynModel:
         return part.begin + part.steps * part.size if part.row is None else float(self.times[part.row])
 
     def _restart(self, part: Stretch) -> None:
-        """Replace the accelerations at the end of a stretch, where forces jump, by those after the jump."""
+        """Replace the accelerations at the end of a stretch, where forces jump, by those after the jump.
+
+        Exudyn starts the next stretch from these accelerations. If a sample is taken at this time, it gets them too.
+        """
         data = self.system.mbs.systemData
         q, v = self.mechanism.q0 + np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t())
         try:

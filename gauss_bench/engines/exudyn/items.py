@@ -6,16 +6,18 @@ first marker and the guide the second, and both rows are those of the linkage wi
 
     (p_g + offset n - p_b) . n = 0,    (R_b u_b) . n = 0        u_b: direction of the line in the block's frame
 
-Trap: if the axis of a force moves with a link, Exudyn applies the opposite force at the marker of the axis' origin. This leaves out
-a torque unless origin and point lie on one line along the axis. If a slide between the two links keeps the point at a fixed
-distance from the axis, the marker is moved by that distance, and the law is exact. Otherwise the mechanism is refused.
+Trap: if the axis of a force moves with a link, Exudyn applies the reaction, the opposite force, at the marker of the axis' origin.
+The reaction then lacks a torque on this link, unless the point of the force lies on the axis through the origin. If a slide between
+the two links keeps the point at a fixed distance from the axis, the adapter moves the marker sideways by this distance, and the
+force law is exact. Otherwise the mechanism is refused.
 
 A prescribed rotation is a CoordinateConstraint on the link's angle, with the law as the offset u = law(t) - theta0. A prescribed
 slide or length is a CoordinateVectorConstraint; user functions give its equation x(q) - law(t) = 0 and its Jacobian.
 
-A force that varies with time is a load with a user function. A torque that varies is a connector between two angles with a user
-function. Exudyn also passes their relative speed to that function, so the torque may depend on the direction of motion. Exudyn
-approximates the derivatives of these functions by differences.
+User functions are Python functions that Exudyn calls at every evaluation. A force that varies with time becomes an Exudyn load
+whose value is a user function. A torque that varies becomes a connector between two angles whose torque is a user function. Exudyn
+passes the relative speed of the two angles to the user function of a torque, so the torque may depend on the direction of motion.
+Exudyn approximates the derivatives of user functions by finite differences.
 """
 
 from typing import Any, assert_never
@@ -56,7 +58,7 @@ COINCIDENT = 1e-12  # [m] points at a smaller distance coincide
 
 def reason_to_refuse(mechanism: Mechanism, force: Force) -> str | None:
     """Return the reason why a force has no exact counterpart among Exudyn's items, or None if it has one."""
-    if factor := factor_of(force):
+    if factor := factor_of(force):  # the force varies; `share` of it acts while its point moves against it
         if isinstance(force, PointForce) and factor.share != 1.0:
             return f"force {force.name} varies with the direction of its point's motion, and Exudyn's loads are not given the speed"
         if isinstance(force, PointForce) and force.frame not in (GROUND, force.point.link):
@@ -135,7 +137,7 @@ class System:
     def _mark_angle(self, link: int) -> Any:
         """Add a marker of a link's angle relative to its start, and return it.
 
-        The ground has no angle: its marker is that of a coordinate that stays zero.
+        The ground has no angle: for the ground, the marker refers to a coordinate of the ground's node, which always stays zero.
         """
         coordinate = 0 if link == GROUND else 2
         return self.mbs.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[link], coordinate=coordinate))
@@ -146,7 +148,8 @@ class System:
             markers = [self._mark_point(joint.a), self._mark_point(joint.b)]
             self.mbs.AddObject(self.items.ObjectJointRevolute2D(markerNumbers=markers))
             return
-        # Exudyn takes the normal from the second marker: with the guide's as second, the rows are those of the linkage, negated
+        # Exudyn measures along the normal at the second marker. The guide has the second marker, so that Exudyn's constraint rows
+        # are the linkage's rows times -1. `turn` is the constant angle between guide and block.
         normal = unit(joint.angle, across=True)
         foot = self._mark_frame(joint.guide.link, joint.guide.local + joint.offset * normal)
         slide = self.items.ObjectJointPrismatic2D(
@@ -185,13 +188,16 @@ class System:
         self.mbs.AddObject(drive)
 
     def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
-        """Return user functions for x(q) = law(t) and its Jacobian; Exudyn passes the coordinates of both links in one list."""
+        """Return the user functions of the constraint x(q) - law(t) = 0 and of its Jacobian.
+
+        Exudyn calls each with one list of the coordinates of both links that the driver joins, without those of the ground.
+        """
         coordinate, law = driver.coordinate, driver.law
         links = [point.link for point in span(driver) if point.link != GROUND]
         columns = [3 * link + axis for link in links for axis in range(3)]  # their entries in q
 
         def full(of_both_links: Any) -> Array:
-            """Return a vector (n,) over all links from one over both links of the driver, with zeros for the others."""
+            """Expand Exudyn's list for the driver's links to a vector (n,) for all links, with zeros for the other links."""
             state = np.zeros(self.mechanism.n)
             state[columns] = np.array(of_both_links)
             return state
@@ -203,7 +209,7 @@ class System:
             return [float(value(coordinate, full(q))) - float(law(t)[0])]
 
         def jacobian(mbs: Any, t: float, item: int, q: Any, v: Any, velocity: bool) -> Array:
-            """Return the derivatives (1, columns) of x by the coordinates of both links."""
+            """Return the derivatives (1, columns) of x with respect to the coordinates of the driver's links."""
             return np.array(gradient(coordinate, full(q))[None, columns])
 
         return equation, jacobian
@@ -216,6 +222,7 @@ class System:
         """Add a force or torque that varies, with a user function, which Exudyn calls at every evaluation.
 
         Time is limited to `self.last`, so that in a step that ends at a jump of the force, the force has the value before the jump.
+        A force at a point of the ground has no effect, and is left out.
         """
         factor = factor_of(force)
         assert factor is not None
@@ -223,9 +230,10 @@ class System:
             case Torque(_, link, reaction, value):
 
                 def torque(mbs: Any, t: float, item: int, turned: float, turning: float, *numbers: float) -> float:
-                    """Return the torque with Exudyn's sign: a positive torque of a spring reduces the angle between its markers.
+                    """Return the torque [N m] with Exudyn's sign: a positive torque reduces the angle between the markers.
 
-                    The factor depends on the relative speed `turning` [rad/s], which counts in the direction of the torque.
+                    Exudyn passes the angle `turned` [rad] between the markers, and its rate `turning` [rad/s]. The factor depends
+                    on the rate, counted in the direction of the torque. The other arguments are not used.
                     """
                     return -value * float(factor(min(t, self.last), np.sign(value) * turning))
 
@@ -270,8 +278,8 @@ class System:
     def _add_point_force(self, f: PointForce) -> None:
         """Add a constant force.
 
-        A force whose direction is fixed in a third link is a connector between that link and the point; an additional load cancels
-        the connector's reaction on the third link.
+        A force whose direction is fixed in a third link becomes a connector between the third link and the point on which the force
+        acts. The connector also exerts a reaction on the third link, and an additional load cancels this reaction.
         """
         size, items = float(np.linalg.norm(f.value)), self.items
         if f.point.link == GROUND or size == 0:
@@ -290,7 +298,7 @@ class System:
         self.mbs.AddLoad(items.LoadForceVector(markerNumber=base, loadVector=value, bodyFixed=True))
 
     def _add_spring(self, a: Point, b: Point, law: Law) -> None:
-        """Add a law on the distance between two points."""
+        """Add a force law (spring, damper and constant force) on the distance between two points."""
         markers = [self._mark_point(a), self._mark_point(b)]
         if law.rest == law.c == law.bias == 0:  # the force is k times the gap, and needs no direction if the points coincide
             spring = self.items.ObjectConnectorCartesianSpringDamper(markerNumbers=markers, stiffness=[law.k, law.k, 0.0])
@@ -309,9 +317,10 @@ class System:
         self.mbs.AddObject(spring)
 
     def _add_spring_along(self, along: Along, law: Law) -> None:
-        """Add a law along an axis.
+        """Add a force law along an axis.
 
-        Along x or y of the world it is a Cartesian spring, which is cheaper but has no constant force; otherwise a linear spring.
+        A law along x or y of the world becomes a Cartesian spring, which is cheaper but has no constant force. The stiffness of
+        this spring across the axis is zero. Every other law becomes a linear spring.
         """
         origin, point, u, items = along.origin, along.point, unit(along.angle, along.across), self.items
         along_x_or_y = origin.link == GROUND and np.abs(u).min() < PARALLEL
@@ -324,6 +333,7 @@ class System:
                 offset=spatial(law.rest * u.round()),
             )
         else:
+            # the reaction acts at the foot, the point abreast of the origin on the line along the axis through `point`
             foot = origin.local + self._lateral_distance(along) * np.array([-u[1], u[0]])
             spring = items.ObjectConnectorLinearSpringDamper(
                 markerNumbers=[self._mark_frame(origin.link, foot), self._mark_frame(point.link, point.local)],
@@ -338,12 +348,13 @@ class System:
     def _lateral_distance(self, along: Along) -> float:
         """Return the signed distance [m] of the point from the axis at the start, positive to the left of the axis.
 
-        If the axis moves with a link, a slide joint keeps this distance constant.
+        If the axis moves with a link, a slide joint keeps the distance of the point from the axis constant. The axis is at
+        `along.angle`, or a quarter turn to the left of it if `along.across`.
         """
         left = along.angle + (np.pi if along.across else np.pi / 2)
         return float(value(Along(along.origin, along.point, left), self.mechanism.q0))
 
 
 def span(driver: SlideDriver | LengthDriver) -> tuple[Point, Point]:
-    """Return the two points between which a driver prescribes the position along a slide, or the length."""
+    """Return the two points between which a driver prescribes the displacement along a slide, or the distance."""
     return driver.joint.ends if isinstance(driver, SlideDriver) else (driver.a, driver.b)

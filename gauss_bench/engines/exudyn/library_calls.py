@@ -1,6 +1,7 @@
-"""Steps of generalized-alpha with Exudyn's sparse solver: Exudyn's closest counterpart to evaluations of the right-hand side.
+"""Steps of generalized-alpha with Exudyn's sparse solver, which take the place of evaluations of the right-hand side.
 
-A step solves the equations of motion at least once. The accelerations are Exudyn's initial ones, which it computes by differences.
+Exudyn offers no call that only evaluates the right-hand side; a step solves the equations of motion at least once. The call is
+checked by the initial accelerations of a run, which Exudyn computes by finite differences.
 """
 
 import numpy as np
@@ -18,7 +19,7 @@ STEPS = 20  # steps in one call
 def step_sparse(mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
     """Return a `LibraryCall` that takes STEPS steps from the mechanism's start.
 
-    Its accelerations, by which the call is checked, are Exudyn's at the state q, v (n,).
+    The accelerations of the `LibraryCall`, by which it is checked, are those that Exudyn computes at the state q, v (n,).
     """
     model = ExudynModel(mechanism, Choice("tuned", "generalized_alpha", "none", STEP))
     model.simulation.linearSolver.solverType = model.exu.LinearSolverType.EigenSparse

@@ -1,7 +1,7 @@
 """Cases by which Exudyn's releases are compared besides the adapter's runs: joints that the adapter does not use, and the defaults.
 
 The bars are planar rigid bodies whose loop is closed by a constraint of constant distance, or spatial rigid bodies whose loop is
-closed by a spatial joint. The accelerations are those with which a run starts.
+closed by a spatial joint. The accelerations that are compared are those that Exudyn computes at the start of a run.
 """
 
 import inspect
@@ -32,10 +32,12 @@ def list_probes() -> list[dict[str, str]]:
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of the case `name` at absolute states q, v (k, n).
+    """Return the absolute accelerations (k, n) of the bars at absolute states q, v (k, n), for one case of `list_probes`.
+
+    The closure PLANAR is a constant distance between the ends of two planar bodies; all other closures join bodies in space.
 
     Args:
-        name: "CLOSURE, SOLVER": Exudyn's names of the item that closes the loop and of the linear solver.
+        name: name of the case, "CLOSURE, SOLVER": Exudyn's names of the item that closes the loop and of the linear solver.
     """
     closure, _, solver = name.rpartition(", ")
     exu, items = library()
@@ -52,11 +54,12 @@ Build = Callable[[Any, Any, Array, Array, str], Sequence[int]]
 
 
 def initial_accelerations(exu: Any, items: Any, settings: Any, build: Build, closure: str, q: Array, v: Array) -> Array:
-    """Return the accelerations (n,) with which a run of the bars from a state q, v (n,) begins.
+    """Return the accelerations (n,) of the bars in a closed loop that Exudyn computes at the start of a run from q, v (n,).
 
     Args:
         items: Exudyn's module of item classes.
-        build: function that builds the bars.
+        settings: Exudyn's simulation settings.
+        build: function that builds the bars and returns the indices of their coordinates in the plane.
         closure: name of the item that closes the loop.
     """
     container = exu.SystemContainer()
@@ -127,7 +130,8 @@ def mark(mbs: Any, kind: Any, body: Any, at: float) -> Any:
 def defaults() -> dict[str, str]:
     """Return name -> default value, of the simulation settings and of the arguments of joints, connectors, bodies and loads.
 
-    Every linear solver and every method of integration that the release has is listed with the value "there".
+    The table serves to compare releases. Linear solvers and integrators have no default value; so each one that the release has is
+    listed with the value "there". Arguments that only serve for drawing are left out.
     """
     exu, items = library()
     found = dict(read_settings(exu.SimulationSettings(), "", DEPTH))

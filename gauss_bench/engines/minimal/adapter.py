@@ -1,10 +1,12 @@
-"""A linkage of one degree of freedom in one independent coordinate, which another coordinate replaces before dead centres.
+"""The engine `minimal`: the equation of motion of a linkage with one degree of freedom, in one independent coordinate.
 
-From the coordinate the other links follow in pairs (dyads). The opening of a dyad tells how far it is from its dead centre, where
-the opening is zero and the coordinate no longer determines the motion. The equation is generated for the cheapest coordinate whose
-dyads stay away from their dead centres during the whole motion. If there is none, steps are taken in one coordinate until the
-opening of one of its dyads falls below `least`. Then the motion is continued in the coordinate whose dyads have the largest
-openings, on the linkage's present branch.
+Before a dead centre is reached, another independent coordinate replaces this one. The positions of the links follow from the
+coordinate, one pair of links (dyad) after the other. Each dyad can be assembled in two positions; the choice for all dyads is the
+branch of the linkage. The opening of a dyad tells how far the dyad is from its dead centre, where the opening is zero and the
+coordinate no longer determines the motion. The equation is generated for the cheapest coordinate whose dyads stay away from their
+dead centres during the whole motion. If there is no such coordinate, steps are taken in one coordinate until the opening of one of
+its dyads falls below `least`. From there the motion is integrated in another coordinate, the one whose dyads are farthest from
+their dead centres, on the branch that the linkage is on.
 """
 
 from collections.abc import Callable, Sequence
@@ -44,7 +46,12 @@ CHECKED = 4  # number of states at which a generated equation is compared with t
 
 
 class Key(NamedTuple):
-    """The key of one equation: the index of its coordinate in `MinimalModel.ways`, and the signs of its dyads (the branch)."""
+    """What one equation of motion is for: an independent coordinate, and a branch of the linkage.
+
+    Attributes:
+        way: index in `MinimalModel.ways` of the independent coordinate.
+        signs: for each dyad the sign that selects one of its two assembly positions.
+    """
 
     way: int
     signs: tuple[float, ...]
@@ -118,7 +125,7 @@ class LinkMotion:
 
     @staticmethod
     def of(rate: Array, results: Sequence[Array]) -> "LinkMotion":
-        """Return the links' motion, given the results (k, ...) of `Equation.motion` and rates (k,) of the coordinate."""
+        """Return the motion of the links from the rates (k,) of the coordinate and the results (k, ...) of `Equation.motion`."""
         # (k, 4 links) x, y, cos, sin of each link; (k, n) first and second derivatives p', p'' by the coordinate q; (k, 1) q''
         pose, first, second, acceleration = results
         x, y, c, s = np.moveaxis(pose.reshape(len(pose), -1, 4), -1, 0)  # (k, links) each
@@ -128,7 +135,7 @@ class LinkMotion:
 
     @staticmethod
     def at(equation: Equation, y: Array) -> "LinkMotion":
-        """Return the links' motion at states y (k, 2n) of an equation."""
+        """Return the motion of the links at states y (k, 2n) in the variables of an equation of motion."""
         n, zero = equation.program.n, np.zeros((len(y), 1))
         return LinkMotion.of(y[:, n], equation.motion(zero, y[:, :n], y[:, n:], zero[:, :0]))
 
@@ -142,27 +149,31 @@ class LinkMotion:
 class MinimalModel:
     """The model of a linkage with one independent coordinate, which another coordinate may replace during a run.
 
-    A way is one choice of the coordinate, with the dyads that close the other links. The opening of a dyad is its distance from its
-    dead centre, zero at the dead centre and 1 at most. An equation belongs to one way on one branch, which a `Key` names.
+    A way is one choice of the independent coordinate, with the dyads (pairs of links) by which the positions of the other links
+    follow. A dyad can be assembled in two positions, which a sign distinguishes; the signs of all dyads are the branch. The opening
+    of a dyad measures its distance from its dead centre; it is zero at the dead centre and 1 at most. Each equation belongs to one
+    way on one branch, and a `Key` names both.
 
     Attributes:
-        ways: the possible coordinates.
-        walk: sampled states of the motion.
-        scales: for each way the openings (dyads,) that count as 1.
-        signs: for each way the signs (states, dyads) of its openings at the sampled states.
+        ways: the possible choices of the independent coordinate.
+        walk: sampled states of the linkage's motion.
+        scales: for each way an array (dyads,) by which the openings are divided, so that the largest is 1.
+        signs: for each way the signs (states, dyads) of the openings at the sampled states.
         open: (ways, states) smallest opening of the dyads of each way at each sampled state.
-        steady: indices of the ways whose openings stay above STEADY at all sampled states, so that no other one is needed.
-        least: opening below which a coordinate is not used.
-        equations, evaluators, machines: for each key so far its equation, its links' motion as machine code, and its steps.
-        first, now: keys of the first equation and of the present one.
-        y: (2n,) present state of the present equation: its coordinates q (n,), of which the first is the way's coordinate, and
-            their rates v (n,).
-        tried: keys of the equations that have failed at this state.
+        steady: indices of the ways whose openings stay above STEADY at all sampled states; each serves for the whole motion.
+        least: opening of a dyad below which the coordinate is not used.
+        equations: key -> equation of motion, for the keys needed so far.
+        evaluators: key -> compiled function that returns the motion of the links (`Equation.motion`).
+        machines: key -> compiled code that takes steps.
+        first, now: keys of the equation with which a run starts, and of the equation that is integrated at present.
+        y: (2n,) present state in the variables of the present equation: its coordinates q (n,), of which the first is the
+            independent coordinate, and their rates v (n,).
+        tried: keys of the equations that cannot continue from the present state.
         failure: the reason why the run ended early, or an empty text.
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Choose the first coordinate, write its equation, and compare it with the linkage."""
+        """Choose the first independent coordinate, derive the equation of motion in it, and check it against the linkage."""
         self.mechanism, self.choice, self.ways = mechanism, choice, ways(mechanism)
         self.walk, self.start_angles = manifold_states(mechanism, STATES), angles(mechanism.q0)
         sampled = Links.of(self.walk.q, self.walk.v)
@@ -175,10 +186,10 @@ class MinimalModel:
         self.signs = [np.sign(x) for x in openings]
         self.open = np.array([_smallest(x, scale) for x, scale in zip(openings, self.scales, strict=True)])
         self.steady = [k for k in range(len(self.ways)) if self.open[k].min() > STEADY]
-        # smallest opening over the motion if the best coordinate is used at each state
-        widest = float(self.open.max(axis=0).min())
-        # half of it leaves room: where one coordinate reaches `least`, another one is open wider
-        self.least = STEADY / 2 if self.steady else min(CHANGE, max(widest / 2, NARROW))
+        # smallest opening during the motion if the coordinate with the largest openings is used at each state
+        best_opening = float(self.open.max(axis=0).min())
+        # the half of it, so that at a state at which one coordinate reaches `least`, another one has larger openings
+        self.least = STEADY / 2 if self.steady else min(CHANGE, max(best_opening / 2, NARROW))
         self.equations: dict[Key, Equation] = {}
         self.evaluators: dict[Key, Callable[[Array], list[Array]]] = {}
         self.machines: dict[Key, Machine] = {}
@@ -188,8 +199,8 @@ class MinimalModel:
     def _choose_first(self) -> Key:
         """Return the key of the coordinate and branch with which a run starts.
 
-        It is the cheapest coordinate of those that suffice for the whole motion (`steady`). If there is none, it is the coordinate
-        whose smallest opening is largest at the start.
+        If some coordinates serve for the whole motion (`steady`), the one with the cheapest program is chosen. Otherwise the
+        coordinate is chosen whose smallest opening of a dyad (distance from a dead centre) is largest at the start.
         """
         start = int(np.abs(self.walk.q - self.mechanism.q0).max(axis=1).argmin())  # index of the sampled state nearest to the start
         candidates = self.steady or [int(self.open[:, start].argmax())]
@@ -197,13 +208,14 @@ class MinimalModel:
         return min(keys, key=lambda key: self._equation(key).program.acceleration.costs.single)
 
     def _states_on_branch(self, key: Key) -> NDArray[np.intp]:
-        """Return the indices of the sampled states on the equation's branch at which all its openings are above `least`."""
+        """Return the indices of the sampled states on a key's branch at which the openings of all its dyads are above `least`."""
         return np.flatnonzero((self.signs[key.way] == key.signs).all(axis=1) & (self.open[key.way] > self.least))
 
     def _equation(self, key: Key, q: Array | None = None) -> Equation:
-        """Return the equation of a key; it is derived at the first call and then kept.
+        """Return the equation of motion for a key (coordinate and branch); it is derived at the first call and then stored.
 
-        Its expressions are tested at sampled states of the motion on its branch, and at the position q (n,) if it is given.
+        Expressions of the equation are tested at sampled states of the motion that lie on the key's branch, far from dead centres,
+        and also at the position q (n,) if one is given.
         """
         if key not in self.equations:
             on = self._states_on_branch(key)
@@ -215,21 +227,22 @@ class MinimalModel:
         return self.equations[key]
 
     def _evaluator(self, key: Key) -> Callable[[Array], list[Array]]:
-        """Return a compiled function of an equation's state (2n,) with the results of `Equation.motion`."""
+        """Return a compiled function of a state (2n,) in the equation's variables; it returns the results of `Equation.motion`."""
         if key not in self.evaluators:
             self.evaluators[key] = compile_function(self._equation(key).motion)
         return self.evaluators[key]
 
     def _machine(self, key: Key, q: Array | None = None) -> Machine:
-        """Return the machine code that steps an equation, compiled by the first call."""
+        """Return the machine code that integrates an equation, compiled by the first call."""
         if key not in self.machines:
             self.machines[key] = Machine(self._equation(key, q), self.choice.integrator)
         return self.machines[key]
 
     def _openings(self, at: Links) -> dict[Key, float]:
-        """Return for every coordinate the smallest opening of its dyads at a state of the links.
+        """Return for every choice of the coordinate the smallest opening of its dyads at one state of the links.
 
-        A key of the result is the coordinate and the signs of its openings, which name the branch that the links are on.
+        An opening is the distance of a dyad from its dead centre. A key of the result has the coordinate and the signs of the
+        openings, that is, the branch that the links are on.
         """
         smallest = {}
         for k, (way, scale) in enumerate(zip(self.ways, self.scales, strict=True)):
@@ -241,7 +254,7 @@ class MinimalModel:
         """Compare the first equation's motion with the linkage and Gauss's principle at a few states.
 
         Raises:
-            RunFailure: places, speeds or accelerations differ.
+            RunFailure: positions, speeds or accelerations differ.
         """
         evaluator, on = Evaluator(self.mechanism), self._states_on_branch(self.first)
         for row in on[:: max(1, len(on) // CHECKED)]:
@@ -252,7 +265,7 @@ class MinimalModel:
             require_agreement(pairs, AGREEMENT)
 
     def _state(self, equation: Equation, q: Array, v: Array) -> Array:
-        """Return the equation's state (2n,) at a state of the linkage."""
+        """Return the state (2n,) in the variables of an equation that belongs to a state q, v (n,) of the linkage."""
         return equation.state(Links.of(q, v), {link: float(angle_at(q, link)) for link in equation.angles})
 
     def _derive(self, key: Key, q: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -269,16 +282,18 @@ class MinimalModel:
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return the accelerations (n,) at a state q, v (n,), from the equation in one coordinate."""
         openings = self._openings(Links.of(q, v))
-        # Use the first coordinate if its opening suffices here, because its equation is compiled; else that of the largest opening.
+        # Use the first coordinate if it is far enough from a dead centre here, because its equation is compiled already; otherwise
+        # use the coordinate whose smallest opening is largest.
         widest = max(openings, key=lambda key: openings[key])
         usable = (key for key, opening in openings.items() if key.way == self.first.way and opening > self.least)
         _, _, a = self._derive(next(usable, widest), q, v)
         return finite_acceleration(t, a, "the equation in one coordinate")
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start; a motion that may change the coordinate is run once now, so that no timed run compiles.
+        """Reset the model to the start, and compile what the run needs, so that no timed run compiles.
 
-        Steps are always taken by the compiled loop, whatever `native` says.
+        If no coordinate serves for the whole motion (`steady` is empty), the motion is run once now, because the changes of the
+        coordinate need more code. The compiled loop takes all steps; `native` has no effect.
         """
         self.times = times
         self.start = self._state(self._equation(self.first), self.mechanism.q0, self.mechanism.v0)
@@ -299,7 +314,10 @@ class MinimalModel:
         self.segments: list[Segment] = []
 
     def run(self) -> None:
-        """Integrate part after part, and store the results as segments; a failure goes into `failure`."""
+        """Integrate the parts of the run one after another, and store each result as a `Segment`.
+
+        A part has steps of one size, and the same number of them between samples. The reason of a failure is stored in `failure`.
+        """
         if self.choice.integrator == ADAPTIVE:
             self._run_adaptive()
             return
@@ -318,6 +336,7 @@ class MinimalModel:
             to_sample = part.steps - done % part.steps  # steps to the next sample
             # After a change of coordinate between two samples, one call goes to the next sample only.
             count, interval = (total - done, part.steps) if to_sample == part.steps else (to_sample, to_sample)
+            # samples (k, 2n), number of steps taken before a dyad came too near to its dead centre, and the state after them
             states, steps_taken, end = machine.steps(start, begin + done * h, h, count, interval)
             end = end.copy()  # the next call overwrites the machine's memory
             # A machine that stops early does not return the state at which it stopped as a sample, even if one is due there.
@@ -351,8 +370,8 @@ class MinimalModel:
         """Replace the coordinate at time t [s] by the one with the largest openings that has not failed at this state.
 
         Args:
-            steps_taken: number of steps in the present coordinate. If it is 0, the state is that of the change before, so the
-                coordinates that failed there remain excluded.
+            steps_taken: number of steps taken since the coordinate was last changed. If this number is 0, the state is still that
+                of the last change, so the coordinates that failed at this state remain excluded.
         """
         machine = self.machines[self.now]
         self.tried = {self.now} if steps_taken else self.tried | {self.now}
@@ -365,15 +384,15 @@ class MinimalModel:
         if best is None:
             self.failure = f"t = {t:.6g} s: no coordinate is regular over a whole step; a smaller step may help"
             return
-        # The present position helps to write a new equation; there whole turns do not matter, so the angles are those nearest to 0.
+        # A new equation is tested at the present position. Whole turns do not matter there, so the angles are those nearest to 0.
         q = None if best in self.machines else LinkMotion.at(machine.equation, self.y[None]).unwrap(0.0 * self.start_angles)[0]
         new, spring_angles = self._machine(best, q).equation, machine.equation.spring_angles(self.y[: machine.n])
         self.y, self.now, self.changes = new.state(here, spring_angles), best, self.changes + 1
 
     def _stopped_links(self) -> Links:
-        """Return poses and velocities of the links at the present state.
+        """Return poses and velocities of the links at the present state, at which integration in the present coordinate stopped.
 
-        Machine code evaluates them, because a change of coordinate is part of the timed run.
+        Machine code evaluates the poses and velocities, because changing the coordinate is part of the timed run.
         """
         pose, first, *_ = self._evaluator(self.now)(self.y)
         x, y, c, s = pose.reshape(-1, 4).T  # (links,) each
@@ -389,7 +408,7 @@ class MinimalModel:
     def _follow(self, segment: Segment, at: Array, angles_at_start: Array) -> Array:
         """Return approximate angles (k, links) [rad], with whole turns counted, at values `at` (k,) of the coordinate.
 
-        The angles are followed through a segment, from the angles (links,) at its start.
+        The angles are tracked continuously along a segment, from the angles (links,) at its start.
         """
         equation = segment.equation
 
@@ -406,8 +425,11 @@ class MinimalModel:
     def read(self) -> Trajectory:
         """Return the samples.
 
+        The run consists of segments, each integrated in one coordinate. The motion of the links is computed from each segment, and
+        whole turns of angles are counted from one segment to the next.
+
         Raises:
-            RunFailure: at some time no coordinate could be used; the exception carries the samples up to this time.
+            RunFailure: at some time no coordinate was usable as the independent one; the exception holds the earlier samples.
         """
         q, v, a = sample_arrays(self.times, *self._derive(self.first, self.mechanism.q0, self.mechanism.v0))
         unwrapped = self.start_angles
@@ -426,5 +448,5 @@ class MinimalModel:
 
 
 def _smallest(openings: Array, scale: Array) -> Array:
-    """Return the smallest opening (...) of dyads (..., dyads), each divided by its scale; 1 if there are no dyads."""
+    """Return the smallest opening (...) of all dyads, from openings (..., dyads) and their scales (dyads,); 1 without dyads."""
     return np.asarray((np.abs(openings) / scale).min(axis=-1, initial=1.0))

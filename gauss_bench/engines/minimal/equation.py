@@ -1,25 +1,30 @@
 """The equation of motion of a linkage in one coordinate q, as expressions.
 
-Links and points have a place, and its first and second derivative by q, which primes denote. Vectors of the plane are also written
-as complex numbers. A link has the direction e = exp(i theta), omega = theta' and alpha = theta''. Its point at the arm r from a
-point p0 has
+Links and points have a position, and the first and second derivatives of this position with respect to q, which primes denote.
+Vectors of the plane are also written as complex numbers. A link has the direction e = exp(i theta), omega = theta' and
+alpha = theta''. The point p of a link at the vector r from a point p0 of the link has
 
     p' = p0' + i omega r,    p'' = p0'' + i alpha r - omega^2 r
 
-so that velocities are v = p' q' and accelerations p' q'' + p'' q'^2. With the kinetic energy m(q) q'^2 / 2 Lagrange's equation is
+so that the velocity of the point is p' q' and its acceleration is p' q'' + p'' q'^2. The kinetic energy is m(q) q'^2 / 2, and
+Lagrange's equation is
 
     m q'' + h q'^2 = Q,    m = sum M |p'|^2 + I omega^2,    h = m' / 2 = sum M p' . p'' + I omega alpha
 
-where Q is the power of the loads at q' = 1. A link between two pins A, B with its centre at A + kappa (B - A), kappa = k + i j, is
-replaced by masses at its pins and a moment of inertia. This saves operations, because neighbouring links share the pins:
+Here M and I are the mass and the moment of inertia of a link, p is its centre of mass, and Q is the power of the loads at q' = 1.
 
-    M |p'|^2 + I omega^2 = M (1 - k) |A'|^2 + M k |B'|^2 + (I + M r^2 (|kappa|^2 - k)) omega^2 - 2 M j omega A' . s,    s = B - A
+The mass of a link with two pins A and B is replaced by point masses at these pins and a moment of inertia. Neighbouring links share
+the pins, so this saves operations. With s = B - A, r = |s|, and the link's centre of mass at A + kappa s, where kappa = k + i j,
 
-A dyad's place follows from elementary geometry, with one square root. Its derivatives follow from two linear equations whose
-determinant is that root again, so the root also measures how far the dyad is from its dead centre.
+    M |p'|^2 + I omega^2 = M (1 - k) |A'|^2 + M k |B'|^2 + (I + M r^2 (|kappa|^2 - k)) omega^2 - 2 M j omega A' . s
 
-A torsion spring needs the angle of a link, and the geometry gives angles only up to whole turns. The angle is therefore integrated
-beside q from its rate omega q', unless it is the coordinate itself, or slides fix it relative to the coordinate or the ground.
+A dyad is a pair of links. Its position follows from elementary geometry, with one square root. The derivatives of its position
+follow from two linear equations whose determinant is this root again, so the root also measures how far the dyad is from its dead
+centre.
+
+A torsion spring needs the angle of a link with whole turns counted, and the geometry gives angles only up to whole turns. The
+link's angle is therefore integrated together with q, from its rate omega q'. This is not needed if the angle is the coordinate q
+itself, or if slides fix the link's angle relative to q or to the ground.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,12 +49,12 @@ AXIS = 1e-14  # relative to a vector's length: a smaller component is the roundi
 
 @dataclass(frozen=True, eq=False)
 class Equation:
-    """The equation of motion for one coordinate on one branch.
+    """The equation of motion for one independent coordinate on one branch of the linkage.
 
     Attributes:
-        way: the coordinate and the dyads that close the other links.
-        signs: for each dyad the sign that selects one of its two solutions.
-        integrated: links whose angles are integrated beside the coordinate.
+        way: the coordinate and the dyads by which the positions of the other links follow.
+        signs: for each dyad the sign that selects one of its two solutions; all signs together are the branch.
+        integrated: links whose angles are integrated together with the coordinate.
         program: the acceleration for the compiler's integrators; its q are the coordinate and the angles of `integrated`.
         angles: link whose angle a spring needs -> index of an entry of the program's q, and the constant [rad] that is added to it.
         motion: function (t, q, v, p) -> x, y, cos, sin of every link; x', y', omega of every link; x'', y'', alpha; and q''.
@@ -90,9 +95,11 @@ def links_of_springs(mechanism: Mechanism) -> list[int]:
 
 
 class Root(NamedTuple):
-    """A link to which another link is connected by slides, so that both turn together, and the constant angle `turn` between them.
+    """The link from whose angle that of another link follows, because slides between them make both turn together.
 
-    The angle of the other link is the angle of the root plus `turn` [rad].
+    Attributes:
+        link: the root, that is, the link whose angle is used.
+        turn: constant angle [rad]; the other link's angle is the root's angle plus `turn`.
     """
 
     link: int
@@ -100,7 +107,7 @@ class Root(NamedTuple):
 
 
 def _roots(way: Way) -> dict[int, Root]:
-    """Return for every link that a way places its root, which is the link itself if no slide fixes its angle."""
+    """Return link -> its root, for every link of a way; a link whose angle no slide fixes is its own root, with turn 0."""
     roots = {GROUND: Root(GROUND, 0.0), way.link: Root(way.link, 0.0)}
     if isinstance(way.joint, Prismatic):
         roots[way.link] = Root(GROUND, way.joint.turn if way.joint.guide.link == GROUND else -way.joint.turn)
@@ -118,13 +125,13 @@ def _roots(way: Way) -> dict[int, Root]:
 def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Array, least: Array) -> Equation:
     """Write the equation of motion in the independent coordinate of a way.
 
-    The program's q are this coordinate, and after it the angles that are integrated beside it.
+    The vector q of the returned program has this coordinate, followed by the angles that are integrated together with it.
 
     Args:
-        way: the coordinate and the dyads that close the other links.
-        signs: for each dyad the sign that selects one of its two solutions.
-        q: (k, n) positions on this branch, away from its dead centres, in absolute coordinates.
-        least: (dyads,) opening of each dyad below which the equation must not be used.
+        way: the coordinate and the dyads by which the positions of the other links follow.
+        signs: for each dyad the sign that selects one of its two solutions; all signs together are the branch.
+        q: (k, n) positions of the linkage on this branch, away from dead centres, in absolute coordinates.
+        least: (dyads,) for each dyad the smallest opening (distance from its dead centre) at which the equation may be used.
     """
     # links whose angles springs need, without those whose angles slides fix relative to the ground -> root
     roots = {link: root for link, root in _roots(way).items() if link in links_of_springs(mechanism) and root.link != GROUND}
@@ -156,7 +163,7 @@ def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Ar
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A point: its position p [m], and the first derivative d and the second derivative b of p by the coordinate."""
+    """A point: its position p [m], and the first derivative d and second derivative b of p with respect to the coordinate q."""
 
     p: Vec
     d: Vec
@@ -168,11 +175,11 @@ class Place:
 
 
 class Body:
-    """A link as a function of the coordinate.
+    """The pose of a link as a function of the independent coordinate q.
 
     Attributes:
         e: direction exp(i angle) of the link.
-        omega, alpha: first and second derivative of the angle by the coordinate.
+        omega, alpha: first and second derivative of the angle with respect to q.
         at: (2,) a point of the link in its own frame [m].
         place: motion of this point.
         pin: (2,) a second pin of the link in its own frame [m], or None: with two pins, masses at both replace the link's mass.
@@ -204,7 +211,7 @@ def _product(a: Vec, b: Vec) -> Vec:
 
 
 def _quarter(x: Vec) -> Vec:
-    """Return i x, the vector turned by a quarter to the left."""
+    """Return i x, the vector x rotated by 90 degrees counterclockwise."""
     return cross(1.0, x)
 
 
@@ -214,23 +221,25 @@ def _unit(graph: ExpressionGraph, angle: float) -> Vec:
 
 
 class _Motion:
-    """All links of a linkage as functions of the coordinate.
+    """The poses of all links as functions of the independent coordinate, as expressions.
+
+    A node is an expression in the graph of all expressions.
 
     Attributes:
-        roots: link -> its root.
-        q: nodes of the coordinate and of the angles that are integrated beside it.
+        roots: link -> its `Root`, the link from whose angle its own follows.
+        q: nodes of the coordinate and of the angles that are integrated together with it.
         v: node of the coordinate's rate q'.
-        bodies: link -> its motion; the ground is included.
-        openings: for each dyad the node of the square root that closes it, and the root's value where the dyad's opening is 1. The
-            opening is the root divided by this value: zero at the dead centre.
+        bodies: link -> its `Body`; the ground is included.
+        openings: for each dyad the node of the square root in its solution, and the value of this root at which the dyad's opening
+            is 1. The opening is the root divided by this value; it is zero at the dead centre.
     """
 
     def __init__(self, mechanism: Mechanism, way: Way, signs: Sequence[float], integrated: tuple[int, ...], states: Array):
-        """Place the link of the coordinate, then close dyad after dyad.
+        """Compute the pose of the link whose motion is the coordinate, and then those of the other links, dyad after dyad.
 
         Args:
             signs: for each dyad the sign that selects one of its two solutions.
-            integrated: links whose angles are integrated beside the coordinate.
+            integrated: links whose angles are integrated together with the coordinate.
             states: (k, n) sampled values of the coordinate and of these angles, at which expressions are tested for equality.
         """
         self.mechanism, self.integrated, self.roots = mechanism, integrated, _roots(way)
@@ -248,7 +257,12 @@ class _Motion:
             close[dyad.kind](dyad, sign)
 
     def _place_input_link(self, way: Way) -> Body:
-        """Return the motion of the link that the coordinate q moves: the link turns by q, or it slides by q."""
+        """Return the motion of the link whose motion is the coordinate q: the link turns by q, or it slides by q.
+
+        `way.fixed` is the joint's point on the ground, and `way.moved` its point on the link. A slide moves the link from
+        `way.fixed` by q along the guide, and it keeps the distance `offset` to the left of the guide's line. `turn` is the constant
+        angle of the block relative to the guide.
+        """
         graph, joint, q = self.graph, way.joint, self.q[0]
         still = Vec(self.zero, self.zero)
         if not isinstance(joint, Prismatic):
@@ -268,15 +282,16 @@ class _Motion:
         return self.bodies[point.link].point(point.local)
 
     def _close_rrr(self, dyad: Dyad, sign: float) -> None:
-        """Close two links that are pinned at A and at C: their common pin B lies on circles of radii r1 and r2 about A and C.
+        """Solve an RRR dyad: two links are pinned at A and at C, and their common pin B lies on circles about A and C.
 
-        With a = B - A and c = B - C: a' = i omega1 a, c' = i omega2 c, and a - c = C - A is known with its derivatives. The
-        products of the first and second derivative of this equation with c and with a give
+        The radii of the circles are r1 and r2. `base` = C - A is known; its fields p, d and b are its value and its first and
+        second derivative by q. Let a = B - A and c = B - C. Then a' = i omega1 a and c' = i omega2 c, and a - c = C - A. The
+        products of the first and second derivative of this last equation with c and with a give
 
             omega1 a x c = c . (C - A)',    alpha1 a x c = c . (C - A)'' + omega1^2 a . c - omega2^2 r2^2
             omega2 a x c = a . (C - A)',    alpha2 a x c = a . (C - A)'' + omega1^2 r1^2 - omega2^2 a . c
 
-        The cross product a x c is +-root / 2.
+        The cross product a x c is root / 2 or -root / 2, according to the branch.
         """
         A, C = self.at(dyad.first.other), self.at(dyad.second.other)
         r1, r2 = dyad.lengths
@@ -299,30 +314,32 @@ class _Motion:
         self.openings.append((root, 2 * r1 * r2))
 
     def _add_rod(self, outer: OuterJoint, arm: Vec, omega: Node, alpha: Node, place: Place, pin: Array) -> None:
-        """Add a link that turns about its outer joint.
+        """Add a link of a dyad that is pinned to a placed link at its outer joint.
 
         With s the arm in the link's frame, as a complex number, the link's direction is e = arm / s.
 
         Args:
             arm: vector from the outer joint to the link's point `pin`, in world axes.
-            omega, alpha: first and second derivative of the link's angle by the coordinate.
+            omega, alpha: first and second derivative of the link's angle with respect to the coordinate q, not to time.
             place: motion of the outer joint.
             pin: (2,) the point in the link's frame [m].
         """
         s = pin - outer.own.local
+        # 1 / s as a complex number
         inverse = _constant(self.graph, float(s[0] / (s @ s)), float(-s[1] / (s @ s)))
         self.bodies[outer.link] = Body(_product(arm, inverse), omega, alpha, outer.own.local, place, pin)
 
     def _close_rrp(self, dyad: Dyad, sign: float) -> None:
-        """Close a rod that is pinned at A and, at its other end B, to a link that slides along a line.
+        """Solve an RRP dyad: a rod is pinned at A and, at its other end B, to a slider that moves along a line.
 
-        B lies on a circle about A, and on a parallel to the line through R, at the distance `height` to the left. With u along the
-        line and n across it,
+        R is a point of the line. B lies on a circle of radius r about A, and on a parallel to the line, at the distance `height` to
+        its left. Let u be the unit vector along the line and n the one across it, to the left. Then
 
             B = A + x u + y n = R + s u + height n
 
-        u and n turn with the line's link. The derivatives of this equation in the direction n give omega and alpha of the rod; the
-        first derivative in the direction u gives `slip` = s'.
+        The vectors u and n turn with the link on which the line is fixed. The components along n of the derivatives of this
+        equation give omega and alpha of the rod. The component along u of the first derivative gives `slip` = s'. `base` = R - A is
+        known; its fields p, d and b are its value and its first and second derivative by q.
         """
         guide, A, R = self.bodies[dyad.line.link], self.at(dyad.first.other), self.at(dyad.line)
         u = _product(guide.e, _unit(self.graph, dyad.angle))
@@ -346,13 +363,16 @@ class _Motion:
         self.openings.append((root, r))
 
     def _close_rpr(self, dyad: Dyad, sign: float) -> None:
-        """Close a guide that is pinned at C, and its block that is pinned at A.
+        """Solve an RPR dyad: a guide is pinned at C, and the block that slides on it is pinned at A.
 
-        With u along the guide, n across it, and omega the derivative of the guide's angle,
+        Let u be the unit vector along the guide, n the one across it, to the left, and omega the derivative of the guide's angle by
+        q. Then
 
             A - C = (x + i height) u,    (A - C)' = (x' - omega height) u + omega x n
 
-        The component along n gives omega, that along u gives `slip` = x'; the second derivative along n gives alpha.
+        The component along n of the first derivative gives omega, and its component along u gives `slip` = x'. The component along
+        n of the second derivative gives alpha. `base` = A - C is known; its fields p, d and b are its value and its first and
+        second derivative by q. The first link of the dyad is the guide, the second one the block.
         """
         C, A = self.at(dyad.first.other), self.at(dyad.second.other)
         base, height = A - C, dyad.height
@@ -373,9 +393,10 @@ class _Motion:
         self.openings.append((root, 1.0))
 
     def acceleration(self) -> list[Node]:
-        """Return q'' = (Q - h q'^2) / m, and the second derivatives by time of the integrated angles.
+        """Return q'' = (Q - h q'^2) / m, and the second time derivatives of the integrated angles.
 
-        m is the inertia of the linkage in the coordinate q, h = m'(q) / 2, and Q the power of all loads at q' = 1.
+        Here m is the inertia of the whole linkage reduced to the coordinate q, h is m'(q) / 2, and Q is the power of all loads at
+        q' = 1, that is, the generalised force.
         """
         m, h, Q = list[Node](), list[Node](), list[Node]()  # the summands of each
         for k, link in enumerate(self.mechanism.links):
@@ -389,7 +410,11 @@ class _Motion:
         return [a, *(self.bodies[k].omega * a + self.bodies[k].alpha * square for k in self.integrated)]
 
     def _power_of_law(self, law: Law) -> Node:
-        """Return the power of a law's force at q' = 1: its strength times the rate of the law's own coordinate at q' = 1."""
+        """Return the power of a force law at q' = 1, that is, its generalised force.
+
+        The power is the strength of the force times the rate, at q' = 1, of the coordinate on which the law acts. For a law on a
+        distance, `strength` returns the force divided by the distance, which belongs to half the rate of the squared distance.
+        """
         # The rate of a distance has a root in its denominator: half the rate of its square avoids dividing by it.
         unit = state(law.coordinate, _Rates(self, self.one))
         rate = unit.half_square_rate if isinstance(unit, DistanceState) else unit.rate
@@ -399,13 +424,13 @@ class _Motion:
         return self.graph.node(strength(state(law.coordinate, _Rates(self, self.v)), law)) * unit_rate
 
     def _power_of_force(self, force: PointForce) -> Node:
-        """Return the power of a force at a point at q' = 1."""
+        """Return the power of a force that acts at a point, at q' = 1."""
         F = _product(self.bodies[force.frame].e, _constant(self.graph, *force.value))
         power: Node = dot(F, self.at(force.point).d)
         return power
 
     def angle(self, link: int) -> Node:
-        """Return a link's angle [rad], including whole turns: the angle of its root plus a constant."""
+        """Return a link's angle [rad], including whole turns: the angle of its root (see `Root`) plus a constant."""
         root, turn = self.roots[link]
         if root == GROUND:
             return self.graph.constant(turn)
@@ -414,7 +439,10 @@ class _Motion:
         return self.q[k] + turn
 
     def links(self) -> list[list[Node]]:
-        """Return the links' part of `Equation.motion`: places and directions, first derivatives, second derivatives."""
+        """Return three lists, with entries for each link: (x, y, cos, sin), (x', y', omega) and (x'', y'', alpha).
+
+        x and y are the centre of mass, and primes denote derivatives by the coordinate q. `Equation.motion` returns these lists.
+        """
         places, first, second = list[Node](), list[Node](), list[Node]()
         for k in range(len(self.mechanism.links)):
             body = self.bodies[k]
@@ -426,10 +454,11 @@ class _Motion:
 
 
 def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[Node], Vec]:
-    """Return the terms that a link adds to m and to h, and the link's momentum at q' = 1.
+    """Return the summands of one link in m and in h of m q'' + h q'^2 = Q, and the link's momentum at q' = 1.
 
-    The momentum is the mass times the derivative of the centre of mass. A link with two pins A and B is replaced by masses at the
-    pins and a moment of inertia J. With s = B - A, the centre at A + (k + i j) s, and primes for derivatives by q,
+    The momentum is the mass M times the derivative by q of the centre of mass. The mass of a link with two pins A and B is replaced
+    by masses at the pins and a moment of inertia J. Let s = B - A, let the centre of mass be at A + (k + i j) s in complex
+    notation, and let primes denote derivatives by q. Then
 
         m = M (1 - k) |A'|^2 + M k |B'|^2 + J omega^2 - 2 M j omega A' . s,    h = m' / 2
     """
@@ -456,27 +485,27 @@ def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[
 
 
 class _Rates(Placement):
-    """The links at a given speed q', for `mechanism/frames.py`, which evaluates the coordinates on which forces depend.
+    """Poses and velocities of the links at a rate q', as `mechanism/frames.py` needs them for the coordinates of force laws.
 
     Every point is the origin of a frame of its own, so that no arm from the centre of mass is needed.
     """
 
     def __init__(self, motion: _Motion, speed: Node):
-        """Take the links as functions of the coordinate, and the node of the coordinate's rate q'."""
+        """Take the poses of the links as functions of the coordinate, and the node of the coordinate's rate q'."""
         self.motion, self.speed, self.arithmetic = motion, speed, motion.graph
         self.still = Vec(motion.zero, motion.zero)
 
     def frame(self, link: int) -> Frame:
-        """Return the frame of a link, with the origin at rest."""
+        """Return a frame that turns with a link and whose origin does not move; it serves for directions."""
         return self._frame(link, self.still, self.still)
 
     def _frame(self, link: int, place: Vec, velocity: Vec) -> Frame:
-        """Return a frame that turns with a link, and whose origin has a place and a velocity."""
+        """Return a frame that turns with a link, and whose origin has a given position and velocity."""
         omega = self.motion.bodies[link].omega * self.speed
         return Frame(link, place, velocity, omega, self.motion.angle(link))
 
     def end(self, point: Point) -> End:
-        """Return a point as the origin of its own frame, with no arm from there."""
+        """Return a point as the origin of a frame of its own, so that the vector from the frame's origin to the point is zero."""
         place = self.motion.at(point)
         return End(self._frame(point.link, place.p, place.d * self.speed), self.still)
 

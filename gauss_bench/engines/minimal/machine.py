@@ -1,4 +1,4 @@
-"""One equation as machine code: steps by the compiler's routines, and functions of a state, such as the motion of the links."""
+"""The machine code of one equation of motion: routines that take steps, and functions of a state, as of the links' motion."""
 
 from collections.abc import Callable
 from math import ceil
@@ -25,18 +25,23 @@ TARGET = Target("llvm", 1, True)
 
 
 class Machine:
-    """An equation compiled together with one integrator. A state y (2n,) has the program's q, then its v.
+    """An equation of motion compiled together with one integrator.
+
+    A state y (2n,) holds the coordinates q (n,) of the equation's program, followed by their rates v (n,).
 
     Attributes:
-        n: number of entries of the program's q.
+        n: number of the program's coordinates.
         is_adaptive: whether the integrator chooses its own steps.
     """
 
     def __init__(self, equation: Equation, integrator: str):
-        """Compile the equation with the integrator, for one trajectory at a time."""
+        """Compile the equation of motion together with the integrator, for one trajectory at a time.
+
+        The adaptive integrator DOP853 and integrators with fixed steps have different code.
+        """
         self.equation, self.n, self.is_adaptive = equation, equation.program.n, integrator == "dop853"
-        code = read_code(equation.program, "none")
-        # `call(1)` compiles the code for one lane, that is, for one trajectory
+        code = read_code(equation.program, "none")  # "none": without stabilisation of constraints
+        # `call(1)` is called only because it compiles the code for one lane, that is, for one trajectory
         if self.is_adaptive:
             self._adaptive_code = Loaded(lambda many: adaptive(code), TARGET)
             self._adaptive_code.call(1)
@@ -53,10 +58,11 @@ class Machine:
         return self._memories[slots]
 
     def steps(self, y: Array, t: float, h: float, count: int, every: int) -> tuple[Array, int, Array]:
-        """Take up to `count` steps of h [s] from y at time t [s], with a sample after each `every` steps.
+        """Take up to `count` steps of h [s] from y at time t [s], with a sample after every `every`-th step.
 
-        Return the samples (k, 2n), the number of valid steps and the state after them. A step is invalid if the opening of a dyad
-        is below its threshold; stepping ends before it. All results are views of memory that the next call overwrites.
+        Return the samples (k, 2n), the number of valid steps and the state after them. A step is invalid if a dyad comes too near
+        to its dead centre, so that its opening is below the threshold; stepping then ends before this step. All results are views
+        of memory that the next call overwrites.
         """
         slots = max(1, ceil(count / every))
         memory = self.memory_for(slots)
@@ -79,7 +85,7 @@ class Machine:
 def compile_function(function: Function) -> Callable[[Array], list[Array]]:
     """Compile a function (t, q, v, p) that depends on neither t nor p.
 
-    Return a function of a state y (2n,) with the same results.
+    Return a compiled function of one argument, the state y (2n,) of q and v, that returns the same results as `function`.
     """
     raw, n = Graph(), function.sizes[1]
     # the function's operations as a graph with the entries of y as leaves; the leaf of t is not used

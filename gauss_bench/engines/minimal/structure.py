@@ -1,14 +1,15 @@
 """The order in which a linkage closes from one coordinate, dyad after dyad, and the geometry of each dyad.
 
-A dyad is two links and three joints: the inner joint connects the two links, and each outer joint connects one of them to a link
-that is placed already. With pins R and slides P, the dyads of linkages are commonly of three kinds:
+A link is placed if its position is computed already. A dyad is two links and three joints: the inner joint connects the two links,
+and each outer joint connects one of them to a placed link. R denotes a pin and P a slide; the middle letter is the inner joint. The
+dyads of linkages are commonly of three kinds:
 
-    RRR   two pins and a pin between:       B on two circles about A and C
-    RRP   a pin, a pin between, a slide:    B on a circle about A and on a line
-    RPR   two pins and a slide between:     a line through C at a given distance from A
+    RRR:   The outer joints are pins at A and C. The inner pin B lies on circles about A and C.
+    RRP:   The outer joints are a pin at A and a slide. The inner pin B lies on a circle about A and on a line.
+    RPR:   The outer joints are pins at A and C. The line of the inner slide passes C and A at given distances.
 
 Each dyad has two solutions (branches), of which a sign selects one. A way is a choice of the link whose motion is the independent
-coordinate, together with the dyads that close the other links from there.
+coordinate, together with the dyads by which the other links are placed one after another.
 Sources: Assur, Issledovanie ploskikh sterzhnevykh mekhanizmov (1913); Artobolevskii, Theory of Mechanisms and Machines (1975).
 """
 
@@ -30,7 +31,7 @@ Complex = Any  # a complex number for one state, or an array of complex numbers 
 
 
 class NoWay(ValueError):
-    """The linkage cannot be written in one coordinate here; the message gives the reason."""
+    """The motion of the linkage cannot be written in one coordinate by the method of this module; the message gives the reason."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +63,7 @@ class Links:
 
     @staticmethod
     def with_ground(z: Iterable[Complex], e: Iterable[Complex], u: Iterable[Complex], w: Iterable[Complex]) -> "Links":
-        """Return the links of these lists, one entry for each moving link, with the ground added."""
+        """Return `Links` of four lists, each with one entry for each moving link; an entry for the ground is added at the end."""
         return Links([*z, 0j], [*e, 1.0 + 0j], [*u, 0j], [*w, 0.0])
 
     def point(self, point: Point) -> Complex:
@@ -85,7 +86,7 @@ def _by_body(x: Array) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class OuterJoint:
-    """A joint that connects a link of a dyad to a link that is placed already.
+    """A joint that connects a link of a dyad to a placed link, that is, a link whose position is computed already.
 
     Attributes:
         own, other: the joint's points on the dyad's link and on the placed link.
@@ -104,20 +105,25 @@ class OuterJoint:
 
 @dataclass(frozen=True, eq=False)
 class Dyad:
-    """Two links that are joined to each other, and each of them to a link that is placed already.
+    """Two links that are joined to each other, and each of them to a placed link, whose position is computed already.
 
-    In an RRP dyad a rod is pinned at A, and at B to a link that slides on a placed link: B stays at the distance `height` to the
-    left of a line through the point `line` of the placed link. In an RPR dyad one link carries a guide and is pinned at C, the
-    other is its block and pinned at A: A stays at the distance `height` to the left of a line through C along the guide.
+    In an RRR dyad both links are pinned to placed links, at A and C, and to each other at B.
+
+    In an RRP dyad a rod is pinned to a placed link at A. At B it is pinned to the second link, which slides on a placed link. The
+    distance of B from a line of the placed link is `height`.
+
+    In an RPR dyad the first link carries the guide of a slide and is pinned to a placed link at C. The second link is the block of
+    this slide and is pinned to a placed link at A. The distance of A from the line through C along the guide is `height`.
 
     Attributes:
-        kind: "RRR", "RRP" or "RPR".
-        first, second: the joints that connect the two links to placed ones.
-        middle: the inner pin B on the first link and on the second; in an RPR dyad the pins of the two links.
-        line: a point of the line; the first link's B in an RRR dyad, which has no line.
-        angle: direction of the line in the frame of that point's link [rad].
-        height: distance of B, or of A, to the left of the line [m].
-        turn: angle of the second link minus that of the line's link [rad].
+        kind: kind of the dyad, "RRR", "RRP" or "RPR".
+        first, second: the outer joints, which connect the two links to placed links.
+        middle: points of the inner pin B on the first link and on the second; in an RPR dyad, the points C and A on the two links.
+        line: a point on the line of the slide, fixed in the link that carries this line. An RRR dyad has no line; the entry is then
+            the point B of the first link.
+        angle: direction [rad] of the line in the frame of the link that carries it.
+        height: distance [m] of B (RRP) or of A (RPR) from the line, positive to its left.
+        turn: constant angle [rad] of the second link minus that of the link that carries the line.
     """
 
     kind: str
@@ -162,12 +168,12 @@ class Dyad:
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """One choice of the coordinate: the motion of a link at its joint with the ground, and the dyads that close the other links.
+    """One choice of the independent coordinate: the motion of a link at its joint with the ground.
 
     Attributes:
-        joint: the joint between that link and the ground; its motion is the coordinate.
-        fixed, moved: the joint's point on the ground, and on the link.
-        dyads: in the order in which they are closed.
+        joint: the joint between this link and the ground; its motion is the coordinate.
+        fixed, moved: the joint's point on the ground, and its point on the link.
+        dyads: the pairs of the other links, in the order in which their positions are computed.
     """
 
     joint: Joint
@@ -201,12 +207,14 @@ class Way:
 
 
 def ways(mechanism: Mechanism) -> tuple[Way, ...]:
-    """Return the possible choices of the coordinate, each with the dyads that close the linkage from there.
+    """Return the possible choices of the independent coordinate, each with the dyads by which all other links are placed.
 
-    There is one for each joint with the ground from which dyads reach all links; that of the crank comes first.
+    The motion of a joint with the ground is a possible choice if dyads, one after another, reach all links from the link of this
+    joint. The joint of the crank comes first.
 
     Raises:
-        NoWay: there is none, or the linkage has forces or constraints that an equation in one coordinate does not cover.
+        NoWay: there is no possible choice, or the linkage has forces or constraints that an equation in one coordinate does not
+            cover.
     """
     if mechanism.drivers:
         raise NoWay("the motion is prescribed: nothing is left of an equation of motion in one coordinate")
@@ -235,7 +243,7 @@ def ways(mechanism: Mechanism) -> tuple[Way, ...]:
 
 
 def close_from(mechanism: Mechanism, given: set[int]) -> tuple[list[Dyad], set[int]]:
-    """Return the dyads in the order in which they close from the given links, and the links that no dyad reaches."""
+    """Return the dyads in the order in which their positions can be computed from the given links, and the links of no dyad."""
     pins: dict[str, dict[int, Point]] = {}  # name of a joint, which may pin more than two links -> link -> its point
     for pin in mechanism.pins:
         for point in pin.ends:
@@ -256,8 +264,10 @@ def close_from(mechanism: Mechanism, given: set[int]) -> tuple[list[Dyad], set[i
 def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair: tuple[int, int], placed: set[int]) -> Dyad | None:
     """Return the dyad that two links form in this order, or None if they form none.
 
-    It is an RRR dyad (pin between the links, both pinned to placed links), an RRP dyad (pin between, a slide at the second link) or
-    an RPR dyad (slide between, whose guide is on the first link). Its height is measured to the left of the line.
+    The first link must be pinned to a placed link. In an RRR dyad a pin joins the two links, and the second link is pinned to a
+    placed link too. In an RRP dyad a pin joins the two links, and a slide joins the second link to a placed link. In an RPR dyad a
+    slide joins the two links, its guide is on the first link, and the second link is pinned to a placed link. `Dyad` explains the
+    angle, height and turn of the slide's line; a height is positive to the left of the line.
 
     Args:
         pins: for each pin, link -> point of the pin on this link.
@@ -289,7 +299,8 @@ def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair
         arm = turn_vector(middle[1].local - slide.block.local, slide.turn)
         height = slide.offset + _left_of(slide.angle, arm)
         return Dyad("RRP", first, second, middle, line=slide.guide, angle=slide.angle, height=height, turn=slide.turn)
-    # the guide is on the second link and the block on the placed one: seen from there, angle, offset and turn change their roles
+    # The guide is on the second link and the block on the placed one. Seen from the placed link, the line passes the block's point,
+    # and angle, offset and turn of the slide change their signs.
     arm = middle[1].local - slide.guide.local  # the line moves with the second link, whose angle is known
     height = _left_of(slide.angle, arm) - slide.offset
     angle, turn = slide.angle - slide.turn, -slide.turn
@@ -313,5 +324,5 @@ def _outer_joints(
 
 
 def _left_of(angle: float, x: Array) -> float:
-    """Return the distance of x (2,) to the left of the direction `angle` [rad]."""
+    """Return the signed distance of a point x (2,) to the left of the line through the origin with direction `angle` [rad]."""
     return float(np.cos(angle) * x[1] - np.sin(angle) * x[0])

@@ -1,7 +1,7 @@
 """Write a built model as an MJCF document that runs in MuJoCo without this suite.
 
-Trap: MuJoCo's own writer keeps six digits, which are too few for closed loops. This module writes all digits. MuJoCo then reads the
-document, and its accelerations are compared with those of the built model.
+Trap: MuJoCo's own writer keeps six digits, which are too few for closed loops. This module writes all digits. Then MuJoCo reads the
+written MJCF document, and the accelerations of the model that it reads are compared with those of the adapter's built model.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,10 +31,10 @@ class Built(Protocol):
 
     Attributes:
         mujoco: the library.
-        options: knob -> value, of the choice's settings.
+        options: name of an option of the engine -> value, for the settings of the run.
         y0, dy0: tree coordinates and rates (n,) at the start.
         model: MuJoCo's compiled model.
-        still: a copy of `model` that evaluates accelerations.
+        still: a copy of `model` that only evaluates accelerations at given states.
         drives: the driven coordinates.
     """
 
@@ -52,29 +52,29 @@ class Built(Protocol):
     def drives(self) -> Sequence[Drive]: ...
 
     def forward(self, y: Array, dy: Array) -> Any:
-        """Evaluate `still` at a tree state y, dy (n,) and t = 0, and return MuJoCo's data."""
+        """Evaluate the model `still` at a tree state y, dy (n,) and t = 0, and return MuJoCo's data, with the accelerations."""
         ...
 
 
 @dataclass(frozen=True)
 class Document:
-    """A document, and the names of the forces whose values are controls of its keyframe."""
+    """An MJCF document, and the names of the linkage's forces whose values are controls in the document's keyframe."""
 
     root: Element
     controlled: tuple[str, ...]
 
 
 def write_document(built: Built, edited: bool = False) -> Document:
-    """Return a document that holds the mechanism, its start as the keyframe START, and the choice's options.
+    """Return an MJCF document with the mechanism, its start as the keyframe START, and the options of the engine's setting.
 
-    Constant forces become motors; their values are the controls of the keyframe.
+    Constant forces become motors. The attribute `ctrl` of the keyframe has the values of these forces.
 
     Args:
-        edited: whether the caller adds motion laws and scaled inverse weights to the compiled model, as an exported script does. A
-            document cannot hold them, so without `edited` a mechanism that needs them is refused.
+        edited: whether the caller adds motion laws and scaled inverse weights to the compiled model, as an exported script does.
+            MJCF cannot express motion laws and scaled inverse weights, so without `edited` a mechanism that needs them is refused.
 
     Raises:
-        RunFailure: a document cannot hold the mechanism.
+        RunFailure: MJCF cannot express the mechanism or its settings.
     """
     mechanism = built.mechanism
     if mechanism.drivers and not edited:
@@ -146,7 +146,7 @@ class _Writer:
                 SubElement(root, name).extend(found)
 
     def _add_body(self, node: Element, body: Any) -> None:
-        """Write a body into the element `node`: joints, sites, geometry for viewers, and the bodies that hang on it."""
+        """Write a body into the XML element `node`: its joints, its sites, geometry for viewers, and its child bodies."""
         kinds = {self.mujoco.mjtJoint.mjJNT_HINGE: "hinge", self.mujoco.mjtJoint.mjJNT_SLIDE: "slide"}
         for joint in body.joints:
             written = {"axis": write_numbers(joint.axis), "pos": write_numbers(joint.pos), "ref": write_numbers(joint.ref)}
@@ -193,7 +193,11 @@ class _Writer:
             yield node
 
     def _actuators(self) -> Iterator[Element]:
-        """Yield the actuators: motors, and springs along an axis, whose force is bias . [1, L, dL/dt] for every control."""
+        """Yield the actuators: motors, and springs along an axis.
+
+        The force of a spring is bias . [1, L, dL/dt], whatever its control is; L is the length of the actuator's transmission. An
+        actuator at a site has six gears, of which the first two give the direction; every other actuator has one gear.
+        """
         kinds = self.mujoco.mjtTrn
         targets = {kinds.mjTRN_JOINT: "joint", kinds.mjTRN_TENDON: "tendon", kinds.mjTRN_SITE: "site"}
         for actuator in self.spec.actuators:
@@ -212,16 +216,18 @@ def _verify(root: Element, built: Built) -> None:
     """Let MuJoCo read the document, and compare its accelerations with those of the built model at states near the start.
 
     Raises:
-        RunFailure: the start or the accelerations differ.
+        RunFailure: the start state or the accelerations of the model that MuJoCo reads differ from those of the built model.
     """
     mujoco = built.mujoco
-    # The exported script, too, sets on the compiled model what a document cannot hold.
+    # MJCF cannot express armatures of drives and the factor on inverse weights, so they are set on the compiled model, as in an
+    # exported script. Integrator and flags are those of the model `still`, which only evaluates accelerations.
     model = mujoco.MjModel.from_xml_string(tostring(root, encoding="unicode"))
     set_armatures(mujoco, model, built.drives)
     model.body_invweight0[:] *= built.options["body_invweight0_factor"]
     model.opt.integrator, model.opt.disableflags = built.still.opt.integrator, built.still.opt.disableflags
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
+    # tolerance 0.0: the document has all digits of the start
     require_agreement({"start": (np.concatenate([data.qpos, data.qvel]), np.concatenate([built.y0, built.dy0]), 1.0)}, 0.0)
     for drive in built.drives:
         drive.push(data, 0.0)

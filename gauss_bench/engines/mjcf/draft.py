@@ -26,11 +26,12 @@ class Draft:
     Attributes:
         spec: the MjSpec that MuJoCo compiles.
         bodies: link -> element of its body.
-        torque: (n,) sum of all constant forces on tree coordinates; MuJoCo has it in the data (qfrc_applied), not in the model.
-        steady: the forces whose sum is `torque`.
+        torque: (n,) sum of all constant forces on tree coordinates. MuJoCo takes this sum from its data (qfrc_applied), so it is no
+            part of the model.
+        steady: the constant forces on tree coordinates whose sum is `torque`.
         pushes: constant forces at points, each with its actuator.
-        controls: name of a motor -> its control; `add_motors` fills it.
-        cylinders: for every driven length its driver, its tendon, and the motor whose control is the force.
+        controls: name of a motor -> the motor's control (force); `add_motors` fills this table.
+        cylinders: for every driven length the driver, its tendon, and the motor whose control is the force.
     """
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, tree: Tree):
@@ -66,10 +67,11 @@ class Draft:
         hinge, slide = self.mujoco.mjtJoint.mjJNT_HINGE, self.mujoco.mjtJoint.mjJNT_SLIDE
 
         def add_joint(at: int, name: str, kind: Any, axis: list[float], anchor: Array) -> None:
-            """Add a joint of the link for the tree coordinate `at`, with its axis and its point in the link's frame."""
+            """Add a joint of the link for the tree coordinate with index `at`; axis and anchor are in the link's frame."""
+            # ref: the joint's coordinate in the pose in which the body is added, so that MuJoCo's qpos are the tree coordinates
             self.joints[at] = body.add_joint(name=self._name("joint", name), type=kind, axis=axis, pos=spatial(anchor), ref=y[at])
 
-        # a free link has slides along x and y and then a hinge
+        # a free link has slides along x and y and then a hinge; `b.at` is the index of the link's first tree coordinate
         slides = {"revolute": [], "prismatic": [b.axis], "free": [*np.eye(2)]}[b.kind]
         names = [b.joint.name] if b.joint else [f"{link.name} {x}" for x in ("x", "y", "theta")]
         for i, axis in enumerate(slides):  # MuJoCo takes axes in the child's frame
@@ -122,7 +124,7 @@ class Draft:
         return None
 
     def _add_spatial_tendon(self, f: Tendon) -> None:
-        """Add a spring and damper on a distance; the constant part of its law becomes an actuator without control."""
+        """Add a spring and damper between two points; the constant part of the force law becomes an actuator without control."""
         tendon = self.spec.add_tendon(name=self._name("tendon", f"{f.a.name} to {f.b.name}"))
         tendon.wrap_site(self._site(f.a))
         tendon.wrap_site(self._site(f.b))
@@ -141,7 +143,10 @@ class Draft:
         return driver, tendon, motor
 
     def add_motors(self) -> list[str]:
-        """Replace constant forces by motors, for a document that is used without this suite; a motor's control is its force.
+        """Replace constant forces by motors, for an MJCF document that is used without this suite; a motor's control is its force.
+
+        So a user of the document can change the forces. A motor for a force in `pushes` has the force's direction as its gear, and
+        the size of the force as its control.
 
         Returns:
             The names of the forces that a control can change.
@@ -160,7 +165,7 @@ class Draft:
         return changed
 
     def _add_motor(self, f: Steady) -> str:
-        """Add the motor of a constant generalised force, on a joint or on a sum of joints, and return its name."""
+        """Add a motor for a constant generalised force on one joint or on a weighted sum of joints, and return the motor's name."""
         name = self._name("actuator", f.names[0] if f.names else "torque")
         joints = [(self.joints[int(at)].name, float(f.force[at])) for at in np.flatnonzero(f.force)]
         if len(joints) == 1:
@@ -203,7 +208,8 @@ class Draft:
     def _add_fixed_tendon(self, f: OnJoints) -> None:
         """Add a spring and damper on a sum of joint coordinates.
 
-        Trap: MuJoCo reads a rest length of -1 as "the length at qpos0". If the rest length is negative, the sum is negated.
+        Trap: MuJoCo reads a rest length of -1 as "the length at qpos0". So if the rest length is negative, the signs of the rest
+        length and of all coefficients of the sum are reversed.
         """
         rest = f.rest - f.constant
         sign = -1.0 if rest < 0 else 1.0
@@ -216,7 +222,7 @@ class Draft:
     def _set_joint_springs(self, springs: list[OnJoints]) -> None:
         """Sum the springs and dampers on each joint.
 
-        A spring acts on x = row . y + constant, where the row has a single entry, 1 or -1. The square of the entry is 1, so the
+        A spring acts on x = row . y + constant, where the row has a single entry, 1 or -1. The square of this entry is 1, so the
         stiffness of the joint is the sum of the springs' stiffnesses. The joint's rest position follows from the springs' forces
         at y = 0.
         """

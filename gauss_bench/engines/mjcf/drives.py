@@ -5,7 +5,7 @@ A that is far larger than all masses, and the torque or force A law''(t). It fol
 
     (A + m) theta'' = A law''(t) + load
 
-A driven length is a tendon between two sites. It has such an armature [kg], and a motor.
+A driven length is a tendon between two sites. The tendon has such a large armature [kg] too, and a motor that exerts the force.
 """
 
 from collections.abc import Sequence
@@ -19,12 +19,14 @@ from gauss_bench.mechanism.motion_laws import MotionLaw
 
 @dataclass(frozen=True)
 class Drive:
-    """A driven joint coordinate or a driven length, with its armature.
+    """A driven joint coordinate or a driven length.
+
+    Its armature is so large that the force armature * law''(t) gives it the acceleration law''(t).
 
     Attributes:
-        law: its motion law.
-        armature: [kg m^2] of a hinge, [kg] of a slide or length.
-        at: index of the joint coordinate, or of the tendon.
+        law: motion law of the coordinate or length.
+        armature: artificial inertia, [kg m^2] of a hinge, [kg] of a slide or length.
+        at: MuJoCo's index of the joint coordinate, or of the tendon.
         motor: index of the tendon's motor; None for a joint coordinate.
     """
 
@@ -34,7 +36,10 @@ class Drive:
     motor: int | None = None
 
     def push(self, data: Any, t: float) -> None:
-        """Add the force armature * law''(t) at time t [s] to the joint coordinate in MuJoCo's data, or set it at the motor."""
+        """Add the driving force of time t [s] to the joint coordinate in MuJoCo's data, or make it the control of the motor.
+
+        The force is armature * law''(t). The armature is so large that this force gives the coordinate the acceleration law''(t).
+        """
         force = self.armature * float(self.law(t)[2])
         if self.motor is None:
             data.qfrc_applied[self.at] += force

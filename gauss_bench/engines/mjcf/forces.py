@@ -1,15 +1,16 @@
 """The forces of a linkage as elements of MuJoCo. This module does not import MuJoCo.
 
-The angle of a link is a sum of hinge coordinates, theta = e . y + const. A force is translated only if one of these elements
-expresses it exactly; otherwise the linkage is refused:
+The angle of a link is a sum of hinge coordinates, theta = e . y + const. A force is translated only if an element of MuJoCo
+expresses it exactly; otherwise the linkage is refused. The forces of a linkage and their elements are:
 
-    torque                                                            constant generalised force on the hinges of the chain
-    force along a slide, with its reaction on the guide               constant generalised force on the slide
-    force at a point                                                  site transmission; if the force keeps its direction in the
-                                                                      world, with a reference site there
-    spring and damper between points                                  spatial tendon
-    spring and damper on an angle or a slide, L = e . y + const       stiffness and damping of one joint, or a fixed tendon
-    spring and damper along an axis                                   site transmission with a reference site, k rest - k x - c x'
+    torque:                                               constant generalised force on the hinges of the chain
+    force along a slide, with its reaction on the guide:  constant generalised force on the slide
+    force at a point:                                     actuator with a site transmission; if the direction of the force is fixed
+                                                          in the world, the reference site is a point of the world
+    spring and damper between points:                     spatial tendon
+    spring and damper on an angle or a slide:             stiffness and damping of one joint, or a fixed tendon, L = e . y + const
+    spring and damper along an axis:                      actuator with a site transmission and a reference site, and the force
+                                                          k rest - k x - c x'
 """
 
 from dataclasses import dataclass
@@ -36,15 +37,16 @@ class Tendon:
 
 @dataclass(frozen=True, eq=False)
 class AtSite:
-    """The force (bias . [1, L, dL/dt]) * direction at a point, with the opposite force on the link of `frame`.
+    """A force along a direction at a point, with the opposite force on the link of the point `frame`.
 
-    L is the coordinate of the point along the direction, measured from `frame`.
+    The size of the force is bias[0] + bias[1] L + bias[2] dL/dt, where L is the coordinate of the point along the direction,
+    measured from `frame`.
 
     Attributes:
         name: name of the force in the linkage.
         frame: point from which L is measured, on the link that takes the opposite force. None for a force whose direction is fixed
             in the link of `point`, and which has no opposite force.
-        direction: (2,) fixed in the link of `frame`, or of `point` if `frame` is None.
+        direction: (2,) direction of the force, fixed in the link of `frame`, or in the link of `point` if `frame` is None.
         bias: coefficients of 1, the length L [m], and its rate dL/dt [m/s].
         constant: whether this element alone is a constant force of the linkage, so that one control can change that force.
     """
@@ -83,7 +85,7 @@ def refuse_forces(mechanism: Mechanism, tree: Tree) -> str | None:
 
 
 def other_load(other: tree_loads.OtherLoad, mechanism: Mechanism, turns: Turning) -> list[Native]:
-    """Return the elements for a load that cannot be written as a spring and damper on tree coordinates.
+    """Return the elements of MuJoCo for a load that cannot be written as a spring and damper on tree coordinates.
 
     Raises:
         RunFailure: no element expresses the load exactly (status SKIP).
@@ -101,10 +103,12 @@ def other_load(other: tree_loads.OtherLoad, mechanism: Mechanism, turns: Turning
 
 
 def point_force(f: PointForce, turns: Turning) -> list[Native]:
-    """Return the elements for a constant force whose direction is fixed in the world, in the link of its point, or in a third link.
+    """Return the elements of MuJoCo for a constant force at a point.
 
-    A third link only gives the direction, so a second element cancels the opposite force that the first element exerts on it. This
-    is exact only if the point does not move when a hinge turns the third link.
+    There are three cases. If the direction of the force is fixed in the world, one element has a reference site in the world. If it
+    is fixed in the link of the point, one element has no reference site. If it is fixed in a third link, the reference site is on
+    the third link. This link only determines the direction, so a second element cancels the opposite force that the first element
+    exerts on the third link. The third case is exact only if the point does not move when a hinge turns the third link.
 
     Raises:
         RunFailure: the force is fixed in a third link whose hinges move the point (status SKIP).
@@ -112,26 +116,30 @@ def point_force(f: PointForce, turns: Turning) -> list[Native]:
     link, bias = f.point.link, (1.0, 0.0, 0.0)  # the element's force is bias . [1, L, dL/dt]: constant
     if not f.value.any():
         return []  # a force of zero needs no element, and has no direction in which a motor could change it
-    if turns.together(f.frame, GROUND):
+    if turns.together(f.frame, GROUND):  # the angle between the link `f.frame` and the ground is constant
         world = Point(GROUND, np.zeros(2), "ground")
         return [AtSite(f.name, f.point, world, rotate(f.value, turns.constants[f.frame]), bias, constant=True)]
     if turns.together(f.frame, link):
         turned = rotate(f.value, turns.constants[f.frame] - turns.constants[link])
         return [AtSite(f.name, f.point, None, turned, bias, constant=True)]
-    if turns.apart(f.frame, link):
+    if turns.apart(f.frame, link):  # no hinge turns both the link `f.frame` and the point's link
         frame = Point(f.frame, np.zeros(2), "centre of mass")
         return [AtSite(f.name, f.point, frame, f.value, bias), AtSite(f.name, frame, None, f.value, bias)]
     raise RunFailure(Status.SKIP, f"MuJoCo cannot turn the force {f.name} with a link whose hinges move its point")
 
 
 def along_axis(name: str, along: Along, law: Law, mechanism: Mechanism, turns: Turning) -> AtSite:
-    """Return the element for a law along an axis to which no slide is parallel: a site transmission.
+    """Return the element of MuJoCo for a force law along an axis to which no slide is parallel: a site transmission.
 
-    Trap: a site transmission leaves out the law's torque on the reference site. It is exact only if every hinge that turns the
-    reference site also turns the other site, because such hinges do not change the coordinate.
+    The coordinate x is the position of the site at `along.point` along the axis, measured from the reference site at
+    `along.origin`. The force is bias + k (rest - x) - c x'.
+
+    Trap: MuJoCo's site transmission leaves out the torque that the force law exerts on the link of the reference site. So the
+    element is exact only if every hinge that turns the reference site also turns the other site: these hinges do not change the
+    coordinate x, and the torque does no work on them.
 
     Raises:
-        RunFailure: a hinge turns the reference site alone (status SKIP).
+        RunFailure: a hinge turns the reference site without turning the other site (status SKIP).
     """
     origin, point = along.origin.link, along.point.link
     if turns.turns_with(origin, point):

@@ -36,8 +36,8 @@ def configure(mujoco: Any, model: Any, options: Mapping[str, Any], step: float) 
 def copy_to_evaluate(mujoco: Any, model: Any) -> Any:
     """Return a copy of a compiled model that evaluates accelerations at given states.
 
-    It has the Euler integrator, because MuJoCo's qacc is a difference of velocities under `discrete`. It has no warm start, so that
-    a result does not depend on the state that was evaluated before.
+    The copy has the Euler integrator, because MuJoCo's qacc is a difference of velocities with the integrator `discrete`. The
+    solver of the copy has no warm start, so that its result does not depend on the state that was evaluated before.
     """
     still = copy.copy(model)
     still.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER

@@ -1,15 +1,17 @@
 """MJX: MuJoCo's tree of links and soft `connect` constraints between sites, computed in JAX on one processor core.
 
-The model is that of `engines/mjcf`, which MuJoCo's own engine runs too. Before it is used, MJX's terms are compared with the
-suite's own: mass matrix, velocity terms plus all forces, and gaps of the loops, at tree states with open loops.
+The model is that of `engines/mjcf`, which the engine `mujoco` runs too. Before the model is used, the terms that MJX computes are
+compared with those that the suite computes: the mass matrix, the sum of velocity terms and all forces, and the gaps of the loops,
+at tree states with open loops.
 
-Trap: MJX leaves out the velocity term of a closure. A closure is the constraint J a = r with the reference acceleration r,
+Trap: MJX leaves out the velocity term gamma = -dJ/dt v of a closure. A closure is the constraint J a = r, where r is the reference
+acceleration:
 
-    MuJoCo    r = gamma - b J v - k phi        gamma = - dJ/dt v
-    MJX       r =       - b J v - k phi
+    MuJoCo:   r = gamma - b J v - k phi
+    MJX:      r = -b J v - k phi
 
-At rest the accelerations agree, and in motion they do not: then only the spring k and the damper b keep the loops closed. So the
-errors of a motion fall with the step only if k and b rise.
+The accelerations of MJX and MuJoCo agree at rest, but not in motion: in MJX only the spring k and the damper b keep the loops
+closed. So the errors of a motion fall with the step size only if k and b rise.
 """
 
 from pathlib import Path
@@ -32,7 +34,7 @@ AGREEMENT = 1e-10  # relative: rounding causes about 1e-14, a wrong sign or fact
 
 
 class Mjx(LibraryEngine, file=VARIANTS):
-    """MJX, with those of MuJoCo's integrators and settings that MJX supports."""
+    """MJX, with the integrators and settings of MuJoCo that MJX supports."""
 
     name = "mjx"
     integrators = ("rk4", "euler", "implicitfast")
@@ -74,7 +76,7 @@ class MjxModel(TreeModel):
     library = "MJX"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Compile the model, compare it with the linkage without drivers, and upload it for the choice's step."""
+        """Compile the model, compare it with the linkage without drivers, and put its numbers for the chosen step on the device."""
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.libraries = load_libraries()
         try:
@@ -88,7 +90,7 @@ class MjxModel(TreeModel):
         self._upload_for_step()
 
     def _upload_for_step(self) -> None:
-        """Compile the model for the choice's step, on which the softness of closures may depend, and upload its numbers."""
+        """Compile the model for the chosen step, on which the softness of closures may depend; put its numbers on the device."""
         model, _ = compile_model(self.libraries.mujoco, self.draft, self.choice, self.options)
         self.device.set(model)
         self.uploaded_step = self.choice.step
@@ -102,7 +104,10 @@ class MjxModel(TreeModel):
         return self.device.evaluate(y, dy).acceleration
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start; `native` tells whether JAX's loop or a call from Python takes each step."""
+        """Reset to the start; if `native`, a compiled loop of JAX takes the steps, otherwise Python calls JAX for each step.
+
+        A stretch of the plan is an interval of time with steps of equal size; it may end at a sample.
+        """
         super().prepare(times, native)
         if self.choice.step != self.uploaded_step:
             self._upload_for_step()

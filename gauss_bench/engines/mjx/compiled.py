@@ -1,4 +1,4 @@
-"""Compile the model whose numbers MJX uses, by MuJoCo's compiler."""
+"""Compile, with MuJoCo's compiler, the model from which MJX takes its numbers."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -16,9 +16,9 @@ def compile_model(
     """Return the model that MuJoCo compiles from a draft, with the integrator and step of a choice, and the model's drives.
 
     Args:
-        draft: the model's specification.
-        options: the options of the choice's settings.
-        driven: whether driven coordinates get their armatures (large rotor inertias); otherwise there are no drives.
+        draft: MuJoCo's specification of the model.
+        options: name of an option of the engine -> value, for the settings that `choice` names.
+        driven: whether driven coordinates get armatures (large artificial rotor inertias); otherwise the model has no drives.
     """
     model = draft.spec.compile()
     share = float(options["armature_of_a_driven_hinge_over_inertia"])

@@ -52,11 +52,16 @@ RUN = """    for k in range(every, steps + 1, every):
 class OnMujoco:
     """The same model that MJX gets, but compiled and evaluated by MuJoCo.
 
-    It has the members of `Built` in `engines/mjcf/document.py`, so that the document can be written from it.
+    This class has the members of `Built` in `engines/mjcf/document.py`, from which the MJCF document is written; see there for
+    their meaning.
     """
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
-        """Compile the model with the integrator and step of a choice."""
+        """Compile the model with the integrator and the step of `choice`.
+
+        `y0`, `dy0` are the tree coordinates and rates at the start, `draft` is MuJoCo's specification of the model, `drives` are
+        the driven coordinates, and `still` is a copy of the model that only evaluates accelerations.
+        """
         self.mujoco, self.mechanism, self.choice, self.options = mujoco, mechanism, choice, options
         self.tree = joint_tree(mechanism, options)
         self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
@@ -65,7 +70,11 @@ class OnMujoco:
         self.still = copy_to_evaluate(mujoco, self.model)
 
     def forward(self, y: Array, dy: Array) -> Any:
-        """Evaluate `still` at a tree state y, dy (n,), and return MuJoCo's data."""
+        """Evaluate the model `still` at a tree state y, dy (n,), and return MuJoCo's data, with the accelerations.
+
+        `still` is a copy of the model that only evaluates accelerations. `draft.torque` (n,) is the sum of constant generalised
+        forces, which MuJoCo takes from its data.
+        """
         data = self.mujoco.MjData(self.still)
         data.qpos[:], data.qvel[:], data.qfrc_applied[:] = y, dy, self.draft.torque
         self.mujoco.mj_forward(self.still, data)

@@ -1,7 +1,8 @@
 """MJX's functions, compiled by XLA for one processor core in double precision.
 
-The machine code is kept in the user's cache, because its compilation takes half a minute. It depends only on the shape of a model,
-its integrator and its solver. Step size, masses, forces and softness are arguments, so one compilation serves for all their values.
+The machine code is kept in the user's cache, because its compilation takes half a minute. The machine code depends only on the
+dimensions of a model, its integrator and its solver. Step size, masses, forces and softness of closures are arguments of the
+compiled functions, so one compilation serves for all their values.
 """
 
 import contextlib
@@ -35,7 +36,7 @@ def load_libraries() -> Libraries:
     """Import JAX and MJX, in double precision on the processor; both must be set before JAX makes its first array.
 
     Raises:
-        ImportError: one of them is not installed.
+        ImportError: JAX, MuJoCo or MJX is not installed.
     """
     flags = os.environ.get("XLA_FLAGS", "")
     if ONE_CORE not in flags:
@@ -83,13 +84,14 @@ class Shapes:
 
 @cache
 def functions(jax: Any, mjx: Any, shapes: Shapes) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return two functions of a model and a state, each given as a list of arrays; JAX compiles a function on its first call.
+    """Return the two functions take_steps and terms for models of one structure; JAX compiles a function on its first call.
 
-        take_steps    model, state, number of steps -> state after the steps
-        terms         model, state -> acceleration, mass matrix, forces, centres of mass, gaps (`Evaluated`)
+    take_steps(model, state, number of steps) returns the state after the steps. terms(model, state) returns the fields of
+    `Evaluated`: acceleration, mass matrix, forces, centres of mass and gaps.
 
-    They take lists because JAX needs some milliseconds in every call to pass MJX's own classes. A list holds the arrays of such an
-    object in a fixed order; together with the object's structure in `shapes`, it gives the object back.
+    Both functions take a model and a state as lists of arrays, because JAX needs some milliseconds in every call to pass objects of
+    MJX's own classes. A list has the arrays of such an object in a fixed order. The object is restored from the list and from the
+    object's structure, which is in `shapes`.
     """
     flatten, unflatten, over = jax.tree_util.tree_leaves, jax.tree_util.tree_unflatten, jax.tree_util.tree_map
 
@@ -135,10 +137,10 @@ class Device:
         self.set(model)
 
     def _put(self, x: Any) -> Any:
-        """Return numbers as an array that is committed to the device: JAX may not move it to another device.
+        """Return numbers as an array that is committed to the device, which means that JAX may not move the array to another one.
 
-        Trap: `jax.numpy.array` makes arrays that are not committed. For such an array JAX compiles everything a second time, in a
-        run.
+        Trap: `jax.numpy.array` makes arrays that are not committed. If a function gets an array that is not committed, JAX compiles
+        the function a second time, and this would happen in a timed run.
         """
         return self.jax.device_put(np.asarray(x, dtype=float), self.jax.devices("cpu")[0])
 
@@ -158,16 +160,19 @@ class Device:
         return list(self.trees.tree_leaves(state))
 
     def take_steps(self, model: list[Any], state: list[Any], count: int) -> list[Any]:
-        """Return MJX's state after `count` steps of a model from `with_step`; JAX returns before it has finished the steps."""
+        """Return MJX's state after `count` steps of a model that `with_step` made; JAX returns before it has finished the steps."""
         return list(self._take_steps(model, state, count))
 
     def tree_state(self, state: list[Any]) -> tuple[Any, Any]:
-        """Return y and dy (n,) of a state; whoever reads their numbers waits until JAX has computed them."""
+        """Return y and dy (n,) of a state, as JAX arrays; reading their values waits until JAX has computed them."""
         y, dy = self._places
         return state[y], state[dy]
 
     def evaluate(self, y: Array, dy: Array) -> Evaluated:
-        """Evaluate the terms at a tree state y, dy (n,)."""
+        """Evaluate the terms of the equations of motion at a tree state y, dy (n,): joint coordinates and their rates.
+
+        The compiled function takes the model as a list of JAX arrays.
+        """
         model = list(self.trees.tree_leaves(self.model))
         acceleration, mass, forces, centres, gaps = (np.array(x) for x in self._terms(model, self.start(y, dy, 0.0)))
         return Evaluated(acceleration, mass, forces, centres, gaps.reshape(-1, 3))

@@ -1,7 +1,8 @@
 """MuJoCo: a tree of links in relative coordinates, closed by soft `connect` constraints between sites.
 
-Before the model is used, it is compared with the suite's own terms: mass matrix, velocity terms plus all forces, and gaps of the
-loops, at the start and at random tree states. Only the softness of the closures is not checked, because the settings vary it.
+Before the model is used, the terms that MuJoCo computes are compared with those that the suite computes, at the start and at random
+tree states: the mass matrix, the sum of velocity terms and all forces, and the gaps of the loops. The softness of the closures is
+not checked, because the settings vary it.
 """
 
 import contextlib
@@ -64,18 +65,22 @@ class MujocoModel(TreeModel):
 
     Attributes:
         model, data: MuJoCo's model and state that a run steps.
-        still, still_data: a copy of both that evaluates accelerations at given states.
-        torque: (n,) constant generalised force.
+        still, still_data: a copy of both that only evaluates accelerations at given states.
+        torque: (n,) sum of the constant generalised forces.
         bodies: MuJoCo's indices of the links' bodies.
         drives: the driven coordinates.
-        last: latest time [s] of an evaluation of forces in the present stretch of steps: a force that jumps at the end of the
-            stretch has the value before the jump. inf outside of runs.
+        varying_forces: the forces that vary with time, which Python computes.
+        last: latest time [s] at which forces are evaluated in the present stretch (sequence of equal steps). So a force that jumps
+            at the end of a stretch has the value before the jump. It is infinite before the first run.
     """
 
     library = "MuJoCo"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Compile the model, compare it with the linkage without drives, then add the drives."""
+        """Compile the model, compare it with the linkage without drives, then add the drives.
+
+        The comparison is made without drives, because their large armatures would change the mass matrix.
+        """
         import mujoco
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
@@ -98,7 +103,7 @@ class MujocoModel(TreeModel):
         self.still_data.qfrc_applied[:] = self.torque
         self.varying_forces = AppliedForces(replace(mechanism, forces=mechanism.varying, gravity=np.zeros(2)))
         self.last = np.inf
-        self.drives: list[Drive] = []  # compared without drives, whose armatures would change the mass matrix
+        self.drives: list[Drive] = []
         verify(mechanism, self.tree, self.describe, AGREEMENT)
         self.drives = find_drives(self.model, draft, float(self.options["armature_of_a_driven_hinge_over_inertia"]))
         if self.drives:
@@ -122,7 +127,10 @@ class MujocoModel(TreeModel):
             drive.push(data, t)
 
     def forward(self, y: Array, dy: Array, t: float = 0.0) -> Any:
-        """Evaluate the model at a tree state y, dy (n,) and time t [s], and return MuJoCo's data."""
+        """Evaluate the model `still` at joint coordinates y and rates dy (n,) and time t [s], with all forces of this time.
+
+        Return MuJoCo's data, which hold the accelerations.
+        """
         data = self.still_data
         data.qpos[:], data.qvel[:] = y, dy
         self._set_forces(data, t)
@@ -130,7 +138,11 @@ class MujocoModel(TreeModel):
         return data
 
     def describe(self, y: Array, dy: Array) -> OpenModel:
-        """Return MuJoCo's terms of the tree at a tree state y, dy (n,), without the forces of closures."""
+        """Return what MuJoCo computes for the open tree at a tree state y, dy (n,), without the constraint forces of closures.
+
+        These are the gaps of the loops, the mass matrix, the sum of forces and velocity terms, and the links' centres of mass. The
+        only constraints of the model are the closures. Each has three rows x, y and z, of which x and y matter in the plane.
+        """
         data = self.forward(y, dy)
         mass = mass_matrix(self.mujoco, self.still, data)
         forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
@@ -150,7 +162,11 @@ class MujocoModel(TreeModel):
         self.data.qfrc_applied[:] = self.torque
 
     def run(self) -> None:
-        """Take all steps, and store the samples; drivers and varying forces are set in a callback."""
+        """Take all steps, and store the samples; drivers and varying forces are set in a callback.
+
+        The callback evaluates forces no later than `last`, so that a step that ends at a jump of a force has the force before the
+        jump. MuJoCo has one callback per process, so the earlier one is restored after the run.
+        """
         control = self.mujoco.get_mjcb_control()
         if self.sets_forces:  # MuJoCo calls this function at every stage of a step, with the time of the stage
             self.mujoco.set_mjcb_control(lambda model, data: self._set_forces(data, min(data.time, self.last)))
@@ -161,12 +177,12 @@ class MujocoModel(TreeModel):
             self.mujoco.set_mjcb_control(control)
 
     def _run(self) -> None:
-        """Take the steps of every stretch in one call of MuJoCo's loop, or in a call from Python for each step."""
+        """Take the steps of every stretch (sequence of equal steps) in one call of MuJoCo's loop, or in one call for each step."""
         step, model, data = self.mujoco.mj_step, self.model, self.data
         # a stretch: start [s], number of steps, their size [s], latest time of an evaluation [s], index of the sample at the end
         for begin, count, size, last, row in self.plan:
             model.opt.timestep = size
-            self.last = last  # read by the function that sets forces (`run`)
+            self.last = last  # the callback in `run` reads this time
             if self.mechanism.kinks:
                 data.time = begin  # MuJoCo sums up step sizes: by rounding its time could be before the kink at `begin`
             if self.native:
@@ -183,7 +199,8 @@ class MujocoModel(TreeModel):
         The function returns the last tree states y, dy as one array (k, 2, n).
 
         Raises:
-            RunFailure: Python sets forces at every stage, which is not possible in a rollout (status SKIP).
+            RunFailure: this model needs forces that Python sets at every stage, which MuJoCo's rollout does not allow (status
+                SKIP).
         """
         from mujoco import rollout
 

@@ -1,10 +1,15 @@
 """Run a user's MJCF model in MuJoCo with the model's own options, and convert the result to the motion of a planar linkage.
 
-If bodies are rigidly connected, the first of them stands for their link. Its pose in the plane follows from MuJoCo's kinematics of
-the joint coordinates, which are right even if soft closures are open:
+Rigidly connected bodies are one link, and the first of them stands for the link. The pose of this body in the plane follows from
+MuJoCo's joint coordinates, which determine the poses of all bodies even if soft closures are open. The angle theta is a sum over
+the hinges between the body and the world, omega and alpha are its rates, and r is the link's centre of mass:
 
-    theta  = theta_0 + sum over its hinges of +-(qpos - ref),    omega = J_rotation qvel . normal,    alpha = d omega / dt
-    r_com  = xpos + xmat c,    dr/dt = J_point qvel,    d2r/dt2 = J_point qacc + dJ_point/dt qvel
+    theta = theta_0 + sum of +-(qpos - ref)
+    omega = J_rotation qvel . normal
+    alpha = d omega / dt
+    r = xpos + xmat c
+    dr/dt = J_point qvel
+    d2r/dt2 = J_point qacc + dJ_point/dt qvel
 """
 
 from collections.abc import Mapping
@@ -31,14 +36,14 @@ UNCOMPARED = ("opt", "signature", "paths", "text_data", "names", "stat", "vis", 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """The places of a linkage's links in a compiled model with `nq` joint coordinates.
+    """How a compiled MuJoCo model with `nq` joint coordinates represents the links of a linkage.
 
     Attributes:
-        bodies: for each link the number of its first body.
+        bodies: for each link, MuJoCo's index of the first of the rigidly connected bodies that form the link.
         locals: (links, 3) centres of mass in the frames of these bodies [m].
-        plane: (3, 3) rows: the plane's two axes and its normal.
+        plane: (3, 3) matrix with the rows: the two axes of the plane of motion, and the plane's normal.
         angles: (links,) angles of the links if all joint coordinates are zero [rad].
-        turns: (links, nq) derivatives of the angles by the joint coordinates: 0, 1 or -1.
+        turns: (links, nq) derivatives of the links' angles with respect to the joint coordinates: 0, 1 or -1.
     """
 
     bodies: tuple[int, ...]
@@ -58,7 +63,7 @@ class LinkStates(NamedTuple):
 
 
 def settings_as_they_stand(path: str) -> dict[str, Any]:
-    """Return name in MJCF -> value of the options of a file's model; solref and solimp are tables by name of the closure."""
+    """Return name of an option in MJCF -> value, for the model of a file; solref and solimp are tables: closure -> value."""
     import mujoco
 
     model = mujoco.MjModel.from_xml_path(path)
@@ -114,19 +119,28 @@ def start_model(mujoco: Any, model: Any, data: Any, key: int) -> None:
 
 
 class OwnModelRun:
-    """The model of a file, under the options of a choice.
+    """The model that MuJoCo compiles from a file, run with the integrator and step of a `Choice`.
 
     Attributes:
-        seen: where the links are in the model: their bodies, centres of mass, angles, and the plane of motion.
+        seen: how the model represents the links: their bodies, centres of mass and angles, and the plane of motion.
         model, data: MuJoCo's model and state that a run steps.
-        still, still_data: a copy of both that evaluates accelerations at given states.
+        still, still_data: a copy of both that only evaluates accelerations at given states, without changing the state of a run.
         key: index of the keyframe at which runs start.
         y0, dy0: (nv,) joint coordinates and rates at the start.
         y, dy: (k, nv) samples of joint coordinates and rates.
     """
 
     def __init__(self, path: Path, seen: Seen, key: int, changes: Mapping[str, Any], choice: Choice):
-        """Compile the file, with `changes` of options given by their names in MJCF, and put it into its keyframe."""
+        """Compile the file, change options of the model, and set the model to a keyframe.
+
+        A copy of the model evaluates accelerations, so that these evaluations do not change the state of a run.
+
+        Args:
+            path: path of the MJCF file.
+            seen: how the model represents the links of a linkage.
+            key: index of the keyframe.
+            changes: name of an option in MJCF -> new value.
+        """
         import mujoco
 
         self.mujoco: Any = mujoco
@@ -143,13 +157,13 @@ class OwnModelRun:
         self.y0, self.dy0 = np.array(self.data.qpos), np.array(self.data.qvel)
 
     def forward(self, y: Array, dy: Array) -> Any:
-        """Evaluate the model at joint coordinates y and rates dy (nv,), and return MuJoCo's data."""
+        """Evaluate the copy `still` at joint coordinates y and rates dy (nv,), and return MuJoCo's data, with accelerations."""
         self.still_data.qpos[:], self.still_data.qvel[:] = y, dy
         self.mujoco.mj_forward(self.still, self.still_data)
         return self.still_data
 
     def absolute(self, y: Array, dy: Array) -> LinkStates:
-        """Return the states of all links at joint coordinates and rates y, dy (nv,)."""
+        """Return the states of all links at joint coordinates y and rates dy (nv,), with the accelerations that MuJoCo computes."""
         data, model, seen = self.forward(y, dy), self.still, self.seen
         axes, normal = seen.plane[:2], seen.plane[2]  # of the plane of motion, in the world of MuJoCo
         q: list[float] = []
@@ -188,7 +202,10 @@ class OwnModelRun:
         return self.absolute(*self.relative(q, v)).a
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Put the model into its keyframe at times[0], and plan the steps, which MuJoCo always takes, whatever `native` says."""
+        """Set the model to its keyframe at times[0], and compute the sequence of steps.
+
+        `native` has no effect, because MuJoCo's own loop always takes the steps.
+        """
         self.times, self.plan = times, list(stretches(times, self.choice.step))
         self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
         start_model(self.mujoco, self.model, self.data, self.key)
@@ -212,7 +229,9 @@ class OwnModelRun:
 
 
 def acts_beside_loops(path: str, key: int, until: float) -> dict[str, Any]:
-    """Run the model of a file with its own options until a contact, a joint limit or dry friction acts besides its closures.
+    """Run the model of a file with its own options until a contact, a joint limit or dry friction acts.
+
+    The constraints that close loops, MuJoCo's equality constraints, act all the time and do not end the run.
 
     Args:
         key: index of the keyframe at which the run starts.
@@ -265,9 +284,14 @@ def name_row(mujoco: Any, model: Any, data: Any, kind: int, number: int) -> str:
 
 
 def compare_models(before: str, after: str, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a table with the "reason" why two files compile to models that differ in more than the changed options.
+    """Compare the compiled models of two files, the first of them after the options in `changes` were changed.
 
-    The reason is an empty text if they differ in nothing else.
+    Return a table with the key "reason": a sentence that says how the two models differ, or an empty text if they are equal.
+
+    Args:
+        before: path of the original file.
+        after: path of the file into which the changes were written.
+        changes: name of an option in MJCF -> value.
     """
     import mujoco
 
@@ -276,11 +300,11 @@ def compare_models(before: str, after: str, changes: Mapping[str, Any]) -> dict[
     except ValueError as error:
         return {"reason": f"MuJoCo does not compile it from there: {' '.join(str(error).split())}"}
     change_options(mujoco, old, changes)
-    for here, there in ((old, new), (old.opt, new.opt)):
-        for name in dir(here):
-            value = getattr(here, name)
+    for expected, found in ((old, new), (old.opt, new.opt)):
+        for name in dir(expected):
+            value = getattr(expected, name)
             if name.startswith("_") or callable(value) or name in UNCOMPARED:
                 continue
-            if not np.array_equal(np.asarray(value), np.asarray(getattr(there, name))):
+            if not np.array_equal(np.asarray(value), np.asarray(getattr(found, name))):
                 return {"reason": f"{name} of the compiled model is not as it should be: a file that it includes may set it"}
     return {"reason": ""}

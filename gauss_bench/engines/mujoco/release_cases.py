@@ -1,8 +1,9 @@
 """Cases by which MuJoCo's releases are compared besides the adapter's runs: equalities that close loops, and the defaults.
 
-The models are MJCF documents, which every release reads. If a release does not know an equality, it refuses the document, and the
-refusal is its result. The loops are closed in the reference pose, because MuJoCo takes anchors, lengths and relative poses from it.
-For `weld`, the rod of the four-bar is two bodies in one place, which are welded to each other.
+The models of the cases are MJCF documents, because every release of MuJoCo reads them. If a release does not know an equality, it
+refuses the document, and the refusal is the result of the release. The loops are closed in the reference pose, because MuJoCo takes
+anchors, lengths and relative poses from it. In the cases with the equality `weld`, the rod of the four-bar is modelled as two
+bodies that coincide, and the equality welds them to each other.
 """
 
 from collections.abc import Iterable, Sequence
@@ -35,13 +36,13 @@ POLYNOMIAL = f'polycoef="0 {RATIO} {CURVE} 0 0"'
 
 @dataclass(frozen=True)
 class Closure:
-    """A way to close a loop.
+    """One kind of loop closure, and the model in which it closes the loops.
 
     Attributes:
-        model: name of the linkage at whose states accelerations are computed.
-        bars: the bars of the document.
-        equality, tendons: elements of MJCF.
-        options: attributes of MJCF's element <option>.
+        model: name of the linkage; accelerations are computed at states of this linkage.
+        bars: the bars of the model.
+        equality, tendons: MJCF elements that close the loops.
+        options: attributes of the MJCF element <option>.
     """
 
     model: str
@@ -77,7 +78,13 @@ def list_probes() -> list[dict[str, str]]:
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of the case `name` at absolute states q, v (k, n)."""
+    """Return the absolute accelerations (k, n) of a case at absolute states q, v (k, n).
+
+    The solver has no warm start, so that a result does not depend on the state that was evaluated before.
+
+    Args:
+        name: name of the case, "CLOSURE, SOLVER": a key of CLOSURES, and one of SOLVERS.
+    """
     import mujoco
 
     named, _, solver = name.rpartition(", ")
@@ -87,6 +94,7 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
     disable(mujoco, model, ["mjDSBL_WARMSTART"])
 
     def solve(y: Array, dy: Array) -> Array:
+        """Return the angular accelerations (bars,) at angles y and angular speeds dy (bars,), all relative to the parents."""
         data.qpos[:], data.qvel[:] = y, dy
         mujoco.mj_forward(model, data)
         return np.array(data.qacc)
@@ -95,7 +103,7 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
 
 
 def document(closure: Closure, solver: str) -> str:
-    """Return the bars of a closure and its equality as an MJCF document."""
+    """Return an MJCF document of a tree of bars whose loop is closed by the equality of `closure`."""
     bars = closure.bars
     pose = reference_pose(bars)
     bodies = "".join(write_bar(k, bars, pose) for k, bar in enumerate(bars) if bar.parent < 0)
@@ -106,7 +114,7 @@ def document(closure: Closure, solver: str) -> str:
 
 
 def write_bar(number: int, bars: Sequence[Bar], pose: Sequence[float]) -> str:
-    """Return the body of a bar in MJCF, with the bars that hang on it; its joint coordinate is its angle relative to its parent.
+    """Return the MJCF body of a bar, with its child bars; the bar's joint coordinate is its angle relative to the parent.
 
     Args:
         pose: (bars,) angles in the reference pose, each relative to the parent's [rad].
@@ -144,7 +152,10 @@ def _angle(x: Array) -> float:
 
 
 def defaults() -> dict[str, str]:
-    """Return name -> value of the options that MuJoCo sets by default, and name -> "there" for the members of its enumerations."""
+    """Return one table: name of an option of MuJoCo -> default value, and name of a member of an enumeration -> "there".
+
+    The value "there" only says that the release has this member.
+    """
     import mujoco
 
     body, equality = '<body name="a"><geom size="1"/><joint/></body>', '<connect body1="a" anchor="0 0 0"/>'
@@ -170,5 +181,5 @@ def _members(kind: Any) -> Iterable[str]:
 
 
 def write(value: Any) -> str:
-    """Return a value as a text that does not depend on the release's types: its numbers with 12 digits."""
+    """Return a value as a text that does not depend on the types of a release: all numbers in it, written with 12 digits."""
     return " ".join(f"{x:.12g}" for x in np.ravel(np.asarray(value, dtype=float)))

@@ -1,20 +1,22 @@
 """Accelerations at a given state, found from Kamino's steps of six copies of the linkage.
 
-A step of h [s] from q, v solves for the velocities v1 = P(q) (v + h a_free). P projects velocities onto those that the constraints
-at q allow, J(q) v1 = 0, and a_free are the accelerations without constraints. In the limit of short steps, velocities change at the
-rate
+Kamino is a solver of the library Newton. From positions q and velocities v, a step of h [s] computes the new velocities
+v1 = P(q) (v + h a_free). Here P(q) projects velocities onto those that the constraints at q allow, so that J(q) v1 = 0, and a_free
+are the accelerations that the linkage would have without constraints. In the limit of short steps, velocities change at the rate
 
     a = P(q) a_free + d/de P(q + e v) v        at e = 0
 
-The first term is found from two copies at q, one with forces and one without: their velocities v1 differ by h P a_free for every h.
-The second term is the fourth-order difference of four copies at q + k e v without forces. So the result has no error of a time
-step, and little of rounding, although Newton computes in single precision. Kamino must not close the gaps of the four copies, which
-have the size e^2.
+The first term is found from two copies of the linkage at q, one with forces and one without: after a step, their velocities v1
+differ by h P a_free for every h. The second term is a fourth-order finite difference of the velocities of four copies without
+forces at the displaced positions q + k e v. So the accelerations have no error of a time step, and only a small rounding error,
+although the library computes in single precision. The displaced copies have loop gaps of the size e^2, which Kamino must not close.
 
-Trap: after a step, a small part of J v remains, on a crank-slider a thousandth. In a run every step leaves nearly the same part,
-which cancels in the change of velocities from step to step. Here the part would appear as an acceleration, so a second step without
-forces projects the velocities again. Kamino's solver PADMM often stops before it has converged. Runs with PADMM have this error,
-and accelerations must not have it. So Kamino's solver DVI, which solves for the impulses directly, takes the steps here, whatever
+Trap: after a step, the velocities do not satisfy J v = 0 exactly; on a crank-slider about a thousandth of J v remains. In a run
+every step leaves nearly the same remainder, which cancels in the change of velocities from step to step. In the formula above, the
+remainder would appear as an acceleration, so a second step without forces projects the velocities again.
+
+Kamino's solver PADMM often stops before it has converged. Runs with PADMM contain this error, but accelerations at given states
+must not contain it. So the steps of this module always use Kamino's solver DVI, which solves for the impulses directly, whatever
 solver the settings name.
 """
 
@@ -33,7 +35,10 @@ CONVERGED = {"dynamics_solver": "dvi", "alpha": 0.0, "contacts": 1}  # options; 
 
 
 class Accelerations:
-    """A function (q, v, forces) -> accelerations (n,), for a state q, v (n,) on the constraints and forces (n,) besides gravity."""
+    """A function (q, v, forces) -> accelerations (n,), at a state q, v (n,) that satisfies the constraints.
+
+    The forces (n,) act in addition to gravity.
+    """
 
     def __init__(self, libraries: Libraries, mechanism: Mechanism):
         """Build a world of six copies of the linkage, with the options CONVERGED."""
@@ -41,9 +46,10 @@ class Accelerations:
         self.world = World(libraries, mechanism, CONVERGED, copies=2 + len(WEIGHTS))
 
     def __call__(self, q: Array, v: Array, forces: Array) -> Array:
-        """Return the accelerations (n,) at q, v (n,) under `forces` (n,) besides gravity.
+        """Return the accelerations (n,) at q, v (n,) under gravity and the additional `forces` (n,).
 
-        The copies start from q with forces, from q without, and from q + k e v without forces for every k of WEIGHTS.
+        The first copy of the linkage starts from the position q with forces, and the second copy from q without forces. The other
+        copies start without forces from the displaced positions q + k e v, one for every factor k in WEIGHTS; e is a small number.
         """
         e = DIFFERENCE / max(float(np.abs(v).max()), DIFFERENCE)
         places = [q, q, *(q + k * e * v for k in WEIGHTS)]

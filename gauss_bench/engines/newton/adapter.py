@@ -1,4 +1,4 @@
-"""Newton with its solver Kamino, on one processor core: steps of the semi-implicit Euler method in single precision.
+"""The library Newton with its solver Kamino, on one processor core: semi-implicit Euler steps in single precision.
 
 Kamino computes no accelerations; `accelerations.py` finds them from steps.
 """
@@ -26,7 +26,7 @@ VARIANTS = read_variants(Path(__file__).parent)
 
 
 class Newton(LibraryEngine, file=VARIANTS):
-    """Newton's solver Kamino with the semi-implicit Euler method, Kamino's only method for models without collisions."""
+    """The library Newton with its solver Kamino, whose only method for models without collisions is semi-implicit Euler."""
 
     name = "newton"
     integrators = ("semi_implicit_euler",)
@@ -41,6 +41,7 @@ class Newton(LibraryEngine, file=VARIANTS):
         return f"newton {version('newton')} (warp {version('warp-lang')})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        """Return the reason why the library Newton, with its solver Kamino, cannot model a mechanism, or None if it can."""
         if reason := common_refusal(mechanism, "Newton"):
             return reason
         if mechanism.knife_edges:
@@ -56,7 +57,7 @@ class Newton(LibraryEngine, file=VARIANTS):
         return "" if are_compiled() else "Newton's kernels, which takes minutes"
 
     def build_once(self) -> None:
-        """Compile the kernels of every solver that settings use, and keep them."""
+        """Compile the kernels of every solver that a setting of the engine uses; Warp stores them in the user's cache."""
         for options in VARIANTS.settings.values():
             compile_kernels(options)
         mark_compiled()
@@ -66,13 +67,13 @@ class Newton(LibraryEngine, file=VARIANTS):
 
 
 def compile_kernels(options: Mapping[str, Any]) -> None:
-    """Compile the kernels that settings need, by a step of the sample linkage: Warp compiles kernels when they first run."""
+    """Compile the kernels that settings with these options need: take a step, because Warp compiles kernels when they first run."""
     world = World(load_libraries(), sample_linkage(), options)
     world.step(np.zeros(9), 1e-3)
 
 
 class NewtonModel(BodyModel):
-    """A mechanism in Newton, run by one `Choice`.
+    """A mechanism in the library Newton, run with one setting of the engine (`Choice`).
 
     Attributes:
         unconverged: number of steps of a run in which Kamino's solver did not converge.

@@ -32,7 +32,7 @@ def load_libraries() -> Libraries:
     """Import Warp and Newton, on the processor, with kernels in a folder that only this user may enter.
 
     Raises:
-        ImportError: one of them is not installed.
+        ImportError: Warp or Newton is not installed.
     """
     import warp
 
@@ -51,13 +51,16 @@ def load_libraries() -> Libraries:
 
 
 def find_mark() -> Path | None:
-    """Return the path of the file that marks the kernels of the installed versions as compiled; None if none can be kept."""
+    """Return the path of the file whose existence says that the kernels of the installed library versions are compiled.
+
+    Return None if there is no safe folder in which compiled kernels can be stored.
+    """
     folder = trusted_folder()
     return folder / FOLDER / MADE.format("-".join(map(version, PACKAGES))) if folder else None
 
 
 def are_compiled() -> bool:
-    """Tell whether `build_once` has nothing to do: all kernels are kept, or none can be kept and each process compiles them."""
+    """Tell whether `build_once` has nothing to do: all kernels are stored, or none can be stored, so that each process compiles."""
     mark = find_mark()
     return mark is None or mark.exists()
 

@@ -6,7 +6,7 @@ from gauss_bench.mechanism.model import GROUND, Angle, Link, Measured, Mechanism
 
 
 def sample_linkage() -> Mechanism:
-    """Return a crank-slider at rest: a crank of 1 m that stands upright, and a rod of 2 m to a block beside its pin."""
+    """Return a crank-slider at rest: a crank of 1 m, upright on the origin, and a rod of 2 m from its tip to the x axis."""
     height, width = 1.0, float(np.sqrt(3.0))
     none = np.zeros(2)
     ground, origin = Point(GROUND, none, "ground.o"), Point(2, none, "block.o")

@@ -1,14 +1,17 @@
-"""A linkage in Newton: rigid bodies in absolute coordinates, and joints that its solver Kamino takes as constraints.
+"""A linkage in the library Newton: rigid bodies in absolute coordinates, and joints that its solver Kamino takes as constraints.
 
-Newton's articulation lists only the joints of the spanning tree. Joints that close loops are not in that list, but are otherwise
-defined in the same way. Frames of links lie at the links' centres of mass, and the linkage lies in the plane z = 0.
+Newton's articulation is a list of the joints of the spanning tree. Joints that close loops are not in the articulation, but are
+defined in the same way as the joints in it. Frames of links lie at the links' centres of mass, and the linkage lies in the plane
+z = 0.
 
-A step of h [s] from q, v has forces Q and constraint rows J at q, and follows the semi-implicit Euler method:
+A step of h [s] from q, v uses the forces Q and the constraint Jacobian J at q, and the semi-implicit Euler method:
 
-    M (v1 - v) = h Q + J^T lambda      J v1 = -alpha phi / h      q1 = q + h v1
+    M (v1 - v) = h Q + J^T lambda
+    J v1 = -alpha phi / h
+    q1 = q + h v1
 
-A step launches some hundred kernels. Launched from Python they take 0.1 s, so Warp records them once for each h, and replays them
-in C++.
+One step launches some hundred kernels (compiled functions). This takes 0.1 s if Python launches them, so Warp records the launches
+once for each h, and replays them in C++.
 
 Traps: Newton computes in single precision only. For models without shapes, Kamino makes room for 1000 contacts; the option
 `contacts` is a smaller number.
@@ -52,25 +55,31 @@ def joint_frames(joint: Joint) -> tuple[Frame, Frame]:
 
 
 class World:
-    """A linkage in Newton that takes steps.
+    """A linkage, or several equal copies of it, modelled in the library Newton and integrated by the library's steps.
 
-    Newton can step several copies of a linkage at once, which do not touch each other. States q, v and forces (3 * links * copies,)
-    hold the entries of the first copy, then those of the second, and so on.
+    Newton can step several copies of a linkage at once; the copies do not touch each other. States q, v and forces
+    (3 * links * copies,) hold the entries of the first copy, then those of the second copy, and so on.
     """
 
     def __init__(self, libraries: Libraries, mechanism: Mechanism, options: Mapping[str, Any], copies: int = 1):
-        """Build a number of equal copies of a linkage, and put them into its start."""
+        """Build a number of equal copies of a linkage, and set all of them to its start state.
+
+        Args:
+            options: name of an option -> value: "dynamics_solver", "alpha", the share of a gap that a step closes, and "contacts",
+                the number of contacts for which Kamino makes room in each copy.
+            copies: number of copies.
+        """
         self.warp, self.newton = libraries.warp, libraries.newton
         common = {"up_axis": self.newton.Axis.Y, "gravity": tuple(spatial(mechanism.gravity))}
-        self.builder, together = self.newton.ModelBuilder(**common), self.newton.ModelBuilder(**common)
-        self.bodies = {GROUND: -1}  # link -> Newton's number of its body
+        self.builder, all_copies = self.newton.ModelBuilder(**common), self.newton.ModelBuilder(**common)
+        self.bodies = {GROUND: -1}  # link -> the library's index of its body
         for k, link in enumerate(mechanism.links):
             inertia = self.warp.mat33(*(link.inertia * np.eye(3)).ravel().tolist())
             pose = self._frame(places(mechanism.q0)[k], angles(mechanism.q0)[k])
             self.bodies[k] = self.builder.add_link(xform=pose, mass=link.mass, inertia=inertia, lock_inertia=True)
         self._add_joints(mechanism)
-        together.replicate(self.builder, copies)
-        model = together.finalize(device="cpu")
+        all_copies.replicate(self.builder, copies)
+        model = all_copies.finalize(device="cpu")
         model.rigid_contact_max = options["contacts"] * copies
         settings = self.newton.solvers.SolverKamino.Config(dynamics_solver=options["dynamics_solver"])
         settings.constraints.alpha = options["alpha"]
@@ -82,7 +91,7 @@ class World:
     def _add_joints(self, mechanism: Mechanism) -> None:
         """Add the joints of a spanning tree, each from parent to child, as an articulation; then add all other joints."""
         tree = spanning_tree(mechanism)
-        inside = []  # Newton's numbers of the articulation's joints
+        inside = []  # the library's indices of the articulation's joints
         for branch in tree.branches:
             if branch.joint is None:
                 inside.append(self.builder.add_joint_free(child=self.bodies[branch.link]))
@@ -94,7 +103,7 @@ class World:
             self._add_joint(joint, backwards=joint.ends[1].link == GROUND)
 
     def _add_joint(self, joint: Joint, backwards: bool) -> int:
-        """Add a joint from its first link to its second, or backwards, and return Newton's number of the joint."""
+        """Add a joint and return the library's index of it; if `backwards`, the joint's second link is the parent."""
         ends = [(self.bodies[end.link], self._frame(*frame)) for end, frame in zip(joint.ends, joint_frames(joint), strict=True)]
         (parent, near), (child, far) = reversed(ends) if backwards else ends
         if isinstance(joint, Prismatic):
@@ -111,6 +120,7 @@ class World:
     def put(self, q: Array, v: Array) -> None:
         """Set the absolute state q, v (3 * links * copies,)."""
         self.angles = angles(q).copy()  # angles when they were last set or read: `state` counts turns from them
+        # a pose is the position x, y, z and the quaternion x, y, z, w of a body
         poses, speeds = np.zeros((len(self.angles), 7)), np.zeros((len(self.angles), 6))
         poses[:, PLANE], speeds[:, PLANE], speeds[:, TURN] = places(q), places(v), angles(v)
         poses[:, 5], poses[:, 6] = np.sin(self.angles / 2), np.cos(self.angles / 2)
@@ -118,7 +128,10 @@ class World:
         self.now.body_qd.assign(speeds.astype(np.float32))
 
     def state(self) -> tuple[Array, Array]:
-        """Return the absolute state q, v (3 * links * copies,); between two calls, no link may turn by half a turn or more."""
+        """Return the absolute state q, v (3 * links * copies,); between two calls, no link may turn by half a turn or more.
+
+        A pose gives an angle up to whole turns; `wind` adds the whole turns that bring it nearest to the angle of the last call.
+        """
         poses, speeds = (np.asarray(x.numpy(), dtype=float) for x in (self.now.body_q, self.now.body_qd))
         q, v = np.empty(3 * len(poses)), np.empty(3 * len(poses))
         places(q)[:], places(v)[:] = poses[:, PLANE], speeds[:, PLANE]
@@ -139,7 +152,7 @@ class World:
         """Take a step of h [s], and tell whether the solver converged.
 
         Args:
-            forces: (3 * links * copies,) forces and torques at the centres of mass, without gravity.
+            forces: (3 * links * copies,) forces and torques at the centres of mass of the links of all copies, without gravity.
         """
         wrenches = np.zeros((len(self.angles), 6), dtype=np.float32)
         wrenches[:, PLANE], wrenches[:, TURN] = places(forces), angles(forces)

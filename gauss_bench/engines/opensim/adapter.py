@@ -33,8 +33,9 @@ AGREEMENT = 1e-9  # relative: rounding causes about 1e-13, a wrong sign or facto
 class OpenSim(LibraryEngine, file=VARIANTS):
     """OpenSim with Simbody's explicit integrators, which take equal steps or choose their steps.
 
-    CPodes is not offered. At a tenth of the tolerance it is less exact than the method of Runge, Kutta and Merson (on the eight-bar
-    after 1 s, 5e-7 rad at 1e-9 against 7e-9 rad at 1e-8), and it prints a message about mxstep and goes on.
+    Simbody's integrator CPodes is not offered. Even with a tenth of the tolerance, CPodes is less accurate than the method of
+    Runge, Kutta and Merson: on the eight-bar after 1 s, its error is 5e-7 rad at the tolerance 1e-9, and that of the other method
+    is 7e-9 rad at 1e-8. If a run takes too many steps, CPodes only prints a message about mxstep, and goes on.
     """
 
     name = "opensim"
@@ -59,13 +60,14 @@ class OpenSim(LibraryEngine, file=VARIANTS):
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
         """Return the text of a program in Python that runs the mechanism in OpenSim."""
         options, method = VARIANTS.options(choice.settings), choice.integrator or OpenSim.integrators[0]
+        # OpenSim has one accuracy and no absolute tolerance; only integrators that choose their steps have the setting's tolerance
         accuracy = choice.tolerances(options["accuracy"], 0.0)[0] if method in OpenSim.adaptive else None
         member = f"{MEMBER}{METHODS[method]}"
         return write(mechanism, joint_tree(mechanism, options), choice, options, member, accuracy)
 
 
 class OpenSimModel(TreeModel):
-    """A mechanism in OpenSim, run by one `Choice`."""
+    """A mechanism in OpenSim, run with one setting of the engine (`Choice`)."""
 
     library = "OpenSim"
 
@@ -80,7 +82,7 @@ class OpenSimModel(TreeModel):
         self.built = Builder(opensim, mechanism, self.tree).build()
 
     def _describe(self, open_tree: Built, y: Array, dy: Array) -> OpenModel:
-        """Return gaps and accelerations of the open tree at a tree state y, dy (n,), by OpenSim's own kinematics and dynamics."""
+        """Return the gaps of the loops and the accelerations of the open tree at y, dy (n,), as OpenSim computes them."""
         state = self._state(open_tree, 0.0, y, dy)
         accelerations = self._accelerations(open_tree, state)
         return OpenModel(gaps(open_tree, state), accelerations=accelerations)
@@ -114,7 +116,7 @@ class OpenSimModel(TreeModel):
         return JointForces(self.mechanism, self.tree, self.built)
 
     def joint_forces(self, t: float, q: Array, v: Array) -> Mapping[str, Array]:
-        """Return the forces that OpenSim has in joints and constraints; see `ModelDefaults`."""
+        """Return the forces in joints that OpenSim computes, as `ModelDefaults.joint_forces` describes."""
         state = self._state(self.built, t, *self.tree.relative(q, v))
         self._accelerations(self.built, state)  # OpenSim has forces only after accelerations
         return self._joint_forces.read(state, q, v)
@@ -124,10 +126,10 @@ class OpenSimModel(TreeModel):
         self.manager = self._manager(recorded=False)
 
     def _manager(self, recorded: bool) -> Any:
-        """Return OpenSim's manager of an integration from the start.
+        """Return a manager of OpenSim, the object that integrates from the start.
 
         Args:
-            recorded: whether it stores the state after every step, which takes time and memory.
+            recorded: whether the manager stores the state after every step, which takes time and memory.
         """
         manager, method = self.opensim.Manager(self.built.model), self.choice.integrator or "rk_merson"
         manager.setWriteToStorage(recorded)
@@ -165,7 +167,8 @@ class OpenSimModel(TreeModel):
     def count_steps(self) -> int:
         """Return the number of steps of the run.
 
-        OpenSim does not count steps that it chooses. Such a run is repeated with all states recorded, and the states are counted.
+        OpenSim does not count the steps of an integrator that chooses its steps. A run with such an integrator is repeated with all
+        states recorded, and the recorded states are counted.
 
         Raises:
             RunFailure: the repeated run differs.

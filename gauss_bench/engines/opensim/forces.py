@@ -1,11 +1,12 @@
 """Joint forces by OpenSim: reactions in the tree's joints, and forces of the point constraints that close its loops.
 
-Both are converted to the suite's convention: fx, fy on the second link of a joint, and the moment about its point. OpenSim's
-reaction is the whole force between two links. It includes forces that the joint of the linkage does not exert:
+Both are converted to the suite's convention: fx, fy on the second link of a joint, and the moment about the joint's point on this
+link. The joint reaction that OpenSim reports includes two kinds of forces that the joint of the linkage does not exert. They are
+subtracted:
 
-    loads on coordinates   A torque, slide motor, spring or damper is a force on a coordinate in OpenSim, which passes through that
-                           coordinate's joint. In the linkage it acts on the links that the load names.
-    drivers                The force on a prescribed coordinate acts in a direction in which the joint is free.
+    loads on coordinates:   A torque, slide motor, spring or damper is a force on a coordinate in OpenSim, and is transmitted by
+                            the coordinate's joint. In the linkage, this load acts on the links that the load names.
+    drivers:                The force that moves a prescribed coordinate acts in a direction in which the joint is free.
 """
 
 from collections.abc import Iterable, Mapping
@@ -28,18 +29,23 @@ from gauss_bench.terms import Array
 class JointForces:
     """Reads joint forces from states of a mechanism's OpenSim model.
 
-    If redundant rows leave a joint's force undetermined, the joint is left out: Simbody's multipliers are one of many solutions.
+    If redundant constraint rows leave the force in a joint undetermined, the joint is left out, because the multipliers that
+    Simbody finds are then one of many solutions.
 
     Attributes:
-        joints: branches of the tree with OpenSim's joints.
-        pins: closing pins with OpenSim's constraints.
-        on_bodies: loads that are forces on bodies in OpenSim; all others are forces on coordinates.
+        joints: pairs of a branch of the tree (a link with its joint) and OpenSim's object for the joint.
+        pins: pairs of a pin that closes a loop and OpenSim's object for its constraint.
+        on_bodies: loads that are forces on bodies in OpenSim; all other loads are forces on coordinates.
         driven: index of a driven tree coordinate -> its driver.
-        beyond: link -> the link itself and all its descendants in the tree, whose loads OpenSim passes through the link's joint.
+        beyond: link -> the link itself and all its descendants in the tree. OpenSim's joint of the link transmits the loads on
+            coordinates of all these links.
     """
 
     def __init__(self, mechanism: Mechanism, tree: Tree, built: Built):
-        """Collect the joints and constraints of an OpenSim model whose forces are determined."""
+        """Collect those joints and constraints of an OpenSim model whose forces are uniquely determined.
+
+        The model's constraints are in the order of `tree.closures`.
+        """
         self.mechanism, self.tree = mechanism, tree
         determined = list_determined(mechanism)
         joints, constraints = built.model.getJointSet(), built.model.getConstraintSet()
@@ -63,7 +69,7 @@ class JointForces:
         return found
 
     def _read_joint(self, b: Branch, joint: Any, state: Any, q: Array, on_coordinates: Array) -> Array:
-        """Return fx, fy [N] on the second link of a branch's joint, and the moment [N m] about the joint's point there (3,).
+        """Return (3,) fx, fy [N] on the second link of a branch's joint, and the moment [N m] about the joint's point on this link.
 
         Args:
             joint: OpenSim's joint.
@@ -90,11 +96,11 @@ class JointForces:
         return sign * np.array([*force, moment])
 
     def _read_pin(self, a: Point, b: Point, constraint: Any, state: Any, q: Array) -> Array:
-        """Return the force (2,) of a closing pin from point a to point b, on its second link.
+        """Return the force (2,) [N] of a closing pin between points a and b on the link of point b, in the world's axes.
 
-        OpenSim lists the constraint's forces as they stand on the left side of the equations of motion, so the entry of the first
-        body is the opposite of the force on that body; so it is the force on the second body. Trap: the components are given in the
-        frame of the nearest common ancestor of both bodies in the tree, and that frame may be turned.
+        OpenSim's entry for the first body is minus the force on this body, because OpenSim lists the forces of a constraint as they
+        stand on the left side of the equations of motion. So this entry is the force on the second body. Trap: the components are
+        given in the frame of the nearest common ancestor of both bodies in the tree, and this frame may be turned.
         """
         values = constraint.getRecordValues(state)
         force = np.array([values.get(0), values.get(1)])

@@ -51,12 +51,16 @@ $FURTHER    manager.initialize(state)
 
 
 def write(mechanism: Mechanism, tree: Tree, choice: Choice, options: Mapping[str, Any], method: str, accuracy: float | None) -> str:
-    """Return the text of a program that runs a mechanism with one `Choice`.
+    """Return the text of a program that runs a mechanism in OpenSim with one setting of the engine (`Choice`).
+
+    Builder is given a stand-in for OpenSim's module, which records all calls; `script.lines` then holds these calls as program
+    text.
 
     Args:
-        options: the option values of the choice's settings.
+        options: name of an option of the engine -> value, for the settings of the run.
         method: name of Simbody's integrator, a member of `opensim.Manager`.
-        accuracy: accuracy of an integrator that chooses its steps; None for equal steps.
+        accuracy: accuracy of an integrator that chooses its steps. None for steps of fixed size; the option "accuracy" then only
+            decides when the integrator projects states onto the constraints.
     """
     script = Script(STATEMENTS)
     built = Builder(script.stand_in("opensim"), mechanism, tree).build()

@@ -1,14 +1,15 @@
 """A linkage as an OpenSim model: links hang on a tree of joints, and a PointConstraint closes each pin that the tree leaves open.
 
 OpenSim's coordinates are the tree coordinates y. Frames of links lie at their centres of mass. The adapter translates a force or
-driver only if an element of OpenSim expresses it exactly, and refuses all others by name:
+driver only if an element of OpenSim expresses it exactly, and refuses all other forces and drivers by name. A force or driver of
+the linkage on the left becomes the element of OpenSim on the right:
 
-    constant generalised force                     CoordinateActuator, whose actuation is overridden by the force
-    spring and damper on one tree coordinate       SpringGeneralizedForce
-    spring between points                          PointToPointSpring
-    damper or constant force between points        ExpressionBasedPointToPointForce
-    force at a point, fixed in the world or link   PrescribedForce
-    prescribed angle or slide at constant speed    prescribed coordinate, with a LinearFunction
+    constant generalised force:                     CoordinateActuator, whose actuation is overridden by the force
+    spring and damper on one tree coordinate:       SpringGeneralizedForce
+    spring between points:                          PointToPointSpring
+    damper or constant force between points:        ExpressionBasedPointToPointForce
+    force at a point, fixed in the world or link:   PrescribedForce
+    prescribed angle or slide at constant speed:    prescribed coordinate, with a LinearFunction
 """
 
 from dataclasses import dataclass
@@ -44,7 +45,7 @@ class Built:
         start: a state of the model, from which other states are copied.
         pins: for each closing pin, its two ends: OpenSim's body and the point in its frame.
         bodies: OpenSim's bodies, in the order of the links.
-        elements: Python's references to joints and forces, which keep them alive.
+        elements: references to the Python objects of joints and forces, so that Python does not delete these objects.
     """
 
     model: Any
@@ -62,12 +63,18 @@ class Builder:
         constrained: whether the model closes its loops and follows its drivers; otherwise it is the open tree without drivers.
         bodies: link -> OpenSim's body.
         coordinates: index of a tree coordinate -> OpenSim's coordinate.
-        elements: Python's references to joints and forces, which keep them alive.
-        motors: constant forces on coordinates: OpenSim's actuator, and its force [N] or torque [N m].
+        elements: references to the Python objects of joints and forces, so that Python does not delete these objects.
+        motors: constant forces on coordinates: pairs of OpenSim's actuator and its force [N] or torque [N m].
     """
 
     def __init__(self, opensim: Any, mechanism: Mechanism, tree: Tree, constrained: bool = True):
-        """Begin a model without links; `build` adds them."""
+        """Begin a model without links; `build` adds them.
+
+        Args:
+            opensim: OpenSim's module.
+            tree: the tree of joints of the mechanism; its other joints close loops.
+            constrained: whether the pins that close loops become constraints, and drivers prescribe coordinates.
+        """
         self.opensim, self.mechanism, self.tree, self.constrained = opensim, mechanism, tree, constrained
         self.model = opensim.Model()
         self.model.setUseVisualizer(False)
@@ -112,7 +119,7 @@ class Builder:
         return self.bodies[point.link], self._vector(point.local)
 
     def _add_joint(self, b: Branch) -> None:
-        """Add the joint of a branch, and name its coordinates."""
+        """Add the joint of a branch of the tree (a link with its joint to the parent), and name the joint's coordinates."""
         opensim, name = self.opensim, f"joint{b.at}"
         match b.kind:
             case "prismatic":  # OpenSim slides along x of both frames
@@ -141,7 +148,7 @@ class Builder:
         The first origin and angles are those of the joint's frame in the parent's frame, the second those in the link's frame.
 
         Args:
-            direction: angle [rad] of the frames' x axis in the parent's frame.
+            direction: angle [rad] of the x axis of both joint frames, measured in the parent's frame.
         """
         # a slide's line is at the offset `base` from the parent's point, and the link is turned by the constant angle `turn`
         near = self._vector(b.parent_anchor + b.base), self.opensim.Vec3(0, 0, direction)
@@ -149,7 +156,11 @@ class Builder:
         return self.bodies[b.parent], *near, self.bodies[b.link], *far
 
     def _add_load(self, load: TreeLoad, turns: Turning) -> None:
-        """Add the elements of a load."""
+        """Add OpenSim's elements for a load.
+
+        A constant force on tree coordinates becomes an actuator for each coordinate, whose force `build` sets later. The other
+        loads become a spring and damper on a coordinate, a force at a point, or an element between two points.
+        """
         match load:
             case Steady():
                 for at in np.flatnonzero(load.force):

@@ -1,9 +1,10 @@
 """The differences between Pinocchio's releases; only this file deals with them.
 
-The adapter is written for the newest release. Releases before 4 differ as follows:
+The adapter is written for the newest release of Pinocchio. Releases before 4 differ as follows:
 
-    constraints     initConstraintDynamics takes no data of the constraints; Baumgarte's gains are in the field `corrector`
-    algorithms      lcaba, the articulated-body algorithm for loops, does not exist
+    constraints:    The function initConstraintDynamics takes no data of the constraints.
+    gains:          Baumgarte's gains of a constraint are in the field `corrector`.
+    algorithms:     The function lcaba, the articulated-body algorithm for loops, does not exist.
 """
 
 from typing import Any
@@ -14,10 +15,10 @@ from gauss_bench.trajectory import RunFailure, Status
 
 
 def find_algorithm(pin: Any, name: str) -> Any:
-    """Return Pinocchio's function of that name.
+    """Return the function of Pinocchio with the given name.
 
     Raises:
-        RunFailure: the release does not have it.
+        RunFailure: the installed release of Pinocchio does not have the function.
     """
     if not hasattr(pin, name):
         raise RunFailure(Status.SKIP, f"Pinocchio {pin.__version__} has no {name}")
@@ -25,17 +26,18 @@ def find_algorithm(pin: Any, name: str) -> Any:
 
 
 def prepare(pin: Any, algorithm: str, model: Any, data: Any, rows: Any, row_data: Any) -> None:
-    """Prepare the data of a model for an algorithm with constraints.
+    """Prepare the data of a model for an algorithm with constraints; the function fills `data` and returns nothing.
 
     Args:
-        rows, row_data: the constraints and their data.
+        rows: Pinocchio's list of constraint models, one for each pin that closes a loop.
+        row_data: Pinocchio's list of the constraints' work space.
     """
-    if algorithm == "lcaba":
+    if algorithm == "lcaba":  # this algorithm only needs an order of the joints
         pin.computeJointMinimalOrdering(model, data, rows)
         return
     try:
         pin.initConstraintDynamics(model, data, rows, row_data)
-    except TypeError:  # Boost.Python's ArgumentError is one
+    except TypeError:  # a release before 4, which takes no row_data; Boost.Python's ArgumentError is a TypeError
         pin.initConstraintDynamics(model, data, rows)
 
 

@@ -4,13 +4,17 @@ Pinocchio's proximal iterations solve
 
     M y'' + h = tau + J^T f,    J y'' + mu (f - f_before) = gamma
 
-So mu times the last change of the forces f is the residual of the constraints. f itself is not used, so its sign and frame do not
-matter. A torque or force imposes a prescribed motion, which takes one further solution for each driver.
+for the accelerations y'' and the constraint forces f, where f_before are those of the previous iteration. So mu times the change of
+f in the last iteration is the residual of the constraints. The adapter uses only this change, so the sign and frame of f do not
+matter. A prescribed motion is imposed by a torque or force on the driven joint, which needs one more solution of these equations
+for each driver.
 
-Pinocchio has no springs and dampers, and no integrator for constrained systems. Forces other than gravity are given to it as tau,
-and the suite's integrators step the tree coordinates. Pinocchio computes Baumgarte's terms. The suite projects states in absolute
-coordinates; after they are mapped back to the tree, the loops are closed. Redundant rows that have drifted apart contradict each
-other. Then the iterations do not converge, and the run ends with that reason. Projection keeps such rows consistent.
+Pinocchio has no springs and dampers, and no integrator for constrained systems. Forces other than gravity are given to Pinocchio as
+tau, and the suite's integrators step the tree coordinates. Pinocchio computes Baumgarte's terms. The suite projects states in
+absolute coordinates; after they are mapped back to the tree, the loops are closed.
+
+Redundant constraint rows contradict each other when errors of the integrator have opened the loops. In this case the iterations do
+not converge, and the run ends with this as the reason. Projection keeps redundant rows consistent.
 """
 
 from collections.abc import Callable
@@ -56,7 +60,7 @@ class Pinocchio(LibraryEngine, file=VARIANTS):
         return f"Pinocchio {pinocchio.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why Pinocchio cannot run a mechanism with a choice, or None if it can."""
+        """Return the reason why Pinocchio cannot run a mechanism with a given setting, or None if it can."""
         if reason := beyond_a_tree(mechanism, "Pinocchio"):
             return reason
         if choice.integrator == "dop853" and choice.stabilization == "projection":
@@ -70,7 +74,7 @@ class Pinocchio(LibraryEngine, file=VARIANTS):
         return PinocchioModel(mechanism, choice)
 
     def unbuilt(self, settings: str) -> str:
-        """Name the compiled loop if these settings need it and it must still be built; otherwise return an empty text."""
+        """Return the name of the compiled loop if these settings need the loop and it is not built yet; otherwise an empty text."""
         must_build = is_compiled(settings) and not building.missing() and building.absent()
         return "Pinocchio's compiled loop (about 2 minutes, once)" if must_build else ""
 
@@ -131,9 +135,9 @@ class PinocchioModel(OwnSteps, TreeModel):
         return np.asarray(self.tree.absolute(y[None], dy[None], self.plain(t, y, dy)[None]).a[0])
 
     def bare_calls(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
-        """Return two functions: Pinocchio's solver at the start state, and a trivial function of Pinocchio.
+        """Return two functions: a call of Pinocchio's solver at the start state, and a call of a trivial function of Pinocchio.
 
-        The second one, the difference of two states, shows the cost of calling Pinocchio from Python.
+        The second function computes the difference of two states, and so shows the cost of calling Pinocchio from Python.
         """
         return self.plain.bare(*self.start), lambda: self.pin.difference(self.plain.model, *self.start)
 
@@ -155,7 +159,7 @@ class PinocchioModel(OwnSteps, TreeModel):
         return super()._advance(begin, x, dx, h, count, last)
 
     def project(self, t: float, x: Array, dx: Array) -> tuple[Array, Array]:
-        """Return the nearest tree state (n,), (n,) that satisfies the constraints at time t [s].
+        """Return the tree state x, dx (n,) nearest to the given one that satisfies the constraints at time t [s].
 
         Raises:
             RunFailure: the state is not finite.
@@ -169,10 +173,10 @@ class PinocchioModel(OwnSteps, TreeModel):
     def read(self) -> Trajectory:
         """Return the samples, after a check of the constraints if all of them are finite.
 
-        The note names the forces that Python evaluates in every step.
+        The trajectory's note names the forces that Python evaluates in every step.
 
         Raises:
-            RunFailure: the accelerations of a sample miss the constraints.
+            RunFailure: the accelerations of a sample do not satisfy the constraints.
         """
         slow = "" if is_compiled(self.choice.settings) else ", ".join(f.name for f in self.forces.others)
         note = f"forces evaluated in Python at every step, which takes longer than Pinocchio does: {slow}" if slow else ""
@@ -185,7 +189,7 @@ class PinocchioModel(OwnSteps, TreeModel):
         """Check that the accelerations of the samples satisfy the suite's own constraint rows, J a = gamma.
 
         Raises:
-            RunFailure: those of a sample do not; the failure has the samples before it.
+            RunFailure: the accelerations of a sample do not satisfy them; the exception holds the samples before this one.
         """
         rows = self.evaluator.constraints(x.t, x.q, x.v)
         # (k,) largest residual of each sample, relative to its accelerations

@@ -1,8 +1,9 @@
 """Build `loop.cpp` against the headers and the library of Pinocchio's wheel, once for each user.
 
-The build takes about 75 s of a processor and 2.2 GB of memory, so a run never starts it. It is started only by a search for
-settings, or if a user names settings that need the compiled loop. Only one process builds at a time. The library is kept in the
-user's cache under a name that depends on its sources, flags, compiler and libraries. It is moved there only when it is complete.
+The compilation takes about 75 s of processor time and 2.2 GB of memory, so a timed run never starts it. The compilation is started
+only by a search for settings, or if a user names settings that need the compiled loop. Only one process at a time compiles. The
+compiled library is stored in the user's cache, under a name that depends on its sources, flags, compiler and libraries. The file
+of the library is written elsewhere, and moved into the cache only when it is complete.
 """
 
 import fcntl
@@ -81,7 +82,7 @@ def missing() -> str | None:
 
 
 def absent() -> str | None:
-    """Return a sentence that the compiled loop was not built yet and how to build it, or None if it was built."""
+    """Return a sentence which says that the compiled loop is not built yet and how to build it, or None if it is built."""
     if (user_cache.folder() / _cache_name()).is_file():
         return None
     return f"{NOT_INSTALLED}: it was not built yet, which takes about 2 minutes: {HOW}"

@@ -1,4 +1,4 @@
-"""The adapter's dynamics and steps in C++ by `loop.cpp`, with the numbers of the model that Python has built and verified."""
+"""The dynamics and the steps of the adapter in C++ (`loop.cpp`), which get the numbers of the model that Python has verified."""
 
 import ctypes
 from collections.abc import Mapping
@@ -43,7 +43,7 @@ ARGUMENTS = {  # function of loop.cpp -> types of its arguments after the linkag
 
 
 def unsupported_by_compiled_loop(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str | None:
-    """Return the reason why the compiled loop cannot run a mechanism with a choice that Python can run, or None if it can."""
+    """Return the reason why the compiled loop cannot run a mechanism with a setting, although Python can; None if it can."""
     if choice.stabilization == "projection":
         return "Pinocchio's compiled loop has no projection: it is the suite's own"
     if mechanism.drivers:
@@ -62,6 +62,11 @@ class CompiledDynamics(ConstrainedDynamics):
     """
 
     def __init__(self, body: Multibody, forces: TreeForces, options: Mapping[str, Any], gains: tuple[float, float]):
+        """Copy the numbers of Pinocchio's model, its closures, loads and solver options to C++, and compare accelerations.
+
+        Args:
+            gains: Baumgarte's gains Kp [1/s^2], Kd [1/s].
+        """
         super().__init__(body, forces, options, gains)
         self.n, self.library = forces.tree.n, _library()
         self.tableau = _tableau()  # imports scipy, which must not happen in a timed run
@@ -156,6 +161,7 @@ class CompiledDynamics(ConstrainedDynamics):
             StepFailure: the error control could not continue.
             RunFailure: the solver finds no accelerations at a stage of a step.
         """
+        # y_last, dy_last: the start, which the loop replaces by the state at which it stopped if it returns FAILED
         y_last, dy_last, times = y[0].copy(), dy[0].copy(), _numbers(times)
         steps: int = self.library.advance_adaptive(
             self.linkage, self.tableau, _numbers([rtol, atol]), times, len(times), MOST, y_last, dy_last, y, dy
@@ -196,7 +202,11 @@ def _law(law: Law) -> Array:
 
 @lru_cache(maxsize=1)
 def _tableau() -> Array:
-    """Return DOP853's coefficients from scipy, in the layout of `Tableau` in `loop.cpp`."""
+    """Return DOP853's coefficients from scipy, in the layout of `Tableau` in `loop.cpp`.
+
+    DOP853 has 12 stages in a step. Its dense output also needs an evaluation at the end of the step, whose coefficients are B, so
+    the row of this evaluation stays zero in `a`, and three further evaluations. So there are 16 evaluations.
+    """
     from scipy.integrate import DOP853
 
     stages, every = len(DOP853.B), 16
@@ -208,7 +218,9 @@ def _tableau() -> Array:
 
 @lru_cache(maxsize=1)
 def _library() -> ctypes.CDLL:
-    """Return the compiled loop as a library of this process, with the types of its functions.
+    """Load the compiled loop as a shared library into this process, and declare the argument types of its functions.
+
+    A loaded library stays in memory when its file is deleted.
 
     Raises:
         RunFailure: the compiled loop is not built.

@@ -18,9 +18,12 @@ SOLVED = 1e-6  # largest residual relative to accelerations: independent rows re
 class ConstrainedDynamics:
     """A function (t, y, dy) -> tree accelerations (n,), for the suite's integrators.
 
+    Pinocchio's proximal iterations solve M y'' + h = tau + J^T f and J y'' + mu (f - f_before) = gamma, where f_before are the
+    constraint forces of the previous iteration. So mu times the last change of f is the residual of the constraints.
+
     Attributes:
         solve: Pinocchio's algorithm for constrained dynamics.
-        rows, row_data: Pinocchio's constraints, which close the loops, and their data.
+        rows, row_data: Pinocchio's constraint models, which close the loops, and their work space.
         prox: Pinocchio's settings of the proximal iterations, which also hold the result of the last solution.
         residual_limit: largest last change of the constraint forces at which a solution is accepted without a closer check.
         drive: the driving torques of prescribed motions.
@@ -39,7 +42,7 @@ class ConstrainedDynamics:
         prepare(pin, options["algorithm"], self.model, self.data, self.rows, self.row_data)
         accuracies = options["absolute_accuracy"], options["relative_accuracy"]
         self.prox: Any = pin.ProximalSettings(*accuracies, options["mu"], int(options["max_iter"]))
-        self.residual_limit = SOLVED / options["mu"]  # because mu times the last change of forces is the residual [m/s^2]
+        self.residual_limit = SOLVED / options["mu"]  # of the change of f; mu times the change is the residual [m/s^2]
         self.drive = DrivingTorques(forces, gains)
         self.evaluations = 0
 
@@ -50,7 +53,7 @@ class ConstrainedDynamics:
         return self.drive(self._solve, t, y, dy, tau) if self.drive.laws else self._solve(t, y, dy, tau)
 
     def bare(self, y: Array, dy: Array) -> Callable[[], Array]:
-        """Return a function that only calls Pinocchio's solver at a tree state y, dy (n,)."""
+        """Return a function that calls only Pinocchio's solver at a tree state y, dy (n,), without any check of the result."""
         tau = np.ascontiguousarray(self.forces(y, dy, 0.0))
         return lambda: self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
 

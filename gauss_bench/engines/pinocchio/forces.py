@@ -21,23 +21,26 @@ AFFINE = 1e-10  # largest relative deviation of a force that counts as affine in
 class TreeForces:
     """A function (y, dy, t) -> tau (n,), all applied forces except gravity, as forces on the tree coordinates.
 
-    Forces that are affine in the tree state (torques, dampers of joints, springs along slides) follow from three constant arrays,
-    as a user of Pinocchio would compute them. Others are evaluated in every call, with v = T dy from Pinocchio's joint Jacobians:
+    A force is affine if it is a constant plus a linear function of the tree coordinates y and rates dy. Affine forces (torques,
+    dampers of joints, springs along slides) follow from three constant arrays, as a user of Pinocchio would compute them. The other
+    forces Q_others act on links, and are evaluated in every call. The absolute velocities are v = T dy, where T is found from
+    Pinocchio's joint Jacobians. The sum of all forces is
 
         tau = constant + stiffness y + damping dy + T^T Q_others(q, v, t)
 
-    Note the signs: the force of a spring or damper makes an entry of `stiffness` or `damping` negative.
+    The signs are such that a spring or damper on one coordinate makes an entry of `stiffness` or `damping` negative.
 
     Attributes:
-        weightless: the mechanism without gravity, which Pinocchio computes itself.
+        weightless: the mechanism without gravity; Pinocchio itself computes the weight of the links.
         others: the forces that are not affine, or that vary with time or direction.
-        constant: (n,); stiffness, damping: (n, n).
+        constant: (n,) constant part of the affine forces.
+        stiffness, damping: (n, n) matrices of the affine forces.
         motion: function y -> q and T, by which the other forces are evaluated.
         inertia: (n, n) mass matrix of the tree at the start, which sets the size of driving torques.
     """
 
     def __init__(self, mechanism: Mechanism, tree: Tree, body: Multibody):
-        """Sort the forces of a mechanism into affine ones and others."""
+        """Sort the forces of a mechanism into affine ones and others; a force that varies (`factor_of`) is one of the others."""
         self.tree, self.weightless = tree, replace(mechanism, gravity=np.zeros(2))
         self.constant, slope = np.zeros(tree.n), np.zeros((tree.n, 2 * tree.n))
         self.others: tuple[Force, ...] = ()
@@ -56,7 +59,10 @@ class TreeForces:
         self.inertia = body.mass(y)
 
     def _fit_affine(self, f: Force) -> tuple[Array, Array] | None:
-        """Return constant (n,) and slope (n, 2n) of a force as a function of y, dy (2n,); None if the force is not affine."""
+        """Return the constant (n,) and the slope (n, 2n) of a force as a function of y, dy (2n,).
+
+        Return None if the force is not affine, that is, no constant plus a linear function.
+        """
         n, applied = self.tree.n, AppliedForces(replace(self.weightless, forces=(f,)))
         states = np.vstack([np.zeros(2 * n), np.eye(2 * n), np.random.default_rng(0).uniform(-3.0, 3.0, (8, 2 * n))])
         q, v, _ = self.tree.absolute(states[:, :n], states[:, n:], np.zeros((len(states), n)))
@@ -81,22 +87,23 @@ class TreeForces:
 class DrivingTorques:
     """The driving torques and forces that give driven angles, slides and lengths their prescribed accelerations.
 
-    Let y be the tree coordinates, and x the driven coordinates of the k drivers, with rates x' = R y'. Accelerations are affine in
-    the torques. Without any driving torque the accelerations are a0, and with a probe torque on driver j alone they are a_j. The
-    factors s_j of the probes follow from
+    Let y be the tree coordinates, and x (k,) the driven coordinates of the k drivers, with rates x' = R y'. Accelerations are a
+    constant plus a linear function of the driving torques. Without any driving torque the accelerations are a0. With a trial torque
+    (probe) on driver j alone they are a_j. The factors s_j of the trial torques follow from
 
         y'' = a0 + sum s_j (a_j - a0),    R y'' + R' y' = law''(t) - Kd (x' - law'(t)) - Kp (x - law(t))
 
-    where Kp, Kd are Baumgarte's gains. A probe has about the size of the torque itself, so that few digits cancel. Angles and
-    slides are sums of tree coordinates, so their rows of R are constant. The row of a length L is G T with G = dL/dq, which depends
-    on the state. The other terms of its second derivative, G dT/dt y' + dG/dt v, come from the linkage's own constraint row.
+    where Kp and Kd are Baumgarte's gains, which reduce errors of the driven coordinates. A trial torque has about the size of the
+    torque that is needed, so that few digits are lost by cancellation. Driven angles and slide displacements are sums of tree
+    coordinates, so their rows of R are constant. A driven length L has the row G T of R, with G = dL/dq and T = dq/dy; this row
+    depends on the state. The other terms of L'', which are G dT/dt y' + dG/dt v, follow from the linkage's own constraint row of L.
     """
 
     def __init__(self, forces: TreeForces, gains: tuple[float, float]):
         """Take the drivers of the mechanism of `forces`, and Baumgarte's gains Kp [1/s^2], Kd [1/s]."""
         self.forces, self.gains = forces, gains
         self.laws = [d.law for d in forces.drivers]
-        # (k, n) and (k,) for the k drivers: x = rows . y + origin, except for lengths
+        # (k, n) and (k,) for the k drivers: x = rows . y + origin for driven angles and slides; a length's row stays zero
         self.rows, self.origin = np.zeros((len(self.laws), forces.tree.n)), np.zeros(len(self.laws))
         joints = [k for k, d in enumerate(forces.drivers) if not isinstance(d, LengthDriver)]
         self.rows[joints], self.origin[joints] = driven_rows(forces.weightless, forces.tree)
@@ -108,13 +115,15 @@ class DrivingTorques:
 
     @cached_property
     def constraints(self) -> Constraints:
-        """The linkage's own constraint rows, which driven lengths need."""
+        """The constraint rows of the linkage itself; driven lengths need the derivatives in these rows."""
         return Constraints(self.forces.weightless)
 
     def _rows_at(self, t: float, y: Array, dy: Array) -> tuple[Array, Array, Array]:
-        """Return R (k, n), x (k,) and R' y' (k,) of the k drivers at time t [s] and a tree state y, dy (n,).
+        """Return R (k, n), x (k,) and R' y' (k,) for the k drivers at time t [s] and a tree state y, dy (n,).
 
-        x are the driven coordinates, x' = R y' their rates, and x'' = R y'' + R' y', so that R' y' is x'' without y''.
+        x are the driven coordinates, and x' = R y' are their rates. Their second derivatives are x'' = R y'' + R' y', so R' y' is
+        the part of x'' that does not depend on y''. The rows of driven angles and slides are constant; the rows of driven lengths
+        (`lengths`) depend on the state.
         """
         x, bias = self.origin + self.rows @ y, np.zeros(len(self.laws))
         if not self.lengths:
@@ -134,6 +143,8 @@ class DrivingTorques:
     def __call__(self, solve: Callable[..., Array], t: float, y: Array, dy: Array, tau: Array) -> Array:
         """Return the accelerations (n,) at t, y, dy under the forces tau (n,) and the driving torques.
 
+        They are y'' = a0 + sum s_j (a_j - a0), with the factors s_j for which R y'' has the wanted value (see the class).
+
         Args:
             solve: function (t, y, dy, tau) -> accelerations (n,) under the forces tau (n,) alone.
 
@@ -143,10 +154,10 @@ class DrivingTorques:
         value, rate, second = np.array([law(t) for law in self.laws], dtype=float).T
         kp, kd = self.gains
         R, x, bias = self._rows_at(t, y, dy)
-        wanted = second - bias - kd * (R @ dy - rate) - kp * (x - value)  # (k,) R y'' of the equation above
+        wanted = second - bias - kd * (R @ dy - rate) - kp * (x - value)  # (k,) value that R y'' must have
         free = solve(t, y, dy, tau)  # (n,) a0
         missing = wanted - R @ free
-        probes = self.driver_inertias * np.maximum(1.0, np.abs(missing))  # (k,) torques of the size that is needed
+        probes = self.driver_inertias * np.maximum(1.0, np.abs(missing))  # (k,) trial torques of about the size that is needed
         effects = np.array([solve(t, y, dy, tau + probe) - free for probe in probes[:, None] * R])  # (k, n) a_j - a0
         try:
             accelerations: Array = free + np.linalg.solve(R @ effects.T, missing) @ effects
@@ -158,17 +169,17 @@ class DrivingTorques:
 class Motion:
     """A function y -> absolute positions q (3 links,) and T (3 links, n) with v = T dy; it is ten times faster than `Tree`.
 
-    Pinocchio's world Jacobian has a column for each joint. The column holds the velocity [u, w] at the world's origin and the
-    angular speed omega of all links beyond the joint, at unit rate of the joint. The centre of mass of such a link, at [x, y],
-    moves with [u - omega y, w + omega x].
+    Pinocchio's world Jacobian has a column for each joint. If only this joint moves, at unit rate, all links that it carries move
+    as one rigid body. The column holds the velocity [u, w] of this body at the world's origin, and its angular speed omega. The
+    centre of mass of a carried link, at [x, y], then has the velocity [u - omega y, w + omega x].
     """
 
     def __init__(self, tree: Tree, body: Multibody):
-        """Find which joints move and turn which links.
+        """Find which joints move and turn which links, and set four attributes.
 
-        Attributes made here: centres: for each link Pinocchio's joint, and the centre of mass (3,) in the joint's frame [m];
-        theta0: (links,) link angles at y = 0; turns: (links, n) derivatives of the angles by y, 0, 1 or -1; carried: (links, n)
-        1 where a joint moves a link, otherwise 0.
+        The attribute `centres` has for each link the joint of Pinocchio that carries it, and the centre of mass (3,) [m] in this
+        joint's frame. `theta0` (links,) are the angles of the links at y = 0. `turns` (links, n) are the derivatives of the angles
+        with respect to y, which are 0, 1 or -1. `carried` (links, n) is 1 where a joint moves a link, and 0 elsewhere.
         """
         self.model, self.data, self.jacobians = body.model, body.model.createData(), body.pin.computeJointJacobians
         self.centres = [(joint, np.array(own.translation)) for joint, own in (body.carriers[i] for i in range(tree.links))]
@@ -184,7 +195,11 @@ class Motion:
         self.carried = self.carried[:-1]
 
     def __call__(self, y: Array) -> tuple[Array, Array]:
-        """Return the absolute positions q (3 links,) and T = dq/dy (3 links, n) at tree coordinates y (n,)."""
+        """Return the absolute positions q (3 links,) and T = dq/dy (3 links, n) at tree coordinates y (n,).
+
+        Each column of Pinocchio's Jacobian gives a velocity at the world's origin, from which that of a link's centre of mass
+        follows. The product with `carried` makes this velocity zero for links that the joint does not move.
+        """
         J = self.jacobians(self.model, self.data, y)
         placements = self.data.oMi  # of the joints' frames in the world
         centres = np.array([placements[joint].act(own) for joint, own in self.centres])

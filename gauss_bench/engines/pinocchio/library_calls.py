@@ -16,7 +16,10 @@ from gauss_bench.terms import Array
 
 
 def prepare_solver(variant: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
-    """Return a call of the algorithm that a variant selects, at a state q, v (n,)."""
+    """Return the call of the algorithm that a variant selects, at a state q, v (n,), and the accelerations that it computes.
+
+    The call is a call of Pinocchio's solver alone, at the tree state y, dy of q, v; the accelerations are absolute.
+    """
     model = PinocchioModel(mechanism, Choice(variant, "rk4"))
     y, dy = model.tree.relative(q, v)
     call = model.plain.bare(y, dy)

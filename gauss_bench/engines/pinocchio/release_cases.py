@@ -10,7 +10,7 @@ from gauss_bench.engines.pinocchio.across_releases import corrector_of, find_alg
 from gauss_bench.terms import Array
 
 FOUR = "wide_four_bar"
-KINDS = {"CONTACT_3D": FOUR_BAR, "CONTACT_6D": HALVES}
+KINDS = {"CONTACT_3D": FOUR_BAR, "CONTACT_6D": HALVES}  # kind of constraint -> the bars whose loop it closes
 FRAMES = ("LOCAL", "LOCAL_WORLD_ALIGNED")
 ALGORITHMS = ("constraintDynamics", "lcaba")
 BY_JACOBIAN = "forwardDynamics of J and gamma"
@@ -27,10 +27,11 @@ def list_probes() -> list[dict[str, str]]:
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of the case `name` at absolute states q, v (k, n).
+    """Return the absolute accelerations (k, n) of the four-bar at absolute states q, v (k, n), for one case of `list_probes`.
 
     Args:
-        name: "CONTACT FRAME, ALGORITHM", by Pinocchio's names, or BY_JACOBIAN.
+        name: name of the case: Pinocchio's names of the kind of constraint, the frame and the algorithm, as in
+            "CONTACT_3D LOCAL, lcaba", or BY_JACOBIAN.
     """
     import pinocchio
 
@@ -49,7 +50,10 @@ Solve = Callable[[Array, Array], Array]  # function of joint angles and rates (b
 
 
 def build(pin: Any, bars: Sequence[Bar]) -> tuple[Any, list[int]]:
-    """Return the model of a tree of bars, and the joint of each bar, whose frame lies at the bar's first pin along the bar."""
+    """Return the model of a tree of bars, and Pinocchio's index of each bar's joint.
+
+    The frame of a bar has its origin at the bar's first pin, and its x axis along the bar.
+    """
     model = pin.Model()
     model.gravity.linear = np.array([0.0, GRAVITY, 0.0])
     joints: list[int] = []
@@ -71,6 +75,9 @@ def by_constraint(
     pin: Any, model: Any, joints: Sequence[int], bars: Sequence[Bar], contact: str, frame: str, algorithm: str
 ) -> Solve:
     """Return a function (y, dy) -> joint accelerations (bars,) by one of Pinocchio's algorithms for constrained dynamics.
+
+    The linkage is the four-bar FOUR_BAR or HALVES: a crank, a rod of 2 m and a rocker of 1.5 m. Its tree is cut where rod and
+    rocker meet, or, in HALVES, in the middle of the rod; the constraint closes the cut.
 
     Args:
         joints: Pinocchio's index of each bar's joint.

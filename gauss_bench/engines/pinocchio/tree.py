@@ -1,15 +1,14 @@
 """A linkage as a Pinocchio model: a tree of joints in relative coordinates, and the point constraints that close it.
 
-Pinocchio's configuration vector holds the tree coordinates y, so `Tree` maps it to absolute states. A is the placement of a link's
-centre of mass in the frame of the joint that carries the link. Each kind of branch has a joint placement, a joint type of Pinocchio
-(RZ, PX, PY) and an A; T is a translation and R a rotation about z:
+Pinocchio's configuration vector holds the tree coordinates y, so `Tree` maps it to absolute states. A branch of the tree is a link
+with the joint that carries it. Let A be the placement of a link's centre of mass in the frame of this joint, A_parent that of the
+parent link, T a translation and R a rotation about z. Each kind of branch has a joint type of Pinocchio (RZ, PX, PY):
 
-    branch      placement of the joint                             joint  placement of the link
-    revolute    A_parent T(anchor on the parent),                  RZ,    A = T(-anchor)
-    prismatic   A_parent T(anchor + base) R(axis),                 PX,    A = R(turn - axis) T(-anchor)
-    free        PX, PY, RZ from the ground at the centre of mass,         A = 1
+    revolute:    The joint RZ is placed at A_parent T(anchor on the parent), and A = T(-anchor).
+    prismatic:   The joint PX is placed at A_parent T(anchor + base) R(axis), and A = R(turn - axis) T(-anchor).
+    free:        The joints PX, PY and RZ carry the link one after another from the ground, and A = 1.
 
-Each pin that closes a loop becomes a CONTACT_3D constraint: two rows in the plane, and a third row that is always zero.
+Each pin that closes a loop becomes a CONTACT_3D constraint, which has two rows in the plane, and a third row that is always zero.
 """
 
 from dataclasses import replace
@@ -35,7 +34,8 @@ class Multibody:
 
     Attributes:
         model: Pinocchio's model.
-        carriers: link or ground -> the joint that carries it, and the placement of its centre of mass in the joint's frame.
+        carriers: link or ground -> the joint of Pinocchio that carries it, and the placement of its centre of mass in the frame of
+            this joint.
         pins: the pairs of points that must coincide to close the loops.
     """
 
@@ -51,9 +51,10 @@ class Multibody:
             raise RunFailure(Status.ERROR, "Pinocchio refuses the generated tree: its own check of the model fails")
 
     def _add_link(self, mechanism: Mechanism, b: Branch) -> None:
-        """Add the joints and the body of a branch."""
+        """Add the joints and the body of a branch (a link with the joint that carries it), as the head of this file describes."""
         pin, link = self.pin, mechanism.links[b.link]
         name = b.joint.name if b.joint else ""
+        # parent, centre: the parent link's joint and A_parent; own: A, the placement of this link's centre of mass
         parent, centre = self.carriers[b.parent]
         match b.kind:
             case "revolute":
@@ -106,7 +107,7 @@ class Multibody:
         return np.array(self.pin.crba(self.model, self.model.createData(), y))  # both triangles are filled
 
     def describe(self, y: Array, dy: Array) -> OpenModel:
-        """Return Pinocchio's terms of the open tree at a tree state y, dy (n,)."""
+        """Return the gaps, the mass matrix and the forces that Pinocchio computes for the open tree at a tree state y, dy (n,)."""
         data = self.model.createData()
         forces = -np.array(self.pin.nonLinearEffects(self.model, data, y, dy))
         self.pin.forwardKinematics(self.model, data, y)
@@ -132,6 +133,6 @@ def verify(body: Multibody, mechanism: Mechanism, tree: Tree) -> None:
 def without_forces(mechanism: Mechanism) -> Mechanism:
     """Return a mechanism without applied forces.
 
-    It is cached, because `evaluator_of` caches the equations of a mechanism by the object.
+    The same object is returned for the same mechanism, because `evaluator_of` stores the equations of a mechanism by its object.
     """
     return replace(mechanism, forces=())
