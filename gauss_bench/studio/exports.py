@@ -4,7 +4,7 @@ import base64
 from typing import Any
 
 from gauss_bench.api.exchange import STEP, write_file
-from gauss_bench.api.history import observe, table, turn
+from gauss_bench.api.history import angular_curves, observe, table
 from gauss_bench.engines import MissingExtra
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS
@@ -53,7 +53,7 @@ def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, A
 def curves(mechanism: Mechanism, x: Trajectory) -> History:
     """Return the angles of all links and the places of observed points over time, with their rates."""
     whole, links = mechanism.whole, motion_of_links(mechanism, x)
-    return History(x.t, (*turn(whole, links, range(len(whole.links))), *observe(whole, links)))
+    return History(x.t, (*angular_curves(whole, links, range(len(whole.links))), *observe(whole, links)))
 
 
 def _export_model(text: str, reading: Reading, kind: str, name: str) -> dict[str, Any]:
