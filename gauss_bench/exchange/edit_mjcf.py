@@ -82,7 +82,7 @@ def write_settings(
     """
     tags = list_tags(content, file)
     root = tags[0]
-    texts: dict[Tag, bytes] = {}  # start tag -> its new text and what follows it newly
+    texts: dict[Tag, bytes] = {}  # start tag -> its new text, with the elements inserted after it
     inserted = b""  # after the root's start tag
     options = [tag for tag in tags if tag.path == f"{root.path}/option"]
     if option and options:

@@ -22,7 +22,7 @@ class Kind:
         writer: module of this folder whose function `write` returns the text; "" if the engine writes its programs itself.
         engine: engine of the suite whose model the file holds.
         settings, integrator, stabilization, tolerance: the setting of that engine in the file.
-        what: the kind in words, such as "a Python script".
+        what: the kind of file in words, such as "a Python script".
         suffix: the usual suffix of such files.
     """
 
@@ -71,7 +71,7 @@ def export_linkage(
     Args:
         step: step size of the integration in the file [s]; ignored if `choice` is given.
         remarks: sentences for the head of the file, such as measured errors.
-        choice: setting of the engine; by default the setting of the kind.
+        choice: setting of the engine; by default the setting that KINDS has for this kind of file.
         warning: first sentence of the head.
 
     Raises:

@@ -65,7 +65,7 @@ class Reader:
         return ExchangeError(f"{self.file}: {element}: {reason}")
 
     def describe(self, kind: str, k: int, tag: str) -> str:
-        """Return, for messages, the XML tag `tag` of element k of a kind with the element's name, or with k + 1 if it has none."""
+        """Return, for messages, the XML tag `tag` with the name of element k of a kind, or the number k + 1 if it has no name."""
         name = self.names[kind][k]
         return f'<{tag} name="{name}">' if name else f"<{tag}> number {k + 1}"
 
@@ -82,15 +82,15 @@ class Reader:
         m = self.model
         self._check_document()
         joints = tuple(self._joint(k) for k in range(m.njnt))
-        for known in FIELDS["refused"]:
+        for known in FIELDS["refused"]:  # refuse an element if a field is not 0 that no linkage can have
             for field in known["fields"]:  # one number, or one row of numbers, for each element of the kind
                 for k, numbers in enumerate(getattr(m, field)[: len(self.names[known["kind"]])]):
                     if np.any(numbers):
                         tag = "joint" if known["kind"] == "jnt" else known["kind"]
                         raise self.refuse(self.describe(known["kind"], k, tag), known["reason"])
-        for known in FIELDS["left_out"]:
-            for number in np.flatnonzero(getattr(m, known["field"])):
-                self.dropped.append(f"{known['reason']} {self.name(known['kind'], int(number))}")
+        for known in FIELDS["left_out"]:  # report the elements with a field that is not 0 and that the import leaves out
+            for k in np.flatnonzero(getattr(m, known["field"])):
+                self.dropped.append(f"{known['reason']} {self.name(known['kind'], int(k))}")
         closures, welds = self._equalities()
         acting = [*self._springs(), *self._tendons(), *(self._actuator(k) for k in self._enabled_actuators())]
         gravity = np.zeros(3) if "gravity" in self.disabled else np.array(m.opt.gravity)
@@ -249,7 +249,7 @@ class Reader:
         return tendons
 
     def _enabled_actuators(self) -> list[int]:
-        """Return the numbers of the actuators that act, and list the actuators whose group is switched off as left out.
+        """Return the indices of the enabled actuators, and record those whose group is switched off as left out.
 
         Raises:
             ExchangeError: an actuator has several controls.
@@ -270,8 +270,8 @@ class Reader:
 
         MuJoCo's force is F = gain u + b0 + b1 L + b2 dL/dt along the length L = g x of the transmission, where g is the gear and x
         the coordinate of a joint, tendon or site. The power F dL/dt is g F dx/dt, so the generalised force that acts on x is g F.
-        The control u is that of the keyframe, or 0 without a keyframe. MuJoCo limits u to a range. MuJoCo limits F too; a linkage
-        can express a limited F only if F is constant.
+        The control u is that of the keyframe, or 0 without a keyframe. MuJoCo limits u to a range, and also the force F; a linkage
+        file can express a limited F only if F is constant.
 
         Raises:
             ExchangeError: the force is not linear, or acts on something other than a joint, a tendon or a point.
@@ -301,8 +301,8 @@ class Reader:
             case "joint" | "jointinparent":
                 is_hinge = self.compiled.word("mjtJoint", m.jnt_type[first]) == "hinge"
                 if g < 0 and not b1 and is_hinge:
-                    # reverse the coordinate, so that the torque in the linkage file has the sign of the control; the force of a
-                    # slide is written as a vector, and a servo (b1) as a spring, whose sign does not depend on the sign of g
+                    # with a negative gear, reverse the hinge's coordinate, so that the torque in the linkage file has the sign of
+                    # the control. Slides and servos need no reversal: forces are vectors, and the stiffness contains g^2.
                     return OnJoints(name, {first: -1.0}, replace(law, bias=-law.bias))
                 return OnJoints(name, {first: 1.0}, law)
             case "tendon":
@@ -319,9 +319,10 @@ class Reader:
             site: number of the site at which the force acts.
             frame: number of the reference site; -1 if there is none, which makes the site itself the reference.
             gear: (6,) the direction in axes of the reference site, and the torque, which must be zero.
+            law: the force along the direction as a function of the displacement and speed along it.
 
         Raises:
-            ExchangeError: the actuator is a torque, or a servo without a reference site.
+            ExchangeError: the actuator is a torque, has no gear, or is a servo without a reference site.
         """
         if gear[3:].any():
             raise self.refuse(element, "a torque on a site; give it to the joint")
@@ -331,5 +332,5 @@ class Reader:
             raise self.refuse(element, "a servo on a site needs a refsite")
         base = frame if frame >= 0 else site
         direction = self.data.site_xmat[base].reshape(3, 3) @ (gear[:3] / np.linalg.norm(gear[:3]))
-        body = int(self.model.site_bodyid[base])
+        body = int(self.model.site_bodyid[base])  # the direction is fixed in this body
         return Push(name, self._site(site), body, direction, law, self._site(frame) if frame >= 0 else None)

@@ -122,14 +122,14 @@ class Robot:
         return parsed
 
     def number(self, node: Element | None, key: str) -> float:
-        """Return the number of an attribute, or 0 if the element or the attribute is missing."""
+        """Return the value of an attribute with one number, or 0 if the element or the attribute is missing."""
         return float(self.numbers(node, key, (0,))[0])
 
     def origin(self, node: Element | None) -> tuple[Array, Array]:
         """Return the shift (3,) [m] and rotation (3, 3) of the <origin> in an element; zero and no rotation if it is missing."""
         origin, turn = None if node is None else node.find("origin"), np.eye(3)
-        # roll about x, pitch about y and yaw about z, in this order; each turns the other two axes i and j. Not by quaternions,
-        # which would round the axis of rotation and so the moments about the plane's normal.
+        # roll about x, pitch about y and yaw about z, in this order; each turns the other two axes i and j. The rotation matrices
+        # are written out because rounding in quaternions would tilt the axis of a rotation about x, y or z.
         for angle, (i, j) in zip(self.numbers(origin, "rpy", (0, 0, 0)), ((1, 2), (2, 0), (0, 1)), strict=True):
             rotation = np.eye(3)
             rotation[i, i] = rotation[j, j] = np.cos(angle)
@@ -138,13 +138,13 @@ class Robot:
         return self.numbers(origin, "xyz", (0, 0, 0)), turn
 
     def spatial(self, close: Sequence[str]) -> Spatial:
-        """Return the mechanism that the complete document describes.
+        """Return the mechanism in space that the URDF file describes.
 
         Args:
-            close: closures of its loops, each LINK.FRAME=LINK.FRAME.
+            close: closures of the mechanism's loops, each LINK.FRAME=LINK.FRAME.
         """
         bodies, joints, acting, dropped = list[Body](), list[Joint](), list[Acting](), self._list_ignored()
-        for name, k in self.index.items():  # parents precede their children
+        for name, k in self.index.items():  # link -> index of its body; parents precede their children
             if name not in self.joint_to:
                 bodies.append(self._body(name, WORLD, np.zeros(3), np.eye(3)))
                 continue
@@ -152,7 +152,7 @@ class Robot:
             shift, rotation = self.origin(node)
             place, turn = bodies[parent].origin + bodies[parent].turn @ shift, bodies[parent].turn @ rotation
             joint = self._joint(node, k, place, turn)
-            if joint is not None:
+            if joint is not None:  # None for a fixed joint
                 joints.append(joint)
                 damping = self.number(node.find("dynamics"), "damping")
                 if damping:
@@ -196,7 +196,7 @@ class Robot:
 
         # authors add frames where links are joined, so pairs of frames are preferred, and among them the nearest pair
         def rank(pair: tuple[tuple[str, str], tuple[str, str]]) -> tuple[int, float]:
-            """Return, for a pair of ends, how many of them are moving links and not frames fixed to one, and their distance [m]."""
+            """Return how many of the two ends are moving links, and not frames fixed to a link, and the ends' distance [m]."""
             a, b = (bodies[self.index[frame]].origin for _, frame in pair)
             return sum(link == frame for link, frame in pair), float(np.linalg.norm(a - b))
 
@@ -249,7 +249,10 @@ class Robot:
         if not np.linalg.norm(axis) > 0:
             raise self.refuse(describe(node), "an axis without direction")
         if self.number(node.find("dynamics"), "friction"):
-            raise self.refuse(describe(node), "friction that does not depend on the joint's load, as friction of a linkage does")
+            raise self.refuse(
+                describe(node),
+                "joint friction that does not depend on the load; in a linkage it is proportional to the joint's load",
+            )
         return Joint(name, KINDS[kind], k, place, axis / np.linalg.norm(axis))
 
     def _closure(self, text: str, bodies: list[Body]) -> tuple[str, Spot, Spot]:

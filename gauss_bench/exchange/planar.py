@@ -63,21 +63,21 @@ class Move:
     speed: complex = 0j
 
     def place(self, x: complex) -> complex:
-        """Return the place after the displacement of the body's point that was at x before it."""
+        """Return the point to which the displacement moves the body's point at x."""
         return rect(1.0, self.angle) * x + self.shift
 
     def velocity(self, x: complex) -> complex:
-        """Return the velocity [m/s] of the body's point that was at x before the displacement."""
+        """Return the velocity [m/s] of the body's point that was at x before the body was displaced."""
         return self.speed + 1j * self.omega * self.place(x)
 
     def follow(self, joint: Joint, axis: complex, anchor: complex, sign: float) -> "Move":
         """Return the displacement of the child body of a joint; `self` is the displacement of the parent body.
 
-        A child on a slide is shifted along the axis. A child on a hinge is turned about the pivot, which is the same place, with
-        the same velocity, on both bodies: this gives the child's shift and speed.
+        A child on a slide is shifted along the axis. A child on a hinge is turned about the pivot. The pivot has the same position
+        and velocity on both bodies, from which the `shift` and `speed` of the child's displacement follow.
 
         Args:
-            axis, anchor: direction of a slide and pivot of a hinge in the plane, before the displacement.
+            axis, anchor: direction of a slide and pivot of a hinge in the plane, before both bodies are displaced.
             sign: 1 if a hinge turns about the plane's normal, -1 if it turns against it.
         """
         change = joint.start - joint.ref
@@ -195,7 +195,7 @@ class Flattened:
         return (self.plane.flat(place) - origin) * rect(1.0, -angle)
 
     def to_plane(self, link: int, local: complex) -> complex:
-        """Return the place in the plane, at the file's configuration, of a point in the frame of a link."""
+        """Return the position in the plane, at the file's configuration, of a point given in the frame of a link."""
         origin, angle = self.frames[link]
         return origin + rect(1.0, angle) * local
 
@@ -219,8 +219,8 @@ class Flattened:
     def _link(self, link: int) -> Table:
         """Return the table of a link in the linkage file: points, bars, and mass, centre of mass and inertia of all its bodies.
 
-        The inertia contains the armature, the inertia of a motor's rotor, of the hinges that move the link. Points and centres of
-        mass are complex numbers x + i y in the link's frame.
+        The link's inertia includes the armatures (rotor inertias of motors) of the hinges that move the link. Points and centres
+        of mass are complex numbers x + i y in the link's frame.
 
         Raises:
             ExchangeError: the link has no mass or no moment of inertia.
@@ -251,8 +251,8 @@ class Flattened:
         """Return a joint's armature [kg m^2], which is added to the moment of inertia of the link that the joint moves.
 
         Raises:
-            ExchangeError: the joint has an armature, and is not a hinge between a link and the ground. The armature then resists a
-                relative motion of two links, and cannot be added to the inertia of one link.
+            ExchangeError: the joint has an armature, and is not a hinge between a link and the ground. An armature between two
+                moving links resists their relative motion, so it cannot be added to the inertia of one link.
         """
         grounded = self.link_of[self.spatial.bodies[joint.body].parent] == WORLD
         if joint.armature and not (joint.kind == "hinge" and grounded and len(self.joints_of[joint.body]) == 1):
@@ -262,7 +262,7 @@ class Flattened:
     # joints
 
     def _joints(self) -> dict[str, Table]:
-        """Return name -> table in the linkage file of the joints and closures; also fill `joint_names` and `locked`."""
+        """Return the linkage file's tables of joints and closures, by name; also fill `joint_names` and `locked`."""
         tables: dict[str, Table] = {}
         for k in range(len(self.spatial.bodies)):
             self._add_joint(k, tables)
@@ -275,9 +275,9 @@ class Flattened:
         return tables
 
     def _add_joint(self, k: int, tables: dict[str, Table]) -> None:
-        """Add to `tables` the table of the joint between body k and its parent, if one is needed.
+        """Add to `tables` the table of the joint between body k and its parent, if the linkage file needs this joint.
 
-        No table is needed if a weld makes both bodies one link (the joints are then `locked`), or if body k is free in the plane.
+        No joint is needed if a weld makes both bodies one link (the joints are then `locked`), or if body k is free in the plane.
 
         Raises:
             ExchangeError: there are several joints, and they do not make the body free in the plane.
@@ -325,30 +325,30 @@ class Flattened:
     # forces
 
     def _forces(self) -> dict[str, Table]:
-        """Return name -> table in the linkage file of all forces; one force of the model file may become several tables."""
+        """Return the linkage file's tables of all forces, by name; one force of the model file may become several tables."""
         tables: dict[str, Table] = {}
         for acting in self.spatial.acting:
             for table in self._force(acting):
-                tables[name_part(acting.name, tables)] = table
+                tables[name_part(acting.name, tables)] = table  # a name that no other table has
         return tables
 
     def _force(self, acting: Acting) -> list[Table]:
         """Return the tables of the linkage file that describe one force of the model file.
 
         Raises:
-            ExchangeError: a linkage has no such force.
+            ExchangeError: a linkage cannot have a force of this kind.
         """
         match acting:
             case OnJoints(name, joints, law):
                 slides = [k for k in joints if self.spatial.joints[k].kind == "slide" and k not in self.locked]
                 if not slides:
                     return self._on_angle(name, joints, law)
-                if [*joints.values()] != [1.0]:
+                if [*joints.values()] != [1.0]:  # anything but one slide alone, with the weight 1
                     raise self.refuse(name, "a sum of joints that contains a slide")
                 joint = self.joint_names.get(slides[0])  # None for a slide of a body that is free in the plane
                 if law.c > 0 and not (law.k or law.bias) and joint is not None:
                     return [{"type": "joint_damping", "joint": joint, "c": law.c}]
-                return self._on_slide(slides[0], law)
+                return self._on_slide(slides[0], law)  # a spring, a constant force, or a damper on a body free in the plane
             case Between(name, a, b, law):
                 if law.bias and not law.k:
                     raise self.refuse(name, "a constant tension; a linkage has no such force")
@@ -379,8 +379,8 @@ class Flattened:
             # the angle of frame b relative to frame a, when the sum of hinges has the value law.rest
             rest = self.frames[b][1] - self.frames[a][1] + sign * (law.rest - refs)
             tables.append({"type": "rotational_spring_damper", "links": links, "k": law.k, "c": law.c, "rest": rest})
-        if law.bias or not tables:
-            # the torque acts on b if the sum grows with theta_b, so that its value has the sign of the motor's control
+        if law.bias or not tables:  # a motor without torque becomes a torque 0, so that the linkage file has a force of this name
+            # the torque acts on b if the sum grows with theta_b, so that the torque's value has the sign of the motor's control
             link, reaction = (b, a) if sign > 0 else (a, b)
             value = law.bias
             if link == WORLD:
@@ -393,10 +393,10 @@ class Flattened:
 
         Args:
             name: name of the force, for messages.
-            wanted: hinge -> its weight in the sum.
+            wanted: hinge -> weight of its angle in the sum on which the force acts.
 
         Raises:
-            ExchangeError: there are no such links.
+            ExchangeError: the sum is not the angle between two links.
         """
         opposite = {k: -weight for k, weight in wanted.items()}
         pairs = [*permutations(self.names, 2)]
@@ -412,7 +412,7 @@ class Flattened:
     def _turn(self, a: int, b: int) -> dict[int, float]:
         """Return the angle of link b relative to link a as a weighted sum of hinge angles: hinge -> +1 or -1.
 
-        A hinge that lies between the world and a as well as between the world and b turns both links, so its angle cancels.
+        A hinge on the path from the world to a and also on that to b turns both links, so its angle cancels in the relative angle.
         """
         weights: dict[int, float] = {}
         for body, sign in ((b, 1.0), (a, -1.0)):
@@ -435,8 +435,8 @@ class Flattened:
     def _on_slide(self, k: int, law: Straight) -> list[Table]:
         """Return the tables of the linkage file for a force law along slide k, between the slide's body and its parent body.
 
-        The force acts at the anchor of the body's last joint. For a body that is free in the plane, which has two slides and then a
-        hinge, this is the pivot of the hinge.
+        The force acts at the anchor of the body's last joint. The last joint of a body that is free in the plane (two slides, then
+        a hinge) is the hinge.
 
         Raises:
             ExchangeError: the body has another slide that is not at right angles to this one.
@@ -445,9 +445,11 @@ class Flattened:
         parent, joints = self.spatial.bodies[joint.body].parent, self._joints_at(joint.body)
         along = self.plane.flat(joint.axis)
         for other in joints[:-1]:  # the last joint of a free body is its hinge
+            # the real part is the dot product of the two directions
             if other is not joint and abs((along.conjugate() * self.plane.flat(other.axis)).real) > FLAT:
                 raise self.refuse(f"joint {joint.name}", "a force along one of two slides that are not at right angles")
         origin, point = (self.point(Spot(joint.name, body, joints[-1].anchor)) for body in (parent, joint.body))
+        # in the file's configuration both points coincide, while the joint coordinate is `ref`
         return self._along(point, origin, self.link_of[parent], along, law, law.rest - joint.ref)
 
     def _push(self, acting: Push) -> list[Table]:
@@ -472,9 +474,9 @@ class Flattened:
     def _along(self, point: str, origin: str | None, link: int, along: complex, law: Straight, rest: float) -> list[Table]:
         """Return the tables of the linkage file for a force law along an axis.
 
-        These are one table for the spring and damper, and tables for the constant force and its reaction. The reaction of a
-        constant force on the ground is left out, because it moves nothing. A law whose numbers are all 0 becomes a constant force
-        0, so that the linkage file still has the force by its name.
+        The spring and damper of the law make one table; the constant force and its reaction make one table each. A reaction on the
+        ground is left out, because it moves nothing. A law whose numbers are all 0 becomes a constant force 0, so that the linkage
+        file still has a force of this name.
 
         Args:
             point: LINK.POINT at which the force acts.
@@ -544,8 +546,8 @@ class Flattened:
     def _start(self, document: Table) -> tuple[Table, str | None, int]:
         """Return the table of the start, the name of the crank or None, and the number of degrees of freedom.
 
-        The start prescribes as many coordinates as there are degrees of freedom: those that best determine all others. The crank is
-        the first of these coordinates that is the angle of a link with a pin on the ground.
+        The start prescribes as many coordinates as there are degrees of freedom: those that best determine all others. The crank
+        is the first link with a pin on the ground whose angle the start prescribes.
         """
         mechanism = build_mechanism(document, SCENARIO, self.spatial.file, "")
         rows = Constraints(mechanism)  # rows(t, q, v).J is the constraint Jacobian

@@ -57,7 +57,7 @@ def _inspect(content: bytes, path: Path) -> None:
     elements = depth = 0
 
     def refuse(what: str, *_: object) -> None:
-        """Refuse the element or declaration `what` at the parser's present line; the parser's own arguments are ignored."""
+        """Refuse the element or declaration `what` at the parser's current line; further arguments from the parser are ignored."""
         raise ExchangeError(f"{path}: line {parser.CurrentLineNumber}: {what} is not read")
 
     def begin(name: str, _: object) -> None:
@@ -135,7 +135,7 @@ def _count_elements(root: Element, path: Path) -> float:
     """Return the number of elements, including the copies that <replicate> makes.
 
     Raises:
-        ExchangeError: there are more than ELEMENTS elements.
+        ExchangeError: the document has more than ELEMENTS elements.
     """
     elements = 0.0
     waiting = [(root, 1.0)]  # elements to count, each with its number of copies, a float because a file may ask for any number
@@ -160,9 +160,9 @@ def _count_arena(key: str, value: str) -> float:
 
 
 def _largest(text: str) -> float:
-    """Return the largest of the numbers in a text, at least 1.
+    """Return the largest of the numbers in the text of an attribute, or 1 if none is larger; the result multiplies other counts.
 
-    A text with something other than numbers gives 1; MuJoCo itself refuses such a text later.
+    The result is also 1 if the text contains anything but numbers; MuJoCo refuses such an attribute when it reads the document.
     """
     try:
         return max((x for x in map(float, text.split()) if x > 1), default=1.0)

@@ -12,7 +12,7 @@ WRITERS = ("mujoco", "pinocchio", "exudyn", "casadi")
 
 
 def holds(engine: str, integrator: str, stabilization: str, code: str = "") -> bool:
-    """Tell whether a program for an engine can use this integrator and stabilisation; `code` is CasADi's option `code`."""
+    """Tell whether an exported program can use this integrator and stabilisation; `code` is how CasADi evaluates functions."""
     if engine == "pinocchio":
         return stabilization != "projection"
     if engine == "casadi":

@@ -1,8 +1,8 @@
 """A mechanism in space, as a model file describes it: bodies, joints, closures and forces.
 
 All numbers of the mechanism are given in world coordinates, in the configuration in which every joint coordinate equals its `ref`.
-This reference value is MuJoCo's qpos0 in MJCF, and zero in URDF. `from_mjcf.py` and `from_urdf.py` create a `Spatial` from a model
-file, and `planar.py` makes a planar linkage of the `Spatial`.
+The `ref` of a coordinate is MuJoCo's qpos0 in MJCF, and zero in URDF. `from_mjcf.py` and `from_urdf.py` create a `Spatial` from a
+model file, and `planar.py` makes a planar linkage of the `Spatial`.
 """
 
 from dataclasses import dataclass
@@ -78,7 +78,7 @@ class Straight:
 
 @dataclass(frozen=True, eq=False)
 class OnJoints:
-    """A force law on a weighted sum of joint coordinates; `joints` maps the index of a joint to its weight."""
+    """A force as a function of a weighted sum of joint coordinates; `joints` maps the index of a joint to its weight."""
 
     name: str
     joints: dict[int, float]
@@ -87,7 +87,7 @@ class OnJoints:
 
 @dataclass(frozen=True, eq=False)
 class Between:
-    """A force law on the distance between two points."""
+    """A force between two points, as a function of their distance."""
 
     name: str
     a: Spot
@@ -100,7 +100,7 @@ class Push:
     """A force at a point along a direction that is fixed in a body.
 
     Attributes:
-        frame: index of that body.
+        frame: index of the body in which the direction is fixed.
         direction: (3,) unit vector, at the configuration of the file.
         origin: point at which the opposite force acts, and from which the law's coordinate is measured along the direction; None
             for a constant force without a reaction.

@@ -1,7 +1,7 @@
 """Convert texts to string literals, comments and identifiers of C, Python, TOML and XML.
 
 All text of a user in an exported file is escaped here. A text for a comment is first reduced to a single line of printable
-characters, so that it cannot end the comment in any of these languages.
+characters, so that it cannot end the comment in any of the four languages.
 """
 
 import re

@@ -52,8 +52,8 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
     """Return a kernel whose first choice of independent coordinates is valid for the whole motion.
 
-    An exported program contains one choice only. The first choice of the kernel that is compiled without a given choice is tested
-    first, then each other choice of independent coordinates.
+    An exported program contains only one choice of independent coordinates. The choice that the compiler makes by default is tested
+    first, then all other choices.
 
     Raises:
         KernelError: no code can be generated for the linkage.
@@ -82,17 +82,17 @@ def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
 
 
 def find_end(kernel: "Kernel", mechanism: Mechanism, choice: Choice) -> float | None:
-    """Return the time [s] at which the first choice of a kernel becomes invalid, or None if it is valid over the time tested.
+    """Return the time [s] at which a kernel's first choice of independent coordinates becomes invalid, or None if it stays valid.
 
-    The first choice of independent coordinates is invalid from the time at which a pivot of its elimination changes its sign. A run
-    with the step size of the file may by chance jump over a state at which a pivot is zero, but a run with a user's smaller step
-    would meet this state. Therefore the test takes small steps. The returned time is NaN if no pivot changes its sign but the run
-    with the file's step stops early, as with a step that is too long.
+    The choice is invalid from the time at which a pivot of its elimination changes its sign. A run with the step size of the file
+    may by chance jump over a state at which a pivot is zero, but a run with a user's smaller step would meet this state. Therefore
+    the test takes small steps. The returned time is NaN if no pivot changes its sign but the run with the file's step stops early,
+    as with a step that is too long.
     """
     tested = min(mechanism.duration, TRIED)  # [s]
     steps = int(np.ceil(tested / choice.step))
-    count = max(steps, LOOKED_AT)
-    every, h = count // LOOKED_AT, tested / count
+    count = max(steps, LOOKED_AT)  # number of steps of the test
+    every, h = count // LOOKED_AT, tested / count  # steps between the states at which pivots are computed; step size [s]
     q, v = kernel.rollout(mechanism.q0, mechanism.v0, h, count, every=every, integrator=choice.integrator)  # (k, n) both
     t = h * np.minimum(every * np.arange(len(q) + 1), count)
     with np.errstate(all="ignore"):  # after the motion is lost all pivots are NaN, which changes no sign

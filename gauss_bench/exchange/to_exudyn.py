@@ -32,7 +32,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     from gauss_bench.engines.exudyn.adapter import ExudynModel, simulation_settings
     from gauss_bench.engines.exudyn.items import System, span
 
-    # The methods of the class use `script` and `laws`, which are defined below it, before its object is made.
+    # The methods use `script` and `laws`, which are assigned below the class and before an object of it is created.
     class Transcribed(System):
         """The adapter's system; its calls of Exudyn are recorded as lines of `script`, with comments for links and joints."""
 

@@ -73,7 +73,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
 
 def transcribe(mechanism: Mechanism, built: "PinocchioModel", gains: tuple[float, float]) -> list[str]:
-    """Return the lines of a script that build the adapter's model `built` and define the numbers that the template uses.
+    """Return the lines of a script that build the adapter's model `built` and define the numbers that the rest of the script uses.
 
     The adapter's code builds the model a second time, with a recording stand-in for the library.
 
@@ -83,7 +83,7 @@ def transcribe(mechanism: Mechanism, built: "PinocchioModel", gains: tuple[float
     from gauss_bench.engines.pinocchio.tree import Multibody
     from gauss_bench.engines.tree import Branch
 
-    # the method of the class uses `script`, which is defined below it, before its object is made
+    # the method uses `script`, which is assigned below the class and before an object of it is created
     class Transcribed(Multibody):
         """The model that the adapter builds; its calls of Pinocchio are recorded as lines of `script`, with comments for links."""
 
@@ -120,7 +120,7 @@ def transcribe(mechanism: Mechanism, built: "PinocchioModel", gains: tuple[float
 
 
 def tabulate(others: list[Load]) -> dict[str, list[Any]]:
-    """Return tables of the loads that are not affine functions of the coordinates: the template's lists SPRINGS, SLIDES and PUSHES.
+    """Return tables of the loads that are not affine in the coordinates: the exported script's lists SPRINGS, SLIDES and PUSHES.
 
     Raises:
         RunFailure: the script cannot evaluate a load of this kind.
@@ -133,7 +133,7 @@ def tabulate(others: list[Load]) -> dict[str, list[Any]]:
             case Law(Along(origin, point, angle, across), k, c, rest, 0.0):
                 tables["slides"].append([spot(origin), spot(point), angle + across * np.pi / 2, k, c, rest])
             case PointForce(_, point, force, frame):
-                if point.link != GROUND:
+                if point.link != GROUND:  # a force on the ground moves nothing
                     tables["pushes"].append([spot(point), frame, *map(float, force)])
             case _:
                 raise RunFailure(Status.SKIP, "a load of this kind is not written for Pinocchio")

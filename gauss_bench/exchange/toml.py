@@ -40,7 +40,7 @@ def write_value(x: Any) -> str:
     """Return a value as one line of TOML.
 
     Raises:
-        TypeError: a linkage file has no values of this type.
+        TypeError: the value has a type that a linkage file cannot hold.
     """
     match x:
         case bool():

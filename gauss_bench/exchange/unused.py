@@ -44,7 +44,7 @@ def _list_settings(root: Element) -> Iterator[str]:
 
 
 def _list_sections(root: Element) -> Iterator[str]:
-    """Yield a phrase for each tag of MJCF without effect on a linkage's motion that occurs in the document.
+    """Yield a phrase for each MJCF tag of the document that has no effect on a linkage's motion.
 
     mjcf.toml lists these tags: section of MJCF -> tag -> reason why the import leaves elements with this tag out.
     """

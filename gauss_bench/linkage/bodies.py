@@ -5,8 +5,8 @@ along the line of both pins. The coordinate of the slide is the length of the cy
 to Q.
 
 A body is made of links that are welded to each other. It has the frame and the name of one of these links, its root. A point P of
-any other link L in the body becomes the point L.P of the body. With mass m_i, centre of mass c_i and inertia I_i of the links, in
-the frame of the body,
+a link L of the body that is not the root becomes the point L.P of the body. With mass m_i, centre of mass c_i and inertia I_i of
+the links, in the frame of the body,
 
     m = sum m_i,    m c = sum m_i c_i,    I = sum (I_i + m_i |c_i - c|^2)        (parallel axes)
 
@@ -66,7 +66,7 @@ class Mass(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """The frame of a link in the frame of its body's root: origin (2,) [m] and angle [rad]."""
+    """The frame of a link in the frame of `root`, the link that gives the welded body its frame: origin (2,) [m], angle [rad]."""
 
     root: str
     origin: Array
@@ -140,7 +140,10 @@ def bodies(links: Mapping[str, Link], poses: Mapping[str, Pose]) -> tuple[Link, 
 
 
 def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) -> Link:
-    """Return a body as one link: its root, with the points, bars and masses of all `members` (link -> pose in the root's frame)."""
+    """Return a group of welded links as one link, in the frame and with the name of `root`.
+
+    `members` are the links of the group with their poses in the root's frame; points, bars and masses are those of all members.
+    """
     if len(members) == 1:
         return root
     points: dict[str, Array] = {}
@@ -156,21 +159,20 @@ def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) ->
 
 
 def parts(links: Mapping[str, Link], poses: Mapping[str, Pose], bodies: Sequence[Link]) -> tuple[Part, ...]:
-    """Return every link of the file as a `Part`: the index of its body, and the pose of the link in the body."""
-    index = {body.name: i for i, body in enumerate(bodies)}
-    parts = []
+    """Return every link of the file as a `Part`: the index of its body (welded links), and the pose of the link in the body."""
+    index = {body.name: i for i, body in enumerate(bodies)}  # a body has the name of its root link
+    found = []
     for name, link in links.items():
         root, origin, turn = poses[name]
         i = index[root]
-        parts.append(Part(name, i, origin + turn_vector(link.com, turn) - bodies[i].com, turn))
-    return tuple(parts)
+        found.append(Part(name, i, origin + turn_vector(link.com, turn) - bodies[i].com, turn))
+    return tuple(found)
 
 
 def read_welds(links: Mapping[str, Link], welds: Welds) -> tuple[Weld, ...]:
     """Return the welds of a file.
 
-    Each has the links that it carries, those that it connects with the root of the body, and the point about which its moment is
-    reported.
+    Each weld has the links that it connects with the root of the body, and the point about which the weld's moment is reported.
     """
     names = list(links)
     found = []

@@ -72,8 +72,11 @@ def build_link(name: str, table: dict[str, Any], number: Number = float) -> Link
 
     A missing mass, centre of mass or moment of inertia is computed from uniform bars and point masses.
 
+    Args:
+        number: converts the numbers of the file to the number type of the computation.
+
     Raises:
-        BuildError: a bar has no length, or the link no inertia.
+        BuildError: a bar has zero length, or the link has zero inertia.
     """
     points = resolve_points(table["points"], number)
     bars = tuple((a, b) for a, b in table.get("bars", []))
@@ -97,7 +100,7 @@ def build_link(name: str, table: dict[str, Any], number: Number = float) -> Link
 def _mass_of_bars(table: dict[str, Any], bars: list[tuple[Array, Array]], number: Number) -> Mass:
     """Return mass, centre and inertia of a link without its point masses: from its table, else from uniform thin bars.
 
-    `bars` has the places (2,) [m] of the ends of each bar.
+    `bars` has the places (2,) [m] of the ends of each bar. `number` converts the file's numbers to the computation's number type.
     """
     zero = number("0")
     lengths = [length(b - a) for a, b in bars]
@@ -162,11 +165,11 @@ class Resolver:
         return pins_of_all_pairs(self.pairs(joint)) if self.edition == SECOND else self.pairs(joint)
 
     def pair(self, values: Any) -> Array:
-        """Return two numbers of a table of the file as an array (2,), in the type of the numbers."""
+        """Return a pair of numbers of the file, such as [x, y], as an array (2,) of the computation's number type."""
         return np.asarray(pair(self.number_type, values))
 
     def number(self, table: Mapping[str, Any], key: str) -> Any:
-        """Return the number at `key` of a table of the file, in the type of the numbers; 0 if it is missing."""
+        """Return the number at `key` of a table of the file, in the computation's number type; 0 if the key is missing."""
         return exact(self.number_type, table.get(key, 0))
 
     def angle(self, table: Mapping[str, Any], key: str) -> Any:
@@ -239,7 +242,7 @@ class Resolver:
     def choose_measured(self, drivers: tuple[Driver, ...], crank: str | None) -> Measured:
         """Return the coordinate that reports show by default: that of the first driver, or the angle of the crank or first link.
 
-        If it is the first link's angle, `assemble` replaces it by the first coordinate that can move.
+        If the angle of the first link is chosen, `assemble` replaces it by the first coordinate that can move.
         """
         match drivers:
             case (SlideDriver() as first, *_):

@@ -95,7 +95,7 @@ def close_sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
 
 
 def place_apart(apart: Mechanism, mechanism: Mechanism) -> Mechanism:
-    """Return `apart`, in which welded links are separate bodies, with the positions and velocities of the bodies of `mechanism`."""
+    """Return `apart` with the start positions and velocities of `mechanism`; only in `apart` welded links are separate bodies."""
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
     links = motion_of_links(mechanism, start)
     return replace(apart, q0=links.q[0], v0=links.v[0])
@@ -121,7 +121,10 @@ def _list_coordinates(mechanism: Mechanism) -> list[Measured]:
 
 
 def first_moving(mechanism: Mechanism, J: Array) -> Measured:
-    """Return the first link angle, else the first slide, that the joint rows J (m, n) let move; the first angle if none moves."""
+    """Return the first link angle that can change without violating the joint rows J (m, n), else the first slide that can.
+
+    If nothing can move, the first angle is returned.
+    """
     coordinates = _list_coordinates(mechanism)
     rows = np.array([gradient(x.coordinate, mechanism.q0) for x in coordinates])  # (k, n)
     # a coordinate cannot move if its gradient is a combination of joint rows: subtract the nearest combination
@@ -156,9 +159,9 @@ def check_springs(mechanism: Mechanism) -> None:
 
 
 def warn_of_zero_length(mechanism: Mechanism) -> Iterator[str]:
-    """Yield a warning about each spring whose end points can coincide in some position, where its force is not zero.
+    """Yield a warning about each spring that has a force at zero length, and whose end points can coincide in some position.
 
-    A spring without rest length and bias is not among them: its force is zero there.
+    A spring without rest length and bias gives no warning, because its force is zero at zero length.
     """
     if mechanism.dof <= len(mechanism.drivers):
         return  # the motion does not follow from forces
@@ -298,7 +301,10 @@ def list_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = f
 
 
 def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
-    """Return the angle [rad] and angular speed [rad/s] of each body that the table `start` holds, by index of the body."""
+    """Return the angle [rad] and angular speed [rad/s] of each body that the table `start` prescribes, by index of the body.
+
+    `number` is the type of the numbers.
+    """
     speeds: dict[int, Any] = {}
     for name, speed in start.get("speeds", {}).items():
         body, _ = mechanism.find_body(name)
@@ -309,7 +315,7 @@ def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Numbe
     angles: dict[int, Any] = {}
     for key, convert in (("angles_deg", radians), ("angles", exact)):
         for name, angle in start.get(key, {}).items():
-            body, turn = mechanism.find_body(name)
+            body, turn = mechanism.find_body(name)  # turn: constant angle of the link in its body
             angles[body] = convert(number, angle) - turn
     if crank is not None and {"crank", "crank_deg"} & start.keys():
         angles[crank] = angle_of(start, "crank", number)
@@ -319,8 +325,9 @@ def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Numbe
 def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Array:
     """Move a position q (n,) with closed joints until the held coordinates have their prescribed values; return that position.
 
-    The steps are small enough to keep the assembly mode. There are three attempts: with all intermediate positions closed; the same
-    after whole turns have been added to links; and through intermediate positions in which the joints cannot be closed.
+    The steps are small enough to keep the assembly mode. There are three attempts to reach the position: through closed
+    intermediate positions; through closed positions after whole turns have been added to links; and through intermediate positions
+    in which the joints cannot be closed.
 
     Raises:
         AssemblyError: the held coordinates cannot be reached, or leave the position undetermined.
@@ -342,7 +349,7 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
             goal = held.target + part * gap
 
             def residual(x: Array, goal: Array = goal) -> tuple[Array, Array]:
-                """Return the residuals of the joints and of the held coordinates, and their Jacobian."""
+                """Return the residuals of the joints and of the prescribed coordinates (`held`), and the residuals' Jacobian."""
                 nonlocal evaluations
                 evaluations += 1
                 F, J = joints.residual(x)
@@ -394,7 +401,7 @@ def turn_links(mechanism: Mechanism, held: Held, q: Array) -> Array:
 
 
 def start_velocity(mechanism: Mechanism, held: Held, q: Array) -> Array:
-    """Return v (n,) that satisfies joints, knife edges and the held rates.
+    """Return v (n,) that satisfies joints and knife edges, and gives the held coordinates their prescribed rates.
 
     Raises:
         AssemblyError: the rates contradict the constraints.

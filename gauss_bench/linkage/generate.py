@@ -1,8 +1,8 @@
 """Linkages of any size: the N-four-bar and N pendulums.
 
 n_four_bar_N, from the IFToMM benchmark library (A02), has N + 1 equal verticals on ground pivots (i l, 0) and N horizontals
-between their tops. The linkage stays a row of parallelograms and moves like a pendulum. Its position is singular if all bars lie on
-the ground line.
+between their tops. The linkage stays a row of parallelograms and moves like a pendulum. The linkage is in a singular position if
+all bars lie on the ground line.
 
 pendulums_N is a chain of N bars with n = 3N coordinates and m = 2N constraint rows. Gauss's principle gives equations for
 n - m = N unknowns with a full matrix. Lagrange's equations have n + m = 5N unknowns, each coupled only with those of neighbouring

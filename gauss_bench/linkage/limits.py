@@ -20,7 +20,7 @@ CHAINED = 100  # points in a chain in which each is given relative to the next
 SHOWN = 50  # largest number of faults in one error
 MOST = 5000  # entries of a table or list whose name has no limit of its own
 ENTRIES = 60_000  # of the whole file: the largest generated one, of 400 windows, has 20,000
-SQUARES = "beyond that, sums with it and squares of it lose all digits of other numbers"
+SQUARES = "beyond that, sums with it and squares of it lose all digits of other numbers"  # reason in messages
 
 
 @dataclass(frozen=True)
@@ -35,14 +35,14 @@ class Range:
 _bounds = tomllib.loads(Path(__file__).with_name("limits.toml").read_text(encoding="utf-8"))
 COUNTS: dict[str, int] = _bounds["counts"]
 RANGES = {key: Range(**{k: x for k, x in bound.items() if k != "keys"}) for bound in _bounds["ranges"] for key in bound["keys"]}
-ANY = Range(1e15, least=1e-30)  # of keys without a range of their own
+ANY = Range(1e15, least=1e-30)  # the range of numbers whose key has no range of its own
 
 
 def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
     """List the values that are too large, too small or not printable, and tables or lists that are too long or nested too deeply.
 
-    If a limit on counts or depth is exceeded, the search ends at once, and only that fault is listed. Of all other faults at most
-    SHOWN are listed. If there are none, the points are searched for chains of references that are too long.
+    If a table or list has too many entries or is nested too deeply, the search ends at once, and only this fault is listed.
+    Otherwise at most SHOWN faults are listed. If there is no fault, points are searched for too long chains of references.
     """
     faults: list[Fault] = []
     entries = 0
@@ -77,7 +77,7 @@ def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
 
 
 def _text_faults(path: str, text: str) -> list[Fault]:
-    """Return a fault if a text is too long or not printable."""
+    """Return a list with a fault if a text is too long or not printable, else an empty list."""
     if len(text) > LONGEST_TEXT:
         return [Fault(path, f"a text of {len(text)} characters; at most {LONGEST_TEXT} are read")]
     if any(unprintable(x) for x in text):
@@ -86,7 +86,7 @@ def _text_faults(path: str, text: str) -> list[Fault]:
 
 
 def _number_faults(path: str, key: str, x: Any) -> list[Fault]:
-    """Return a fault if a number is out of the range that `limits.toml` gives for its key."""
+    """Return a list with a fault if a number is out of the range that `limits.toml` gives for its key, else an empty list."""
     if x - x != 0:
         return []  # infinite or NaN: the grammar refuses it
     bound = RANGES.get(key, ANY)
@@ -99,14 +99,14 @@ def _number_faults(path: str, key: str, x: Any) -> list[Fault]:
 
 
 def _describe(x: Any) -> str:
-    """Return a number as text; a whole number that is too large for a float is described by its number of digits."""
+    """Return a number as text; a whole number above 10^15, which may be very long, is described by its number of digits."""
     if isinstance(x, int) and abs(x) > 10**15:
         return f"a number of {x.bit_length() * 30103 // 100_000 + 1} digits"  # log10(2) = 0.30103
     return f"{x:g}"
 
 
 def _chains(document: Mapping[str, Any]) -> Iterator[Fault]:
-    """Yield a fault for a link, or the ground, with points that are given relative to each other in too long a chain.
+    """Yield a fault for the first point of a link or the ground that is given relative to others through too long a chain.
 
     Circular chains are left to `references.py`.
     """
@@ -128,8 +128,7 @@ def _chains(document: Mapping[str, Any]) -> Iterator[Fault]:
 def follow(points: Mapping[str, Any], name: Any) -> tuple[list[str], str | None]:
     """Follow the key `from` from the point `name` to the point to which it is relative, and so on.
 
-    Return the points in this order, beginning with the point itself, and the first point that would occur twice, or None if the
-    chain ends.
+    Return the visited points, the first being `name`, and the first point that would occur twice, or None if the chain ends.
 
     Args:
         points: name -> position of each point of a link, as in the file and not yet checked.

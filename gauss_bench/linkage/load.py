@@ -54,7 +54,7 @@ def find(name_or_path: str | Path) -> Path:
 
 
 def load(name_or_path: str | Path, scenario: str | None = None) -> Mechanism:
-    """Load a linkage and assemble it in one scenario, by default the first scenario that has a start.
+    """Load a linkage and assemble it in one scenario, by default the first scenario with a table `start`.
 
     A file of the same content gives the same object, so that results cached for a mechanism serve again.
 
@@ -63,6 +63,7 @@ def load(name_or_path: str | Path, scenario: str | None = None) -> Mechanism:
     """
     document, digest, path = document_of(name_or_path)
     key = str(path), digest, scenario
+    # the cache drops the linkage that was not used for the longest time: pop and insert move this one to the end
     mechanism = _cache.pop(key, None) or load_document(document, scenario, str(path), digest, path.stem)
     if len(_cache) >= CACHED:
         del _cache[next(iter(_cache))]
@@ -233,10 +234,10 @@ def document_faults(document: dict[str, Any], stem: str | None = None) -> list[F
 
 
 def _faults_without_overrides(document: dict[str, Any], stem: str | None) -> list[Fault]:
-    """Return every fault of a document; overrides of scenarios are ignored."""
+    """Return every fault of a document, without overrides of scenarios; `stem` is the file's name without ending, if known."""
     faults, accepted = check_grammar(document)
     if any(f.path.startswith("cylinders") for f in faults):
-        return faults  # names may refer to links of a faulty cylinder, which does not become links
+        return faults  # a faulty cylinder is not expanded into links, so that references to its links would be reported wrongly
     return [*faults, *reference_faults(accepted, stem)]
 
 
@@ -244,7 +245,7 @@ def override_faults(document: dict[str, Any], override: dict[str, Any], path: st
     """Return the faults of the paths in an override: tables that do not exist, and keys that may not change.
 
     Args:
-        path: that of the override, or of a table in it.
+        path: path in the file of the override, or of a table inside the override.
         fixed: keys that may not change at this level.
     """
     faults = []

@@ -55,7 +55,7 @@ def places(document: Document, *patterns: str) -> Iterator[Place]:
 
 
 def _step(path: str, x: Any, part: str) -> Iterator[Place]:
-    """Yield path and value of each place directly in x that one part of a pattern matches.
+    """Yield path and value of each entry of the table or list x whose key matches `part`, one component of a pattern.
 
     Args:
         path: path of x in the document; empty for the whole document.
@@ -229,7 +229,7 @@ def _check_link(names: Names, path: str, link: dict[str, Any]) -> None:
     """Check that bars and point masses name points of their link, and that no bar has the same point at both ends."""
     points = table(link, "points")
     for place, bar in places(link, "bars[*]"):
-        ends = [end for end in bar if end is not None]
+        ends = [end for end in bar if end is not None]  # None stands for a value that the grammar has refused
         for end in ends:
             if end not in points:
                 names.fault(f"{path}.{place}", f"unknown point {end!r}")
@@ -310,7 +310,7 @@ def _check_sketch(names: Names, path: str, name: str) -> None:
 
 
 def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
-    """Check that a driver gives the travel if its motion law is a rise by a travel."""
+    """Check that the table of a driver has a value for the travel if the driver's motion law needs one."""
     if driver.get("law") in ("sine", "cosine", "poly345") and not {"travel", "travel_deg"} & driver.keys():
         names.fault(f"{path}.{'travel_deg' if 'link' in driver else 'travel'}", "required")
 

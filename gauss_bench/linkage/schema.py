@@ -1,9 +1,11 @@
 """The grammar of linkage files as types: the keys of each table, and the values that they take.
 
-There are two editions of the grammar, planar-linkage/1 and /2. The second edition adds the keys that a `Table` lists as `second`. A
-file with one of these keys must say format = "planar-linkage/2", so that a reader of the first edition does not misread it. One key
-has two meanings: `c` of `joint_damping`, on a pin through several links, acts between every two of the links in the second edition,
-and between neighbours in the list in the first. `references.py` checks names and combinations of keys, `closure.py` the geometry.
+There are two editions of the grammar, planar-linkage/1 and /2. The second edition of the grammar adds the keys that a `Table` lists
+as `second`. A file with a key of the second edition must say format = "planar-linkage/2", so that a reader of the first edition
+does not misread the file. One key has two meanings: `c` of `joint_damping`, on a pin through several links, acts between neighbours
+in the list of links in the first edition, and between every two of the links in the second.
+
+`references.py` checks names and combinations of keys, `closure.py` the geometry.
 """
 
 import copy
@@ -45,7 +47,7 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_]+$")]
 
 
 class Table(BaseModel):
-    """A table of the file. The class arguments `other`, `second` and `units` of a kind of table list some of its keys.
+    """A table of the file. The arguments `other`, `second` and `units` of a class statement list some keys of the table.
 
     Attributes:
         other: keys that do not affect a motion, such as a title; all other keys enter `physics_digest`.
@@ -53,7 +55,7 @@ class Table(BaseModel):
         units: key -> unit of its numbers, "1" if they have none; angles are in degrees if their key ends in `_deg`, else in rad.
 
     Raises:
-        TypeError: a class argument lists a key that the table does not have.
+        TypeError: an argument of the class statement lists a key that the table does not have.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -69,8 +71,9 @@ class Table(BaseModel):
     def __pydantic_init_subclass__(cls, other: str = "", second: str = "", units: str = "", **more: Any) -> None:
         """Add the class arguments to those inherited from the parent class.
 
-        `other` and `second` are texts of keys with spaces between them. `units` is a text "key: unit; key: unit". A key that ends
-        in `_deg`, and the same key without this ending, need no entry.
+        `other` (keys without effect on a motion) and `second` (keys of the second edition) are texts of keys with spaces between
+        them. `units` is a text "key: unit; key: unit". A key that ends in `_deg`, and the same key without this ending, need no
+        entry.
         """
         super().__pydantic_init_subclass__(**more)
         cls.other |= {*other.split()}
@@ -484,7 +487,7 @@ def physics_digest(document: dict[str, Any], scenario: str) -> str:
 
 
 def _physics(item: Any) -> Any:
-    """Return a table, with all tables in it, as a dict of the keys that the file gives and that affect a motion.
+    """Return a table and the tables inside it as dicts; only keys that stand in the file and affect a motion are kept.
 
     Numbers of type float become decimal texts, the same for equal numbers; pydantic has made floats of whole numbers too.
     """

@@ -1,8 +1,8 @@
 """First guess of a position: links are placed one after the other from the points and angles that the file gives.
 
-A link is placed by two points with known positions, or by one such point and a known angle. The angle is given in the file, or
-follows from a slide that connects the link to a link that is already placed. The pins of a placed link are known points of its
-neighbours.
+A link is placed by two points with known positions, or by one point with known position and a known angle. The link's angle is
+given in the file, or follows from a slide that connects the link to a link already placed. When a link is placed, the positions of
+its pins are also known on the neighbouring links.
 """
 
 from typing import Any
@@ -126,7 +126,7 @@ class _Placing:
         return angle
 
     def _angle_by_partner(self, i: int) -> float | None:
-        """Return the angle [rad] of body i from a slide that connects it to a placed body; None if there is no such slide."""
+        """Return the angle [rad] of body i from a slide that connects it to a placed body; None if no slide does."""
         for joint in self.mechanism.slides:
             if joint.block.link == i and joint.guide.link in self.theta:
                 return self.theta[joint.guide.link] + joint.turn
@@ -135,9 +135,9 @@ class _Placing:
         return None
 
     def _angle_by_line(self, i: int) -> float | None:
-        """Return the angle [rad] of body i from a slide whose guide and block points are known; None if there is no such slide.
+        """Return the angle [rad] of body i from its first slide whose guide and block points are known; None without such a slide.
 
-        The block is taken to be ahead of the guide point, so that the coordinate of the slide is positive.
+        The block is taken to be on the positive side of the guide point, so that the coordinate of the slide is positive.
         """
         for joint in self.mechanism.slides:
             guide, block = self._find(joint.guide), self._find(joint.block)
@@ -154,7 +154,7 @@ class _Placing:
     def _find(self, point: Point) -> Array | None:
         """Return the world position (2,) [m] of a point, or None if it is unknown.
 
-        It is the position that the file gives, otherwise that of a pin by which the point is joined to a body already placed.
+        A point has the position that the file gives, else the position of a pin that joins the point to a body already placed.
         """
         if point.name in self.drawn:
             return self.drawn[point.name]

@@ -1,7 +1,7 @@
 """Choose the coordinates whose initial values a new linkage file should prescribe.
 
-Together with the joints, these coordinates determine the position of all links. The import of MJCF and URDF models and the studio
-(the drawing program of this suite) use this module.
+Together with the joints, the prescribed coordinates determine the position of all links. The import of MJCF and URDF models and the
+studio (the drawing program of this suite) use this module.
 """
 
 from dataclasses import dataclass
@@ -49,11 +49,11 @@ def candidates(mechanism: Mechanism) -> list[Candidate]:
 
 
 def choose_held(mechanism: Mechanism, q: Array, free: Array) -> list[Candidate]:
-    """Return candidates that together determine the position at q (n,).
+    """Return the link angles, slides and points to prescribe at the start, which together determine the position at q (n,).
 
-    The columns of `free` (n, dof) are the directions of motion that the joints leave free.
-    Candidates are chosen one after the other, as long as they leave some motion free. Each time, it is the first candidate, in the
-    order of `candidates`, whose sensitivity to the motions that are still free is at least GOOD times the largest.
+    The columns of `free` (n, dof) are the directions of motion that the joints leave free. Candidates are chosen one after the
+    other, until no motion remains free. Each choice is the first candidate, in the order of `candidates`, whose sensitivity to the
+    motions that are still free is at least GOOD times the largest sensitivity.
     """
     offered = candidates(mechanism)
     rows = [np.array([gradient(x, q) for x in candidate.coordinates]) @ free for candidate in offered]

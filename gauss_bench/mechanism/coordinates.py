@@ -5,14 +5,15 @@
     Distance    x = |p_b - p_a|
     Slip        x' = n . p'             n turns with the body of p; there is no x (a knife edge keeps x' at zero)
 
-p = z + r is the place of a point, with z the centre of mass of its body, u = z', and the arm r from there to the point. Each
-coordinate has a gradient G, stored by body (`Entry`). It also has a bias: the part of its second time derivative x'' that depends
-on velocities only. With v and a the velocities and accelerations (n,) of all bodies,
+p = z + r is the place of a point, with z the centre of mass of its body, u = z', and the arm r from there to the point. The
+gradient G of a coordinate with respect to the positions and angles of the bodies is stored as one `Entry` for each body. The bias
+of a coordinate is the part of x'' without accelerations. With v and a the velocities and accelerations (n,) of all bodies,
 
     x' = G v,    x'' = G a + bias
 
-A force is a law on a coordinate (`Law`). For a law, `push` gives the generalised force, `energy` the potential energy and `loss`
-the dissipated power. The functions in the second half of the file evaluate coordinates and points for arrays of states.
+A force is a function of a coordinate and its rate (`Law`). For a law, `push` gives the generalised force, `energy` the potential
+energy and `loss` the dissipated power. The functions in the second half of the file evaluate coordinates and points for arrays of
+states.
 
 Source: Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), sections 3.3 and 3.6. `reference/taylor` derives
 all of this independently and must not import this file: a certificate is only as good as the independence of its two derivations.
@@ -35,12 +36,12 @@ from gauss_bench.trajectory import Trajectory
 class Entry(NamedTuple):
     """The part of a coordinate's gradient that belongs to one body.
 
-    The motion of this body adds n . z' + m omega to the rate of the coordinate.
+    The rate of the coordinate is the sum of n . z' + m omega over its entries.
 
     Attributes:
         frame: the body.
-        n: factor of z', the velocity of the body's centre of mass; None if z' does not affect the coordinate, as for an angle.
-        m: factor of omega, the angular speed of the body.
+        n: coefficient of z', the velocity of the body's centre of mass; None if z' does not affect the coordinate, as for an angle.
+        m: coefficient of omega, the angular speed of the body.
     """
 
     frame: Frame
@@ -63,7 +64,7 @@ def _gap_entries(n: Vec, a: End, b: End) -> tuple[Entry, Entry]:
 
 
 def _gap_rate(n: Vec, a: End, b: End, entries: Sequence[Entry]) -> Real:
-    """Return the rate of n . (p_b - p_a) from its gradient `entries`; bodies at rest add no angular speed."""
+    """Return the rate of x = n . (p_b - p_a), with n a direction and p the points a and b, from the gradient `entries` of x."""
     turning = [e.frame.omega * e.m for e in entries if not e.frame.rests]
     return total([dot(n, b.frame.u - a.frame.u), *turning])
 
@@ -77,7 +78,7 @@ class AlongState:
     """The coordinate x = n . (p_b - p_a) at a state; the unit vector n is fixed in the body whose frame is `axes`."""
 
     def __init__(self, direction: Direction, a: End, b: End):
-        """Store the direction n with the body in which it is fixed, and the points a and b between which x is measured along n."""
+        """Store the body `axes` and the direction n that is fixed in it, and the points a and b; their difference is `gap`."""
         self.axes, self.n = direction
         self.a, self.b = a, b
         self.gap = b.place - a.place
@@ -89,7 +90,7 @@ class AlongState:
 
     @cached_property
     def entries(self) -> tuple[Entry, ...]:
-        """The gradient of x by body: parts for the body of a, for the body of b, and for the body in which n is fixed."""
+        """The gradient of x as parts for the body of point a, the body of point b, and the body in which direction n is fixed."""
         at_a, at_b = _gap_entries(self.n, self.a, self.b)
         if self.axes.rests:
             return at_a, at_b
@@ -106,7 +107,7 @@ class AlongState:
 
     @cached_property
     def bias(self) -> Real:
-        """The bias of x: the part of x'' that depends on velocities only [m/s^2].
+        """The bias of x: the part of x'' without accelerations [m/s^2].
 
         x is measured in axes that turn with n, so the bias has the Coriolis and centrifugal terms of these axes. With w_a and w_b
         the angular speeds of the bodies of a and b, and W that of the body in which n is fixed, the bias is
@@ -129,7 +130,7 @@ class AlongState:
         return total(terms)
 
     def _relative_speed(self, frame: Frame) -> Real:
-        """Return the angular speed of a body relative to the body in which n is fixed."""
+        """Return the angular speed of a body relative to the body in which the unit vector n is fixed."""
         return frame.omega if self.axes.rests else frame.omega - self.axes.omega
 
 
@@ -149,7 +150,7 @@ class AngleState:
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """The gradient of the angle by body: -1 for the angle of body a, 1 for that of body b."""
+        """The derivatives of the relative angle with respect to the angles of the bodies: -1 for body a, 1 for body b."""
         return Entry(self.a, n=None, m=-1.0), Entry(self.b, n=None, m=1.0)
 
     @property
@@ -159,7 +160,7 @@ class AngleState:
 
 
 class DistanceState:
-    """The coordinate x = |p_b - p_a| at a state.
+    """The coordinate x = |p_b - p_a| at a state: the distance of two points.
 
     Members with half_square in their names belong to x^2 / 2 instead of x, because x^2 / 2 needs no square root.
 
@@ -175,7 +176,7 @@ class DistanceState:
 
     @cached_property
     def square(self) -> Real:
-        """The square of the distance, x^2 [m^2]."""
+        """The square x^2 [m^2] of the distance between the two points."""
         return dot(self.gap, self.gap)
 
     @cached_property
@@ -195,7 +196,7 @@ class DistanceState:
 
     @cached_property
     def half_square_entries(self) -> tuple[Entry, ...]:
-        """The gradient of x^2 / 2 by body."""
+        """The gradient of x^2 / 2 as parts for the bodies of both points."""
         return _gap_entries(self.gap, self.a, self.b)
 
     @cached_property
@@ -205,7 +206,7 @@ class DistanceState:
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """The gradient of x by body."""
+        """The gradient of the distance x as parts for the bodies of both points."""
         return tuple(entry.scale(self.inverse) for entry in self.half_square_entries)
 
     @property
@@ -215,7 +216,10 @@ class DistanceState:
 
     @cached_property
     def bias(self) -> Real:
-        """The bias of x [m/s^2]: (gap . difference of the centripetal accelerations + (relative speed across the gap)^2) / x."""
+        """The bias of x, the part of x'' without accelerations [m/s^2].
+
+        It is (gap . difference of the centripetal accelerations of the points + (relative speed across the gap)^2) / x.
+        """
         gap, (a, arm_a), (b, arm_b) = self.gap, self.a, self.b
         # cross product of the gap and the relative velocity, gap x (p_b' - p_a'): x times the relative speed across the gap
         turning = wedge(gap, b.u - a.u) + b.omega * dot(gap, arm_b) - a.omega * dot(gap, arm_a)
@@ -238,7 +242,7 @@ class WeightedState:
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """The gradient of the sum by body; a body may occur several times."""
+        """The gradient of the weighted sum, as parts that each belong to one body; a body may occur several times."""
         return tuple(entry.scale(weight) for x, weight in self.terms for entry in x.entries)
 
     @property
@@ -256,7 +260,7 @@ State = AngleState | AlongState | DistanceState | WeightedState
 
 
 def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
-    """Return a coordinate at a state of the linkage; `known` is the value of a distance if it is known without a square root."""
+    """Return a coordinate at a state; `known` is the value of a distance that a constraint prescribes, to save a square root."""
     match coordinate:
         case Angle(a, b):
             return AngleState(at.frame(a), at.frame(b))
@@ -271,9 +275,10 @@ def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
 
 
 def slip(coordinate: Slip, at: Placement) -> tuple[Entry, Real]:
-    """Return the gradient and the bias of a slip n . p' at a state; the direction n turns with the body of the point.
+    """Return the gradient and the bias of a slip s = n . p' at a state; the direction n turns with the body of the point.
 
-    With p' = u + omega x r and n' = omega x n, the bias is n' . u: the terms of the arm r, which turns with n, cancel.
+    The bias is the part of s' without accelerations. With u the velocity of the body's centre of mass, p' = u + omega x r and
+    n' = omega x n, it is n' . u: the terms of the arm r, which turns with n, cancel.
     """
     point = coordinate.point
     _, n = at.direction(point.link, coordinate.angle, across=True)
@@ -282,9 +287,9 @@ def slip(coordinate: Slip, at: Placement) -> tuple[Entry, Real]:
 
 
 def columns(entries: Sequence[Entry]) -> dict[int, Real]:
-    """Return a gradient, given by body, as a dict: index in a state (n,) -> number; bodies at rest are left out.
+    """Convert a gradient from parts for each body to a dict: index in a state (n,) -> number; bodies at rest are left out.
 
-    A body may occur in several entries, which are added. The members of an entry are described at `Entry`.
+    A body may occur in several entries, which are added.
     """
     sums: dict[int, Real] = {}
     for frame, n, m in entries:
@@ -307,13 +312,13 @@ def strength(x: State, law: Law) -> Real:
     """Return the force F of a law along its coordinate x; the generalised force is F times the gradient `entries` of x.
 
     For a distance x the result is F / x instead, which multiplies the gradient `half_square_entries` of h = x^2 / 2, because
-    F grad x = (F / x) grad h. With stiffness k, damping c, and s for `inverse_square`,
+    F grad x = (F / x) grad h. With the law's stiffness k, damping c, and s for `inverse_square`,
 
         F / x = -k + (k rest + bias) / x - c h' / x^2 + s / x^3
 
     A spring without rest length and bias therefore needs no square root and, if undamped, no division: its force passes through
-    zero length smoothly. Any other spring reverses the direction of its force at zero length, and exerts no force at exactly zero
-    length.
+    zero length smoothly. A spring with a rest length or a bias reverses the direction of its force at zero length, and exerts no
+    force at exactly zero length.
     """
     sprung, damped, biased = not is_zero(law.k), not is_zero(law.c), not is_zero(law.bias)
     terms: list[Real] = []
@@ -414,7 +419,7 @@ def gradient(coordinate: Coordinate, q: Array) -> Array:
 
 
 def bias(coordinate: Coordinate, q: Array, v: Array) -> Array:
-    """Return the bias (...) [rad/s^2 or m/s^2] of a coordinate at one or several states q, v (..., n)."""
+    """Return the bias (...) of a coordinate x at states q, v (..., n): the part of x'' without accelerations [rad/s^2, m/s^2]."""
     return np.asarray(state(coordinate, Placed(q, v)).bias) + np.zeros(q.shape[:-1], dtype=q.dtype)  # one for each state
 
 

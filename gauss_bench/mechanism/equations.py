@@ -25,8 +25,8 @@ from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.spaces import Real, Vec, dot, slots, wedge
 from gauss_bench.terms import Array
 
-Motion = tuple[Real, Real, Real]  # value, rate, second rate
-LEVELS = 3  # numbers that a motion law has at a time: value, rate and second rate
+Motion = tuple[Real, Real, Real]  # a value and its first and second time derivative
+LEVELS = 3  # numbers that a motion law has at a time: value, first and second time derivative
 
 
 class Given(Placement):
@@ -41,7 +41,7 @@ class Given(Placement):
         return value
 
     def law(self, law: MotionLaw) -> Motion:
-        """Return the value, rate and second rate of a law at the present time."""
+        """Return the value of a law and its first and second time derivative at the present time."""
         raise NotImplementedError
 
 
@@ -68,13 +68,14 @@ def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Itera
     """Yield all constraint rows.
 
     Args:
-        on_constraints: whether the state satisfies the constraints. A held distance then has the value at which it is held, so that
-            it is not computed with a square root.
+        at: the linkage at a state, with the values of its motion laws.
+        on_constraints: whether the state satisfies the constraints. The value that a constraint prescribes for a distance is then
+            used in place of the distance, which saves a square root.
     """
     for joint in (*mechanism.joints, *mechanism.couplings):
         held: tuple[tuple[Coordinate, float], ...] = joint.held
         for index, (coordinate, value) in enumerate(held):
-            constant = (at.held(joint.name, index, value), 0.0, 0.0)  # value, rate, second rate
+            constant = (at.held(joint.name, index, value), 0.0, 0.0)  # value and both derivatives
             yield _row(joint.name, at, coordinate, constant, on_constraints)
     for driver in mechanism.drivers:
         yield _row(driver.name, at, driver.coordinate, at.law(driver.law), on_constraints)
@@ -94,13 +95,16 @@ def _row(name: str, at: Given, coordinate: Coordinate, motion: Motion, on_constr
 
 
 def generalise(at: Placement, load: Load) -> dict[int, Real]:
-    """Return the generalised force of one load as a dict: index in a state (n,) -> number."""
+    """Return the generalised force of one load, a force law on a coordinate or a force at a point, at a state of the linkage.
+
+    The result is a dict: index in a state (n,) -> number.
+    """
     match load:
         case Law():
             return columns(push(state(load.coordinate, at), load))
         case PointForce():
             force, end = at.vector(load.frame, load.value).n, at.end(load.point)
-            return columns((Entry(end.frame, force, wedge(end.arm, force)),))
+            return columns((Entry(end.frame, force, wedge(end.arm, force)),))  # wedge: moment about the centre of mass
         case _:
             assert_never(load)
 
@@ -122,7 +126,7 @@ def energies(at: Placement, load: Load) -> tuple[Real, Real]:
 
 
 class Symbols(Given):
-    """The bodies of a mechanism of n coordinates with symbols for numbers; it records equations and generates functions of them.
+    """A placement of bodies with n coordinates that are symbols; it records equations, and generates functions from them.
 
     The inputs of a recorded program are q0, q1, ..., v0, v1, ..., and g0, g1, ...: LEVELS numbers of each motion law.
     """
@@ -147,7 +151,7 @@ class Symbols(Given):
         return self.program.symbol(value)
 
     def law(self, law: MotionLaw) -> tuple[Symbol, Symbol, Symbol]:
-        """Return three new inputs of the program: value, rate and second rate of a law."""
+        """Return three new inputs of the program: value, first and second time derivative of a law."""
         first = LEVELS * len(self.laws)
         self.laws.append(law)
         return self.program.input(f"g{first}"), self.program.input(f"g{first + 1}"), self.program.input(f"g{first + 2}")
@@ -155,14 +159,17 @@ class Symbols(Given):
     def generate(self, *groups: Sequence[Symbol | Number]) -> Callable[[float | Array, Array, Array], list[Array]]:
         """Generate a function of t (...), q and v (..., n) that returns each group of k symbols as an array (..., k).
 
-        It computes the inputs of the motion laws from t.
+        The returned function evaluates the motion laws at t itself.
         """
         inputs = [("q", self.n), ("v", self.n), ("g", LEVELS * len(self.laws))]
         function = GeneratedFunction(self.program, inputs, [[self.program.symbol(x) for x in group] for group in groups])
         laws = self.laws
 
         def evaluate(t: float | Array, q: Array, v: Array) -> list[Array]:
-            """Return the arrays of the groups at time(s) t and state(s) q, v; the third input has the motion laws' values at t."""
+            """Return one array for each group of symbols at time(s) t and state(s) q, v.
+
+            The third argument of the generated function has the values and derivatives of the motion laws at t.
+            """
             if not laws:
                 return function(q, v, q[..., :0])  # an array (..., 0) in place of the values of motion laws
             levels = [np.asarray(x) for law in laws for x in law(t)]

@@ -177,13 +177,13 @@ class Evaluator:
         return 0.5 * (v * v) @ self.mass + self.applied.potential(q)
 
     def project(self, t: float, q: Array, v: Array, rank_tolerance: float = 1e-4) -> tuple[Array, Array]:
-        """Return the state q, v (n,) nearest to a given one that satisfies the constraints at time t [s].
+        """Return the state that satisfies the constraints at time t [s] and is nearest to the given state q, v (n,).
 
         Gauss-Newton iteration corrects q, then one linear system corrects v.
 
         Singular values below `rank_tolerance` times the largest count as zero. Near a singular position, or if drift makes
-        redundant rows contradict each other, a correction along the directions of these small values would move the state far
-        along the free motion. A state that is not finite becomes NaN.
+        redundant rows contradict each other, a correction along the directions of these small values would move the state far in
+        directions in which the linkage is free to move. A state that is not finite becomes NaN.
         """
         holonomic = self.constraints.holonomic
         rows: Rows  # at the latest position; the correction of v uses them

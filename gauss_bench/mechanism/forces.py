@@ -11,9 +11,10 @@ force (Yuan and Ge, 2016, eq. 3):
     M a + J^T lambda = Q + W N(lambda),    W_k = -mu_k r_k tanh(s_k / speed_k) ds_k/dv        (r_k = 1 for a slide)
     N = |(lambda_x, lambda_y)| of a pin,   N = |lambda_normal| of a slide
 
-mu_k is the coefficient of friction, r_k the radius of the pin, and speed_k the width of the regularisation. W depends on the state
-only, N on lambda, and lambda on W N. This fixed point is found by iteration, beginning with lambda without friction. The iteration
-converges unless mu is so large that friction increases the loads that cause it.
+mu_k is the coefficient of friction, r_k the radius of the pin, and speed_k the width of the regularisation. The columns W_k depend
+on the state only, the loads N on the multipliers lambda, and lambda on the friction W N. Therefore lambda is found by iteration,
+beginning with the multipliers without friction. The iteration converges unless mu is so large that friction increases the loads
+that cause it.
 """
 
 from collections.abc import Callable
@@ -99,7 +100,7 @@ class AppliedForces:
 
 
 class _VaryingForce:
-    """A force that varies: a factor of time and direction times a steady force."""
+    """A force that varies: a steady force times a factor that depends on time and on the direction of motion."""
 
     def __init__(self, mechanism: Mechanism, force: Torque | PointForce, factor: Factor):
         """Store the factor; the force without its factor becomes the only force of a copy of the mechanism, without gravity."""
@@ -130,10 +131,10 @@ class JointFriction:
 
     Attributes:
         acting: each friction with the pair in which it acts.
-        places: for each entry of W (n, p) that is not zero, its row and column.
+        places: row and column of each nonzero entry of W (n, p), whose column k is the generalised friction per load of pair k.
         rows: (p,) index of the first multiplier of each pair.
         pins: (p,) 1 for a pin, whose second multiplier is a force too; 0 for a slide, whose second multiplier is a moment.
-        lever: (p,) mu times radius [m]; [-] for a slide.
+        lever: (p,) mu times radius [m] of a pin; mu [-] of a slide.
         speed: (p,) speed of the regularisation [rad/s or m/s].
     """
 
@@ -161,7 +162,7 @@ class JointFriction:
         return len(self.rows) > 0
 
     def directions(self, q: Array, v: Array) -> Array:
-        """Return W (..., n, p), the generalised friction for unit loads at state(s) q, v (..., n)."""
+        """Return W (..., n, p): column k is the generalised friction if pair k carries a load of 1 N, at state(s) q, v (..., n)."""
         W = np.zeros((*q.shape, len(self.rows)), dtype=q.dtype)
         rates, entries = self._function(0.0, q, v)
         law = -self.lever * np.tanh(rates / self.speed)
@@ -170,7 +171,7 @@ class JointFriction:
         return W
 
     def loads(self, multipliers: Array) -> Array:
-        """Return the loads N (..., p) [N] of the pairs from multipliers (..., m)."""
+        """Return the loads N (..., p) [N] that the pairs carry, from multipliers (..., m)."""
         return np.hypot(multipliers[..., self.rows], self.pins * multipliers[..., self.rows + 1])
 
     def generalised(self, q: Array, v: Array, multipliers: Array) -> Array:
@@ -178,7 +179,9 @@ class JointFriction:
         return np.asarray((self.directions(q, v) @ self.loads(multipliers)[..., None])[..., 0])
 
     def consistent(self, base: Array, gain: Array) -> Array:
-        """Solve lambda = base + gain N(lambda) for the multipliers (..., m), with base (..., m) and gain (..., m, p).
+        """Solve lambda = base + gain N(lambda) for the multipliers lambda (..., m), where N (..., p) are the `loads` of the pairs.
+
+        `base` (..., m) are the multipliers without friction, `gain` (..., m, p) their change per load of a pair.
 
         Raises:
             Jammed: the iteration does not converge.

@@ -75,7 +75,7 @@ class Placement:
     """The bodies of a linkage at a state; a subclass provides `body` for a type of number.
 
     Attributes:
-        arithmetic: the functions sqrt, sin, cos and inverse for the type of number in which the bodies are placed.
+        arithmetic: the functions sqrt, sin, cos and inverse for the number type of the coordinates.
     """
 
     arithmetic: Arithmetic

@@ -172,7 +172,7 @@ class Program:
         return self.known[text]
 
     def lines_for(self, results: Iterable[Symbol]) -> list[Line]:
-        """Return the lines that some results depend on, in order."""
+        """Return the program's lines on which the given results depend, in their order."""
         wanted, lines = {x.text for x in results}, []
         for line in reversed(self.lines):
             if line.name in wanted:

@@ -47,8 +47,8 @@ class Along:
 
     Attributes:
         angle: angle of the axis in the frame of the body in which the axis is fixed [rad].
-        across: whether the axis is turned by a further quarter turn, exactly, so that the coordinate is the distance of `point` to
-            the left of the axis at `angle`.
+        across: whether the axis is turned by a further 90 degrees (without rounding), so that the coordinate is the distance of
+            `point` to the left of the axis at `angle`.
         body: index of the body in which the axis is fixed; None for the body of the origin.
     """
 
@@ -84,13 +84,13 @@ class Slip:
 
 @dataclass(frozen=True, eq=False)
 class Weighted:
-    """Scalar coordinate: a weighted sum of coordinates, in the unit of the first, such as the angles of two meshing gears."""
+    """Scalar coordinate: a weighted sum of coordinates, for example of the angles of two meshing gears."""
 
     terms: tuple[tuple["Angle | Along | Distance", float], ...]
 
     @property
     def unit(self) -> Literal["rad", "m"]:
-        """The unit of the first coordinate of the sum."""
+        """The unit of the weighted sum: that of its first coordinate."""
         return self.terms[0][0].unit
 
 
@@ -215,12 +215,12 @@ class Prismatic:
 
     @property
     def joint(self) -> str:
-        """The name of the joint in the file: a slide is one joint of the file, and has its name."""
+        """The name of the joint in the linkage file, which the slide has too because a slide is one whole joint of the file."""
         return self.name
 
     @property
     def ends(self) -> tuple[Point, Point]:
-        """The points that the slide is measured between, on the guide and on the block."""
+        """The point on the guide and the point on the block between which the slide's coordinate is measured."""
         return self.guide, self.block
 
     @property
@@ -230,7 +230,7 @@ class Prismatic:
 
     @property
     def held(self) -> tuple[tuple[Along, float], tuple[Angle, float]]:
-        """The coordinates that the slide holds, with their values: the distance from the line, and the relative angle."""
+        """The coordinates that the slide keeps constant, with their values: the distance from the line, and the relative angle."""
         beside = Along(self.guide, self.block, self.angle, across=True)
         return (beside, self.offset), (Angle(self.guide.link, self.block.link), self.turn)
 
@@ -281,7 +281,7 @@ class Coupling(Protocol):
 
     @property
     def held(self) -> tuple[tuple[Coordinate, float], ...]:
-        """The coordinates that the constraint holds, with their values."""
+        """The coordinates that the constraint keeps constant, with their values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,8 +289,8 @@ class Law:
     """The force F = bias - k (x - rest) - c dx/dt + s / x^2 along a scalar coordinate x; the generalised force is F dx/dq.
 
     s is the attribute `inverse_square`, for forces as between magnets, on coordinates that stay positive. If x is a length, the
-    units are k [N/m], c [N s/m], rest [m], bias [N] and s [N m^2]. If x is an angle, they are k [N m/rad], c [N m s/rad], rest
-    [rad] and bias [N m]. In place of numbers, the attributes may be symbolic expressions of the compiler.
+    units are k [N/m], c [N s/m], rest [m], bias [N] and s [N m^2]. If x is an angle, the units are k [N m/rad], c [N m s/rad], rest
+    [rad] and bias [N m]. The attributes of a law may be symbolic expressions of the compiler instead of numbers.
     """
 
     coordinate: Coordinate
@@ -323,7 +323,7 @@ class PointForce:
         return cls(name, names.point(table["point"]), value, names.link(frame), read_factor(table))
 
     def to_loads(self) -> tuple["Load", ...]:
-        """Return the force unchanged, because it is a load already."""
+        """Return the force itself, because a force at a point is one of the two kinds of load."""
         return (self,)
 
 
@@ -333,7 +333,7 @@ Load = Law | PointForce  # every force is a sum of these two: terms, kernels and
 class Names(Protocol):
     """What the method `read` of a force or constraint needs to build it from a table of the file.
 
-    These are the links, points and joints of the linkage by name, and the table's numbers, all converted to one type.
+    The methods find links, points and joints of the linkage by name, and convert numbers of the table to the number type in use.
     """
 
     @property
@@ -427,13 +427,13 @@ class AxisSpringDamper:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "AxisSpringDamper":
-        """Return the spring and damper that a table describes; without `origin` in the table it is the origin of the world."""
+        """Return the spring and damper that a table describes; if the table has no `origin`, the world's origin is used."""
         origin = names.point(table["origin"]) if "origin" in table else names.world
         angle = names.angle(table, "angle") + names.turn(table.get("origin", "ground"))
         return cls(name, names.point(table["point"]), origin, angle, *_linear_numbers(table, names))
 
     def to_loads(self) -> tuple[Load, ...]:
-        """Return a law on the place of the point along the axis."""
+        """Return the force law along the axis, as a function of the point's position along the axis."""
         return (Law(Along(self.origin, self.point, self.angle), self.k, self.c, self.rest),)
 
 
@@ -516,7 +516,7 @@ def factor_of(force: Force) -> Factor | None:
 
 
 def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
-    """Return the loads of forces without a factor. A load is a force law (`Law`) on one scalar coordinate, or a force at a point.
+    """Return the loads of steady forces: force laws (`Law`) on one scalar coordinate each, and forces at points.
 
     Raises:
         TypeError: a force varies, or has no method `to_loads`; the message names it.
@@ -602,7 +602,7 @@ class Mechanism:
         welds: welds of the file.
         apart: the same linkage with its links unwelded, in which results are reported; None if no links are welded.
         warnings: sentences on positions that the linkage can reach and a motion should avoid.
-        couplings: constraints with a position level, beside joints and drivers.
+        couplings: constraints on positions other than joints and drivers.
     """
 
     name: str
@@ -749,8 +749,8 @@ class Mechanism:
     def find_point(self, reference: str) -> Point:
         """Return the point "link.point" of the file as a point of the body that carries the link.
 
-        Links that are welded together make up one body, which has the name of one of them. The points of this link keep their names
-        in the body; the points of the others are called "link.point" there.
+        Links that are welded together make up one body, which has the name of one of these links. Points of the link with the
+        body's name keep their names in the body; points of the body's other links are named "link.point" in the body.
         """
         owner, _, name = reference.partition(".")
         if owner == "ground":

@@ -1,23 +1,23 @@
 """Functions of time: laws of a prescribed motion, and factors of forces that vary.
 
-A law gives a value, its rate and its second rate. The families are those of cam mechanisms (Wang et al., 2010): constant speed,
-sine (cycloidal) and cosine acceleration, 3-4-5 polynomial, table. A law with an end keeps its first value before its beginning and
-its last value after its end. A law is evaluated in the number type of its parameters and of t (for example float
+A law gives a value and its first and second time derivatives. The families are those of cam mechanisms (Wang et al., 2010):
+constant speed, sine (cycloidal) and cosine acceleration, 3-4-5 polynomial, table. A law with an end keeps its first value before
+its beginning and its last value after its end. A law is evaluated in the number type of its parameters and of t (for example float
 or long double).
 
-A force may be multiplied by two factors. The factor of time is one of
+A force may be multiplied by a time factor and by a direction factor. The time factor is one of
 
-    table    straight lines between rows (t, factor), the first and last value outside
-    ramp     from 0 at `start` to 1 after `time`
-    step     0 before `start`, 1 from then on
-    sine     sin(2 pi frequency t + phase)
+    table:    straight lines between rows (t, factor), the first and last value outside
+    ramp:     from 0 at `start` to 1 after `time`
+    step:     0 before `start`, 1 from then on
+    sine:     sin(2 pi frequency t + phase)
 
-A factor of time lists the times of its kinks and jumps, so that an integrator can restart there. Between two of these times, the
-factor is a straight line; the sine has none.
+A time factor lists the times of its kinks and jumps, so that an integrator can restart there. Between two kinks or jumps the factor
+is a straight line; a sine has neither.
 
-The factor of direction is 1 if the point moves in the direction of the force, and `share` if it moves in the opposite direction.
-With w the speed along the force (its power over its size), the factor changes smoothly between these values, as regularised dry
-friction does:
+The direction factor is 1 if the point of application moves in the direction of the force, and `share` if it moves in the opposite
+direction. With w the speed along the force (the force's power divided by its magnitude), and `speed` the width of the transition,
+the factor changes smoothly from `share` to 1, as regularised dry friction does:
 
     (1 + share) / 2 + (1 - share) / 2 tanh(w / speed)
 """
@@ -32,17 +32,17 @@ import numpy as np
 from gauss_bench.mechanism.numbers import PI, Number, angle_of
 from gauss_bench.terms import Array
 
-Motion = tuple[Any, Any, Any]  # value, rate, second rate
+Motion = tuple[Any, Any, Any]  # a value and its first and second time derivative
 STEADY = (1.0, 0.0)  # the line of a constant factor 1: value at t = 0 [-] and slope [1/s]
 
 
 @dataclass(frozen=True, eq=False)
 class MotionLaw:
-    """A function of t [s] that returns value, rate and second rate ([rad] or [m], and per second); t may be an array.
+    """A function of t [s] that returns a value [rad or m] and its first and second time derivative; t may be an array.
 
     Attributes:
         name: family of the law.
-        motion: the function.
+        motion: function of t that returns the value and both derivatives.
         numbers: parameters of the law by name; other code can rebuild the law from family and parameters.
     """
 
@@ -55,7 +55,7 @@ class MotionLaw:
         return self.motion(t)
 
     def __reduce__(self) -> tuple[Callable[..., "MotionLaw"], tuple[str, dict[str, Any]]]:
-        """Pickle family and parameters, because a closure cannot be pickled."""
+        """Pickle family and parameters of the law, because its function is a closure, which cannot be pickled."""
         return make_law, (self.name, dict(self.numbers))
 
 
@@ -110,7 +110,7 @@ def rise(name: str, start: Any, travel: Any, time: Any, number: Number = float) 
     pi, zero, one = number(PI), number("0"), number("1")
 
     def motion(t: Any) -> Motion:
-        """Return value, rate and second rate at t, by the chain rule from a law of s = t / time in [0, 1].
+        """Return the value and both time derivatives at t, by the chain rule from a law of s = t / time in [0, 1].
 
         `moving` is 1 for s in [0, 1] and 0 outside, where both derivatives are zero.
         """
@@ -124,14 +124,14 @@ def rise(name: str, start: Any, travel: Any, time: Any, number: Number = float) 
 def clip(t: Any, low: Any, high: Any) -> tuple[Any, Any]:
     """Return t limited to [low, high], and a factor that is 1 if t was inside and 0 if not, both in the type of the limits."""
     before, after = t < low, t > high
-    zero = low - low  # in their type
+    zero = low - low  # in the type of the limits
     return np.where(before, low, np.where(after, high, t))[()], np.where(before | after, zero, zero + 1)[()]
 
 
 def table(start: Any, times: Array, angles: Array) -> MotionLaw:
     """Return `start` plus a cubic spline through angles [rad] (or lengths [m]) at times [s].
 
-    The rate is zero at both ends, and the value is constant before the first and after the last time.
+    The first derivative is zero at the first and at the last time; outside them the value is constant.
 
     With second derivatives k (curvatures) at the knots, widths h of the pieces and slopes d of their chords, the first derivative
     is continuous if
@@ -161,9 +161,10 @@ def table(start: Any, times: Array, angles: Array) -> MotionLaw:
 
 
 def _solve_curvatures(h: Array, d: Array) -> Array:
-    """Return the curvatures k at the knots, by elimination of the tridiagonal system of `table`, for widths h and slopes d.
+    """Return the curvatures k of a spline at its knots, for widths h of the pieces and slopes d of their chords.
 
-    Solvers of numpy and scipy round longer types to double.
+    The tridiagonal equations are given in `table`. They are eliminated here because solvers of numpy and scipy round longer number
+    types to double.
     """
     zero = h[:1] * 0
     below, above = np.concatenate([zero, h]), np.concatenate([h, zero])
@@ -181,7 +182,7 @@ def _solve_curvatures(h: Array, d: Array) -> Array:
 
 @dataclass(frozen=True)
 class Wave:
-    """The factor sin(turning t + phase) of a force at time t [s], with `turning` in [rad/s] and `phase` in [rad]."""
+    """The factor sin(turning t + phase) of a force at time t [s]; `turning` is the angular frequency [rad/s], `phase` in [rad]."""
 
     turning: float
     phase: float
@@ -196,8 +197,8 @@ class Factor:
         lines: (level, slope [1/s]) of the straight line level + slope t, for each interval: before the first kink, between two
             kinks, and after the last one; at a kink the line of the later interval counts.
         wave: a sine in place of the straight lines, or None.
-        share: the factor of direction while the point moves against the force; it is 1 while the point moves with the force.
-        speed: the factor of direction changes from `share` to 1 within a few times this speed around w = 0 [m/s or rad/s].
+        share: the factor while the point of application moves against the force; while it moves with the force, the factor is 1.
+        speed: the direction factor changes from `share` to 1 within a few times this speed around w = 0 [m/s or rad/s].
     """
 
     kinks: tuple[float, ...] = ()
@@ -207,11 +208,11 @@ class Factor:
     speed: float = 1.0
 
     def line(self, t: float | Array) -> Array:
-        """Return level and slope of the line at times t (...), as an array (..., 2)."""
+        """Return level and slope of the time factor's straight line at times t (...) [s], as an array (..., 2)."""
         return np.asarray(np.array(self.lines)[np.searchsorted(self.kinks, t, side="right")])
 
     def of_time(self, t: Any) -> Array:
-        """Return the time-dependent factor of the force at times t (...) [s], without the factor of direction."""
+        """Return the time factor of the force at times t (...) [s], without the direction factor."""
         t = np.asarray(t, dtype=float)
         if self.wave:
             return np.asarray(np.sin(self.wave.turning * t + self.wave.phase))
@@ -219,7 +220,7 @@ class Factor:
         return np.asarray(level + slope * t)
 
     def __call__(self, t: Any, w: Array) -> Array:
-        """Return the product of both factors at times t (...) [s] and speeds w (...) along the force."""
+        """Return the product of time factor and direction factor at times t (...) [s] and speeds w (...) along the force."""
         of_direction = (1 + self.share) / 2 + (1 - self.share) / 2 * np.tanh(w / self.speed)
         return np.asarray(self.of_time(t) * of_direction)
 
@@ -227,7 +228,7 @@ class Factor:
 def read_factor(table: Mapping[str, Any]) -> Factor | None:
     """Return the factor of a force from its table; None if the table has neither `over_time` nor `against`.
 
-    `over_time` gives the factor as a function of time, `against` the factor while the point moves against the force.
+    `over_time` gives the factor as a function of time, `against` the factor while the point of application moves against the force.
     """
     if "over_time" not in table and "against" not in table:
         return None
@@ -239,7 +240,7 @@ def read_factor(table: Mapping[str, Any]) -> Factor | None:
 
 
 def _read_over_time(table: Mapping[str, Any]) -> Factor:
-    """Return the time-dependent factor of a force from its table `over_time`: a table, a ramp, a step or a sine."""
+    """Return the time factor of a force from its table `over_time`: a table, a ramp, a step or a sine."""
     match table["law"]:
         case "table":
             return _straight_between([(float(t), float(factor)) for t, factor in table["rows"]])

@@ -21,7 +21,7 @@ def exact(number: Number, value: float | int | Decimal) -> Any:
 
 
 def pair(number: Number, values: Any) -> Any:
-    """Return two numbers of the file as an array (2,) of the type that `number` returns."""
+    """Return a pair of numbers of the file, such as [x, y], as an array (2,) of the type that `number` returns."""
     return np.array([exact(number, x) for x in values])
 
 
