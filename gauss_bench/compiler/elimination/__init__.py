@@ -1,1 +1,1 @@
-"""The equations solved: sparse elimination with pivots fixed at generation."""
+"""Solution of the equations of motion by sparse elimination, with pivots that are fixed when code is generated."""

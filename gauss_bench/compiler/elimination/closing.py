@@ -1,22 +1,23 @@
 """Generated functions that close the loops of a linkage for one sample of its inputs.
 
-They also return rates, second rates, and a first guess of the position at the next sample. The symbols are:
+The functions also return the first and second time derivatives of all coordinates, and a first guess of the position at the next
+sample. The symbols are:
 
-    u, w, b      values of the inputs (the coordinates that drivers prescribe), their rates, and their second rates
-    g            change of u from this sample to the next one
-    phi = 0      constraint equations of joints and drivers: as many as there are coordinates q, so that their Jacobian J is square
-    gamma        right-hand side of J q'' = gamma
-    z            Newton's correction of q
-    d, e         first and second derivatives of q by the input, if there is only one
+    u, w, b:     values of the inputs (the coordinates that drivers prescribe), and their first and second time derivatives
+    g:           change of u from one sample to the next
+    phi = 0:     constraint equations of joints and drivers: as many as there are coordinates q, so that their Jacobian J is square
+    gamma:       right-hand side of J q'' = gamma
+    z:           Newton's correction of q
+    d, e:        first and second derivatives of q with respect to the input, if there is only one input
 
 The equations are:
 
-    correction     J z = -phi(q, u)
-    one input      J d = 1,  J e = gamma(q, d),     q' = d w,  q'' = d b + e w^2,     the next guess is q + g (d + g e / 2)
-    several        J q' = w,  J q'' = b + gamma(q, q');     the next guess is q + q' + q'' / 2, with g for w and 0 for b
+    correction:         J z = -phi(q, u)
+    one input:          J d = 1,  J e = gamma(q, d),     q' = d w,  q'' = d b + e w^2,     the next guess is q + g (d + g e / 2)
+    several inputs:     J q' = w,  J q'' = b + gamma(q, q');     the next guess is q + q' + q'' / 2, with g for w and 0 for b
 
-The pivots of J are watched as guards: their product is the determinant of J, whose sign distinguishes the assembly modes.
-Pivots are chosen at sampled positions of the assembly mode in which the linkage starts.
+The pivots of J are guards, whose signs are tested at every sample: the product of the pivots is the determinant of J, whose sign
+distinguishes the assembly modes. Pivots are chosen at sampled positions of the assembly mode in which the linkage starts.
 """
 
 from collections.abc import Sequence
@@ -49,9 +50,9 @@ class ClosingProgram:
     Attributes:
         driven: the linkage, with its inputs as drivers.
         correction: function (q, u) -> Newton's correction z (n) of positions q for inputs u.
-        motion: function (q, u, w, b, g) of a position q with closed loops, and of value, rate, second rate and change to the next
-            sample of each input. It has three results: the guards, which must not change their signs; the step (n) from q to the
-            guess at the next sample; positions, velocities and accelerations q, v, a (3n).
+        motion: function (q, u, w, b, g) of a position q with closed loops, and of each input's value, first and second time
+            derivative, and change to the next sample. The three results of the function are the guards, which must not change
+            their signs; the step (n) from q to the guess at the next sample; and positions, velocities, accelerations q, v, a (3n).
     """
 
     driven: Mechanism
@@ -80,10 +81,10 @@ class ClosingProgram:
 
 
 class Driven(Links):
-    """Positions and velocities of the links as expressions; drivers have given values in them, and not motion laws of time.
+    """Positions and velocities of the links as expressions, in which the values of drivers are inputs instead of functions of time.
 
     Attributes:
-        levels: value, rate and second rate of each driver; the name of a driver's law is the driver's index in `levels`.
+        levels: value, first and second time derivative of each driver; the name of a driver's law is its index in `levels`.
         rates: rates (n,) of all coordinates if they are known already; with None they are inputs of the graph.
     """
 
@@ -91,7 +92,7 @@ class Driven(Links):
     rates: Sequence[Node] | None = None
 
     def law(self, law: MotionLaw) -> Motion:
-        """Return the given value, rate and second rate of the driver with this law."""
+        """Return the given value, first and second time derivative of the driver with this law."""
         return self.levels[int(law.name)]
 
     def rate(self, k: int) -> Node:
@@ -100,7 +101,7 @@ class Driven(Links):
 
 
 def closing_program(mechanism: Mechanism) -> ClosingProgram:
-    """Generate the program of a linkage whose drivers, the inputs, are as many as its degrees of freedom.
+    """Generate the program of a linkage that has as many drivers (inputs) as degrees of freedom.
 
     Raises:
         KernelError: no usable pivots, or a start at a singular position.
@@ -109,7 +110,7 @@ def closing_program(mechanism: Mechanism) -> ClosingProgram:
     # where the driver moves it in this scenario.
     known = study(replace(mechanism, drivers=()) if mechanism.dof == 1 else mechanism)
     correction, motion = _Equations(mechanism, known).solve()
-    n, K = mechanism.n, len(mechanism.drivers)  # u, w, b, g: value, rate, second rate and step of each input
+    n, K = mechanism.n, len(mechanism.drivers)  # u, w, b, g: value, both time derivatives, and change of each input
     # None: the code of the two functions is not merged, so that they share no instructions
     closing = function((("q", n), ("u", K)), correction, None)
     return ClosingProgram(mechanism, closing, function((("q", n), ("u", K), ("w", K), ("b", K), ("g", K)), motion, None))
@@ -123,9 +124,9 @@ class _Equations:
     Attributes:
         kept: indices of the constraint rows that are eliminated: rows of joints, then one row for each driver.
         drop: the redundant rows that are left out, and the factors by which they are added to kept rows.
-        u, w, b, g: one node per input, for its value, rate, second rate, and change to the next sample.
+        u, w, b, g: one node per input, for its value, first and second time derivative, and change to the next sample.
         zeros: the constant 0, once per input.
-        rows: the kept rows for inputs with the values u and zero rates.
+        rows: the kept rows for inputs with the values u and zero time derivatives.
     """
 
     def __init__(self, driven: Mechanism, known: Study):
@@ -137,6 +138,7 @@ class _Equations:
         """
         # a law is named by the index of its driver, so that `Driven.law` finds the given values of the driver
         numbered = (replace(d, law=MotionLaw(str(k), d.law.motion)) for k, d in enumerate(driven.drivers))
+        # index 0 in `drops` and `kept`: the best choice of redundant rows to leave out
         self.driven, self.drop = replace(driven, drivers=tuple(numbered)), known.drops[0]
         self.parameters = open_parameters(driven, ())
         joints = Constraints(driven).joint_rows
@@ -145,7 +147,8 @@ class _Equations:
         u = np.array([value(d.coordinate, q) for d in driven.drivers])
         self.graph = graph = ExpressionGraph(len(q))
         self.state = State("t", "q", "v", np.zeros(len(q)), q, np.random.default_rng(0).normal(size=q.shape))
-        # w, b and g have arbitrary values near 1 at the samples, which differ so that no terms cancel by accident
+        # u: values of the drivers' coordinates at the samples; w, b and g (first and second time derivatives, and changes, of the
+        # inputs) have arbitrary values near 1, which differ so that no terms cancel by accident
         self.u, self.w, self.b, self.g = (
             tuple(graph.input(letter, k, x if letter == "u" else 1.0 + 0.1 * np.sin(x + place), 1.0) for k, x in enumerate(u))
             for place, letter in enumerate("uwbg")
@@ -177,7 +180,7 @@ class _Equations:
         return same
 
     def _links(self, rates: Sequence[Node], seconds: Sequence[Node], v: Sequence[Node] | None = None) -> Driven:
-        """Return the links for inputs with the values u and the given rates and second rates.
+        """Return the kinematics of the links for inputs with the values u and given first and second time derivatives.
 
         `v` are the rates (n,) of all coordinates, if they are known already.
         """
@@ -203,11 +206,11 @@ class _Equations:
             return vector(graph, factors.solve({r: x for r, x in enumerate(right) if not x.zero}), n)
 
         def follow(rates: Sequence[Node], seconds: Sequence[Node]) -> tuple[list[Node], list[Node]]:
-            """Return rates (n) and second rates (n) of all coordinates, for the given rates and second rates of the inputs."""
+            """Return first and second time derivatives (n) of all coordinates, for given ones (`rates`, `seconds`) of the inputs."""
             v = solve_rows([-row.phi_t for row in self._rows(rates, seconds)])
             return v, solve_rows([row.gamma for row in self._rows(rates, seconds, v)])
 
-        w, b, g = self.w, self.b, self.g
+        w, b, g = self.w, self.b, self.g  # of the inputs: first and second time derivatives, and changes to the next sample
         if len(w) == 1:  # d and e, from one pair of solutions, give the motion and the step to the next guess
             d, e = follow((graph.constant(1.0),), self.zeros)  # first and second derivatives of q (n) by the input
             advance = [g[0] * (x + g[0] * (y * 0.5)) for x, y in zip(d, e, strict=True)]

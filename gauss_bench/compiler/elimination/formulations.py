@@ -2,8 +2,8 @@
 
 J (m, n) is the Jacobian of the constraint rows, gamma the right-hand side of J a = gamma, M the mass matrix, Q the force.
 
-In Gauss's formulation J = [Jd Ju], where u are the n - m independent coordinates and d the others. One factorisation of Jd, which
-is m x m, gives the accelerations
+In Gauss's formulation J = [Jd Ju]: Ju are the columns of the n - m independent coordinates, Jd those of the others. One
+factorisation of the m x m matrix Jd gives the accelerations
 
     a = a0 + N h,    a0 = (Jd^-1 gamma; 0),    N = (-Jd^-1 Ju; 1),    (N^T M N) h = N^T (Q - M a0)
 
@@ -15,19 +15,19 @@ In Lagrange's formulation the accelerations and the multipliers lambda are the s
 The columns of N are the free motions: a basis of the velocities v with J v = 0.
 
 Newton's correction dx for a residual r is the solution of J dx = -r with the least norm, in which a metre counts as much as a
-radian, as in the interpreted formulations. In Gauss's formulation, first the dependent coordinates alone are corrected, Jd x = -r.
-Then the component of x along the free motions is subtracted:
+radian. In Gauss's formulation, first the dependent coordinates alone are corrected, Jd x = -r. Then the component of x along the
+free motions is subtracted:
 
     dx = x - N (N^T N)^-1 N^T x
 
-In Lagrange's formulation, x is the solution of Lagrange's equations above with the right-hand side (0, -r). This x has the least
-norm in the mass metric, in which light links move more. If the component of x along the free motions is subtracted by the same
-formula, the result is the same dx. The free motions are solutions of Lagrange's equations too, each for a unit force along one
+In Lagrange's formulation, x is the solution of Lagrange's equations above with the right-hand side (0, -r). This solution has the
+least norm in the mass metric, in which light links move more. If the component of x along the free motions is subtracted by the
+same formula, the result is the same dx. The free motions are solutions of Lagrange's equations too, each for a unit force along one
 independent coordinate, with the right-hand side (e_k, 0). With several free motions it costs less to solve Lagrange's equations
-with unit masses instead, which give dx directly. These equations can also be solved where the velocity of an independent coordinate
-is zero.
+with unit masses instead, which give dx directly. The equations with unit masses can also be solved where the velocity of an
+independent coordinate is zero.
 
-The velocities v' nearest to v with J v' + phi_t = 0 follow from N without a residual. Let vp be any velocities that satisfy this
+The velocities v' that satisfy J v' + phi_t = 0 and are nearest to v are computed from N. Let vp be any velocities that satisfy this
 equation, y the speeds along the free motions for which vp + N y equals v in the independent coordinates, and w = v - vp - N y the
 error in the other coordinates. Then
 
@@ -116,7 +116,7 @@ class Motions:
 
     def remove_free_part(self, x: Sparse) -> Sparse:
         """Return x - N (N^T N)^-1 N^T x: an increment x of the coordinates without its part along the free motions."""
-        amounts = self._amounts({j: -e for j, e in x.items()})  # of -x, so that the terms N amounts are added to x
+        amounts = self._amounts({j: -e for j, e in x.items()})  # -(N^T N)^-1 N^T x, so that the result is x + N amounts
         moved = sorted(set().union(x, *self.N))
         parts = {j: [*_entry(x, j), *_summands(self.N, amounts, j)] for j in moved}
         return _without_zeros((j, self.graph.total(terms)) for j, terms in parts.items())
@@ -156,7 +156,7 @@ class Gauss:
     """
 
     def __init__(self, terms: Terms, independent: Sequence[int], search: Search):
-        """Factorise Jd and N^T M N; `search` has the settings by which pivots are chosen."""
+        """Factorise Jd (columns of J of the dependent coordinates) and N^T M N; `search` are the settings for choosing pivots."""
         self.terms, self.independent = terms, tuple(independent)
         J, n = terms.jacobian, len(terms.mass)
         dependent = [c for c in range(n) if c not in self.independent]
@@ -173,13 +173,13 @@ class Gauss:
 
     @cached_property
     def _motions(self) -> Motions:
-        """The basis of the free motions, with N^T N factorised."""
+        """The basis N of the free motions (J N = 0), with N^T N factorised."""
         return Motions.of(self.terms, self.independent, self.N, self.search)
 
     def acceleration(self, gamma: Sparse) -> Sparse:
         """Return the accelerations for a given right-hand side gamma of J a = gamma, as a dict coordinate -> node without zeros."""
         graph = self.terms.graph
-        # a = a0 + N h with (N^T M N) h = N^T (Q - M a0), Yuan and Ge (2016), eqs (8)-(9)
+        # a = a0 + N h with (N^T M N) h = N^T (Q - M a0), Yuan and Ge (2016), eqs (8)-(9); b is the right-hand side
         a0 = self.factors.solve(gamma)
         b = [graph.total(_reduced_force(self.terms, N, a0), pairs=REACH) for N in self.N]
         h = self.reduced.solve(_without_zeros(enumerate(b)))
@@ -187,7 +187,7 @@ class Gauss:
         return _without_zeros(enumerate(a))
 
     def correction(self, residual: Sparse) -> Sparse:
-        """Return the change of the coordinates of least norm that cancels a residual, which is given as a dict row -> node."""
+        """Return the coordinate change with the least norm that cancels a residual (a dict row -> node of the graph)."""
         return self._motions.remove_free_part(self.factors.solve({r: -x for r, x in residual.items()}))
 
     def velocity(self, v: Sequence[Node]) -> Sparse:
@@ -237,8 +237,8 @@ def _weigh(graph: ExpressionGraph, weights: Sequence[Node], products: Sparse) ->
     """Return the summands of sum_j weight_j product_j, where products of equal weight are added before they are weighted.
 
     For a link on a ground pin, for example, whose centre of mass has the distance r from the pin, the products for the coordinates
-    x and y are r^2 sin^2 and r^2 cos^2 of the link's angle. Both products have the mass as weight, and their sum is the constant
-    r^2.
+    x and y are r^2 sin^2 and r^2 cos^2 of the link's angle. The weight of both products is the link's mass, and the sum of the
+    products is the constant r^2.
 
     Args:
         weights: (n,) weight of each coordinate.
@@ -277,8 +277,8 @@ class Lagrange:
 
     Attributes:
         factors: the factorisation of the matrix [M J^T; J 0] (two rows of blocks, separated by the semicolon).
-        single: whether `factors` serve for corrections too. It is true if there is at most one free motion, and its independent
-            coordinate moves at every sample; otherwise the equations with unit masses are factorised for corrections.
+        single: whether `factors` serve for corrections too: there is at most one free motion, and its independent coordinate moves
+            at every sample. Otherwise the equations with unit masses are factorised for corrections.
         guards: pivots that must not be small where the acceleration is evaluated, with their thresholds.
     """
 
@@ -318,7 +318,7 @@ class Lagrange:
 
     @cached_property
     def _free_motions(self) -> list[Sparse]:
-        """Free motions, coordinate -> node: the accelerations that a unit force along one independent coordinate causes."""
+        """For each independent coordinate, the accelerations (coordinate -> node) that a unit force along it causes."""
         one = self.terms.graph.constant(1.0)
         return [self._coordinates(self.factors.solve({k: one})) for k in self.independent]
 
@@ -329,19 +329,19 @@ class Lagrange:
         A: Matrix = {}
         for k, N in enumerate(motions):
             A |= {(row, k): N[j] for row, j in enumerate(self.independent) if j in N}
-        return lu(self.terms.graph, A, unknowns, unknowns, Search(self.search.seed))
+        return lu(self.terms.graph, A, unknowns, unknowns, Search(self.search.seed))  # other settings are for the larger matrix
 
     @cached_property
     def _motions(self) -> Motions:
-        """The basis of the free motions, with N^T N factorised."""
+        """The basis N of the free motions (J N = 0), with N^T N factorised."""
         return Motions.of(self.terms, self.independent, self._free_motions, self.search)
 
     def _coordinates(self, unknowns: Sparse) -> Sparse:
-        """Return the accelerations among the unknowns, which also have the multipliers."""
+        """Return the accelerations from the unknowns, which also contain the multipliers."""
         return {k: x for k, x in unknowns.items() if k < self.n}
 
     def correction(self, residual: Sparse) -> Sparse:
-        """Return the change of the coordinates of least norm that cancels a residual, which is given as a dict row -> node."""
+        """Return the coordinate change with the least norm that cancels a residual (a dict row -> node of the graph)."""
         right = {self.n + r: -x for r, x in residual.items()}
         if self.single:  # the solution with masses is the smallest in the mass metric: remove the free motion from it
             return self._motions.remove_free_part(self._coordinates(self.factors.solve(right)))
@@ -360,7 +360,7 @@ class Lagrange:
 
     @property
     def correcting(self) -> list[Guard]:
-        """The pivots, with thresholds, that must not be small where corrections are evaluated, besides `guards`."""
+        """The pivots, besides those in `guards`, that must exceed their thresholds where corrections are evaluated."""
         return guarded(self._mobility if self.single else self._units)
 
     def multipliers(self, gamma: Sparse) -> Sparse:
@@ -369,10 +369,10 @@ class Lagrange:
 
     @property
     def directions(self) -> tuple[list[Sparse], list[Guard]]:
-        """Free motions (coordinate -> node) that each move a single independent coordinate, and the guards they need in addition.
+        """Free motions (coordinate -> node) that each move a single independent coordinate, and guards besides those in `guards`.
 
-        If there is only one free motion, it is the acceleration by a unit force along the independent coordinate. If there are
-        several, motion k moves independent coordinate k with speed 1, and the other independent coordinates not at all.
+        If there is only one free motion, this motion is the acceleration by a unit force along the independent coordinate. If there
+        are several motions, motion k moves independent coordinate k with speed 1, and the other independent coordinates not at all.
         """
         graph, motions, factors = self.terms.graph, self._free_motions, self._mobility
         if len(motions) == 1:
@@ -422,7 +422,7 @@ def refuse(mechanism: Mechanism, formulation: str) -> None:
 
 @dataclass(frozen=True)
 class Plan:
-    """A formulation, its independent coordinates, and the index in `Study.drops` of the redundant rows that are left out."""
+    """How to eliminate: a formulation, its independent coordinates, and the index in `Study.drops` of the rows to leave out."""
 
     formulation: str
     independent: tuple[int, ...]
@@ -433,7 +433,7 @@ class Plan:
 class Workspace:
     """The equations of motion of one mechanism before elimination, for one plan: a formulation and choices of coordinates and rows.
 
-    The expressions have values at the sampled states at which the plan's rows and coordinates can be used.
+    The expressions are evaluated at those sampled states at which the plan's rows and coordinates can be used.
 
     Attributes:
         plan: formulation, independent coordinates, and redundant rows that are left out.
@@ -467,8 +467,8 @@ class Workspace:
     def residuals(self) -> dict[int, Node]:
         """Return the residuals phi of a state that is to be corrected, as a dict from the index in `kept` to a node.
 
-        Knife edges have no residual. The state to be corrected is given by the inputs t_new and q_new. They are not t and q,
-        because the Jacobian of the correction may be evaluated at another state t, q.
+        Rows without a residual (knife edges), or with phi = 0, are left out. The state to be corrected is given by the inputs t_new
+        and q_new, because the Jacobian of the correction may be evaluated at another state t, q.
         """
         links = self.links
         there = replace(links.state, t="t_new", q="q_new", v="v_new")
@@ -494,7 +494,7 @@ class Workspace:
         return of_rows
 
     def damped(self, alpha: float, beta: float) -> dict[int, Node]:
-        """Return Baumgarte's right-hand side gamma - 2 alpha phi' - beta^2 phi, as a dict from the index in `kept` to a node."""
+        """Return Baumgarte's right-hand side gamma - 2 alpha phi' - beta^2 phi of each kept row: index in `kept` -> node."""
         sides: dict[int, Node] = {}
         for k, row in enumerate(self.terms.rows):
             side = row.gamma - rate_of(self.links, row) * (2 * alpha)
@@ -515,11 +515,11 @@ class Workspace:
 
 def keep_rows(graph: ExpressionGraph, rows: Sequence[Row], kept: tuple[int, ...], drop: Drop) -> list[Row]:
     """Return the kept constraint rows: each row k in `kept`, plus factor times row r for every (k, r, factor) in `drop.shares`."""
-    eliminated = []
+    combined = []
     for k in kept:
         added = [(rows[r], factor) for kept_row, r, factor in drop.shares if kept_row == k]
-        eliminated.append(combine(graph, [(rows[k], 1.0), *added]) if added else rows[k])
-    return eliminated
+        combined.append(combine(graph, [(rows[k], 1.0), *added]) if added else rows[k])
+    return combined
 
 
 def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspace:
@@ -530,14 +530,14 @@ def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspac
         open_names: names of the mechanism's numbers that are inputs of the program instead of constants.
 
     Raises:
-        KernelError: the plan's independent coordinates are usable at no sample, or the mechanism has no number of such a name.
+        KernelError: the plan's independent coordinates are usable at no sample, or a name in `open_names` is unknown.
     """
     mechanism, kept = study.mechanism, study.kept(plan.drop)
     # level and slope of each force that is piecewise linear in time are inputs too, because they change during a run
     asked, lines = open_parameters(mechanism, open_names), line_names(mechanism)
     at_start = dict(zip(lines, line_values(mechanism, 0.0).tolist(), strict=True))
     parameters = Parameters((*asked.names, *lines), asked.all | at_start)
-    usable = study.soundness(plan.drop) > USABLE
+    usable = study.soundness(plan.drop) > USABLE  # (samples,) whether the kept rows are independent there
     if plan.formulation == "gauss":
         usable &= conditions(study, plan.independent) > USABLE
     states = study.states[usable]

@@ -79,11 +79,12 @@ class Function:
         return sum(x.operation in ("DIV", "INV") for x in self.instructions)
 
     def angles(self, argument: int) -> set[int]:
-        """Return the components of an argument that are themselves the operand of a sine or cosine, and not only a term of it.
+        """Return the components of an argument that are the whole operand of a sine or cosine, and not only a term in an operand.
 
         Args:
             argument: index of the argument.
         """
+        # operands of SIN and COS: index of an instruction; of INPUT: index of the argument, index of the component
         sources = [self.instructions[x.operands[0]] for x in self.instructions if x.operation in ("SIN", "COS")]
         return {s.operands[1] for s in sources if s.operation == "INPUT" and s.operands[0] == argument}
 
@@ -107,7 +108,7 @@ class Function:
 
     @property
     def costs(self) -> Costs:
-        """The costs of an evaluation, if a product that is used once, in a sum, is computed with it by one fused multiply-add."""
+        """The costs of an evaluation in which a sum and a product used only there are computed by one fused multiply-add."""
         used = [0] * len(self.instructions)
         for operation, operands, _ in self.instructions:
             if operation != "INPUT":
@@ -200,9 +201,9 @@ def function(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None) ->
     Args:
         inputs: names of the arguments in the graph, and their numbers of components.
         outputs: for each result the nodes of its components.
-        shared: index of a node -> number of its uses in all functions whose code will be merged, so that they compute the node by
-            the same instruction. If `shared` is None, every node is computed by its own operation, also
-            where a division could replace a reciprocal and a product.
+        shared: index of a node -> number of its uses in all functions whose code will be merged. A node with one use may become a
+            part of the operation that uses it, such as a reciprocal that becomes a division. If `shared` is None, every node is
+            computed by its own operation.
     """
     ends = [x for nodes in outputs for x in nodes]
     own_uses = cache(lambda: uses(ends))  # for nodes that are not in `shared`

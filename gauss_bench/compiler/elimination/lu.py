@@ -1,14 +1,14 @@
 """Sparse LU of a matrix of expressions, with pivots that are fixed when code is generated, and solutions of linear equations.
 
-Pivots are chosen by Markowitz's count, which is the largest fill that an entry can cause. The candidates are entries that are not
-small in their row at any sampled state of the linkage. Those that have one sign at all samples are preferred, because a pivot that
-changes its sign is zero somewhere between two samples. The code has no branches; where a pivot is smaller than its threshold, the
+Pivots are chosen by Markowitz's count, which is the largest fill that an entry can cause, from the entries that are not small in
+their row at any sampled state of the linkage. Entries that have one sign at all samples are preferred, because a pivot that changes
+its sign is zero somewhere between two samples. The code has no branches; where a pivot is smaller than its threshold, the
 code must not be used. A constant pivot +-1 needs no division.
 
 If a pivot p varies, either the entries of its column or those of its row are multiplied by 1/p, whichever are fewer. A row with few
-entries may instead be multiplied by p before the pivot's row is subtracted from it, as in a determinant: the next pivot then does
-not wait for a division. Entries are sums. Their summands are kept apart until the entry is needed, so that they can be added in the
-order in which they become ready.
+entries may instead be multiplied by the pivot p before the pivot's row is subtracted from it, as in a determinant: the next pivot
+then does not wait for a division. The summands of a matrix entry are kept apart until the entry is needed, so that they can be
+added in the order in which they become ready.
 
 Row operations E make the matrix A upper triangular, E A = U, so that A x = b is solved by y = E b, U x = y.
 
@@ -89,7 +89,8 @@ class Factors:
 
     def solve(self, b: Sparse) -> Sparse:
         """Solve A x = b; b is a dict row -> node, x a dict column -> node, both without zeros."""
-        # forward elimination, y = E b; a pivot's entry of y is divided by the pivot if the pivot's row was divided
+        # forward elimination, y = E b; if the pivot's row was divided by the pivot, its entry of y is divided too, otherwise the
+        # division follows in the back substitution
         y: Sparse = {}
         for p in self.pivots:
             _put(y, p.row, self._reduce(b.get(p.row), self.steps[p.row], y), p.inverse if p.row_divided else None)
@@ -106,8 +107,8 @@ class Factors:
     def _reduce(self, b: Node | None, steps: list[RowOperation], y: Sparse) -> Node | None:
         """Apply the operations on one row to the row's entry b of the right-hand side; None stands for zero.
 
-        Each operation subtracts factor * y[pivot_row]. An operation with a scale first multiplies b by it, after the products
-        collected so far have been subtracted.
+        An operation without a scale subtracts factor * y[pivot_row] from b. An operation with a scale subtracts this product from
+        scale * b, where the products of the operations before have been subtracted from b.
 
         Args:
             y: the results for the rows of earlier pivots.
@@ -126,7 +127,7 @@ class NormalEquations:
     """The normal equations S^T S x = S^T y of a matrix S.
 
     Attributes:
-        rows, columns: indices of the rows and columns of the whole matrix that make up S.
+        rows, columns: indices, in the whole matrix A, of the rows and columns that make up the submatrix S.
         S: (row, column) -> entry.
         factors: the factorisation of S^T S.
     """
@@ -176,8 +177,8 @@ class Search:
 
     Attributes:
         seed: the seed of the random numbers.
-        noise: largest random number that is added to the count.
-        patience: number added to the count for every 100 cycles until the value of a pivot is available.
+        noise: largest random number that is added to the Markowitz count of a pivot.
+        patience: number added to the Markowitz count for every 100 cycles until the value of the pivot is available.
         crossing: probability that the other rows are multiplied by a pivot, where this is possible, instead of dividing by it.
     """
 
@@ -200,7 +201,7 @@ class _Entry:
 
     Attributes:
         terms: the summands.
-        generic: values of the sum at the random points.
+        generic: values of the sum at the three random points.
         largest: largest absolute value of a summand at each random point, which bounds the rounding error of the sum.
     """
 
@@ -318,7 +319,7 @@ class _Markowitz:
     def factors(self, squares: bool) -> Factors:
         """Eliminate all rows.
 
-        With `squares`, as soon as no usable pivot has the same sign at all samples, the other rows get normal equations.
+        If `squares` is true, and no usable pivot keeps its sign at all samples, the remaining rows are solved by normal equations.
         """
         rest = None
         while self.rows and rest is None:
@@ -353,12 +354,12 @@ class _Markowitz:
         return chosen
 
     def _trust_fewer(self) -> None:
-        """Reduce `trusted` to the samples at which one pivot is large enough: the pivot that is so at the most samples.
+        """Restrict `trusted` to the samples at which one entry is large enough for a pivot, the entry with the most such samples.
 
         At states like those of the other samples, programs with other pivots are used.
 
         Raises:
-            KernelError: these samples are fewer than the fraction SHARE of all samples.
+            KernelError: the samples that remain are fewer than the fraction SHARE of all samples.
         """
         best = np.zeros_like(self.trusted)
         for row in filter(None, self.rows.values()):
@@ -386,7 +387,7 @@ class _Markowitz:
         return None
 
     def _near(self, reach: int) -> list[tuple[int, int]]:
-        """Return the places (row, column) of all entries in the rows and columns with the fewest entries, `reach` of each."""
+        """Return the places (row, column) of all entries in the `reach` rows and `reach` columns with the fewest entries."""
         rows = nsmallest(reach, self.rows, lambda r: len(self.rows[r]))
         columns = nsmallest(reach, self.columns, lambda c: len(self.columns[c]))
         places = [(r, c) for r in rows for c in self.rows[r]]
@@ -396,17 +397,17 @@ class _Markowitz:
     def _cheapest(self, places: list[tuple[int, int]], steady: bool) -> tuple[int, int] | None:
         """Return the place (row, column) of the cheapest usable pivot; None if none is usable.
 
-        Of pivots of equal cost, the one is returned that is largest relative to the other entries of its row.
+        Among pivots of equal cost, the one that is largest relative to the other entries of its row is returned.
 
         Args:
             places: the places (row, column) of the entries that are examined.
-            steady: whether the pivot must have the same sign at all trusted samples.
+            steady: whether the pivot must have the same sign at all samples in `trusted`.
         """
         best, place = (np.inf, 0.0), None  # (cost, minus relative size) of the pivot at `place`
         for r, c in places:
             count = (len(self.rows[r]) - 1) * (len(self.columns[c]) - 1)  # Markowitz's
             if count > best[0] + self.search.noise:
-                continue
+                continue  # the cost is at least `count`, and so cannot be the lowest
             sizes = self._row_sizes(r)
             allowed = sizes.steady if steady else sizes.usable
             if allowed[c]:
@@ -432,9 +433,10 @@ class _Markowitz:
         return known
 
     def _cost(self, r: int, c: int, count: int) -> float:
-        """Return the cost of a pivot: Markowitz's count, plus the penalty of its division, plus what the search's settings add.
+        """Return the cost of a pivot: Markowitz's count, plus a penalty for a division, plus costs by the search's settings.
 
-        `patience` adds a cost for the time until the pivot is ready, `noise` a random cost, by which repeated searches differ.
+        `patience` adds a cost for every 100 cycles until the pivot's value is ready, `noise` a random cost, which makes repeated
+        searches differ.
         """
         entry = self.rows[r][c]
         cost = count + entry.penalty
@@ -447,8 +449,9 @@ class _Markowitz:
     def _eliminate(self, r: int, c: int, largest: Array) -> None:
         """Eliminate column c from all rows except r, with the pivot in row r and column c.
 
-        With pivot p, another row becomes (row) - (entry / p) (pivot's row). If it is `crossed`, that is multiplied by p instead of
-        a division, it becomes p (row) - entry (pivot's row). If the pivot's row has been divided by p, entry / p is not needed.
+        With pivot p, another row with the entry e in column c becomes (row) - (e / p) (pivot's row). If `crossed`, the other row is
+        multiplied by p instead, and becomes p (row) - e (pivot's row). If the pivot's row has been divided by p (`row_divided`),
+        the other row becomes (row) - e (divided row).
 
         Args:
             largest: (trusted samples,) absolute value of the largest entry in row r; its median gives the pivot's threshold.
@@ -481,7 +484,7 @@ class _Markowitz:
         self.upper[r] = list(row.items())
 
     def _is_crossed(self, pivot: Node, others: list[int]) -> bool:
-        """Decide at random whether the other rows are multiplied by the pivot, so that their elimination needs no division.
+        """Decide at random whether the rows `others` are multiplied by the pivot, so that their elimination needs no division.
 
         The rows are multiplied with the probability `search.crossing`, if the pivot is not constant, and all the other rows are
         short and have not been multiplied before.

@@ -1,19 +1,19 @@
 """Analysis of a linkage before elimination: its rank, its redundant rows, and the coordinates that may be independent.
 
 J (m, n) is the Jacobian of the constraint rows. Independent coordinates must determine the velocities at every position of the
-linkage: a coordinate that rests for a moment, while the linkage moves, does not. Whether it does is decided by the null spaces
-of J at sampled positions.
+linkage: a coordinate that rests for a moment, while the linkage moves, does not. The null spaces of J at sampled positions show
+whether coordinates determine the velocities.
 
 Constraint rows to drop are chosen by a basis of the left null space of J, independent coordinates by a basis of the null space of
 J, and both in the same way (`choose_rows`). At each sample, a basis is a matrix with one row for each constraint row or coordinate.
-As many of its rows are chosen as it has columns, such that they are linearly independent at all samples. The rows are chosen one
-after another. The first one is the row whose smallest norm over all samples is the largest; then the component along this row is
-subtracted from all rows, and the next one is chosen. This method is a column-pivoted QR factorisation of the transposed bases, for
-all samples at once.
+As many rows of this matrix are chosen as it has columns, such that they are linearly independent at all samples. The rows are
+chosen one after another. The first one is the row whose smallest norm over all samples is the largest; then the component along
+this row is subtracted from all rows, and the next one is chosen. In other words, the transposed bases are factorised by a
+column-pivoted QR factorisation, with the same pivots for all samples.
 
 The left null space may turn with the linkage, as in a parallelogram with a third crank: whichever row is dropped, the others are
-dependent at some position. Then a linear combination of two rows is dropped, whose coefficients are a vector w (m,). Those
-combinations of rows are kept whose coefficients are orthogonal to w. The kept combinations are independent wherever the left null
+dependent at some position. Then a linear combination of two rows is dropped, whose coefficients are a vector w (m,). The kept
+combinations of rows are those whose coefficients are orthogonal to w. The kept combinations are independent wherever the left null
 vector l has the product l . w != 0. To form them, one of the two rows is dropped after a multiple of it is added to the other one;
 if several combinations are dropped, each dropped row may be added to several kept ones.
 """
@@ -37,8 +37,8 @@ from gauss_bench.trajectory import States
 def choose_rows(bases: Array, count: int, allowed: Iterable[int], first: int | None = None) -> tuple[int, ...] | None:
     """Return the indices, in order, of `count` rows that are linearly independent in each of several matrices.
 
-    The rows are chosen one after another, as the module's docstring describes. Return None if a row chosen in this way depends on
-    those before.
+    The rows are chosen one after another by the largest remaining norm (see the module's docstring). Return None if a row chosen in
+    this way depends on the rows chosen before.
 
     Args:
         bases: (k, n, c), at each of k samples a basis of c vectors (n,).
@@ -119,8 +119,8 @@ class Study:
 
     Attributes:
         states: samples on the constraints at which J has its full rank.
-        drops: choices of redundant rows to leave out, the best first. There are several if no single choice leaves rows that are
-            well conditioned at every sample.
+        drops: choices of redundant rows to leave out, the best first. There are several choices if no single choice leaves rows
+            that are well conditioned at every sample.
         free: number of degrees of freedom of the velocities.
         left: (k, m, redundant) basis of the left null space of J at each sample.
         bases: (k, n, free) basis of the null space of J in scaled coordinates at each sample.
@@ -134,11 +134,11 @@ class Study:
     bases: Array
 
     def kept(self, choice: int) -> tuple[int, ...]:
-        """Return the indices of the constraint rows that the choice drops[choice] of redundant rows keeps."""
+        """Return the indices of the constraint rows that are kept if the redundant rows in drops[choice] are left out."""
         return tuple(k for k in range(self.left.shape[1]) if k not in self.drops[choice].rows)
 
     def dropped(self, choice: int) -> tuple[str, ...]:
-        """Return the names of the constraint rows that the choice drops[choice] of redundant rows leaves out."""
+        """Return the names of the constraint rows that are left out by drops[choice]."""
         names = row_names(self.mechanism)
         return tuple(names[k] for k in self.drops[choice].rows)
 
@@ -190,11 +190,11 @@ def study(mechanism: Mechanism) -> Study:
 
 
 def _soundness(left: Array, drop: Drop) -> Array:
-    """Return for each sample how far the rows that are kept are from linear dependence (k,); 0 means dependent.
+    """Return for each sample how far the kept constraint rows are from linear dependence (k,); 0 means dependent.
 
-    The kept rows are linearly dependent where some vector of the left null space is orthogonal to all dropped combinations of rows.
-    So the measure is the smallest singular value of D L, divided by the norm of the largest row of L. The rows of D are the
-    coefficients of the dropped combinations, and the columns of L are the basis of the left null space.
+    The kept rows are linearly dependent where some vector of the left null space of J is orthogonal to all dropped combinations of
+    rows. Let the rows of D be the coefficients of the dropped combinations, and the columns of L a basis of the left null space.
+    The result is the smallest singular value of D L, divided by the norm of the largest row of L.
 
     Args:
         left: (k, m, redundant) bases L at k samples.
@@ -209,7 +209,7 @@ def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
     """Choose linear combinations of two constraint rows that can be dropped, so that the kept rows are independent at every sample.
 
     Return the choice as a `Drop`, or None if there is none. A combination is row i + ratio row j, with a ratio out of RATIOS. For
-    example, if row i + row j is dropped, row i is left out after it is subtracted from row j.
+    example, to drop the combination row i + row j, row i is subtracted from row j and then left out.
 
     Args:
         left: (k, m, redundant) bases of the left null space of J at k samples.
@@ -271,12 +271,13 @@ def _sparse_null_space(J: Array, free: int) -> Array:
 
 
 def candidates(study: Study) -> list[tuple[int, ...]]:
-    """Return a few choices of independent coordinates, each of which is usable at every sample.
+    """Return a few choices of independent coordinates, each of which is usable at every sample (its condition is above USABLE).
 
-    Of the well conditioned choices, sorted by the indices of their coordinates, a few at even spacing are returned: in a long chain
-    of links, choices near the middle of the chain make the cheapest programs. A choice that contains the crank's angle, and a
-    choice that consists of angles only, come first if they are usable. For a large linkage only one choice of coordinates is
-    returned. If drivers prescribe the whole motion, the only choice is the empty tuple: no coordinate is independent.
+    Well conditioned choices have a least condition above NEAR times that of the best choice. Of these choices, sorted by the
+    indices of their coordinates, a few at even spacing are returned: in a long chain of links, choices near the middle of the chain
+    make the cheapest programs. A well conditioned choice with the crank's angle comes first, then a usable choice of angles only.
+    For a large linkage only one choice of coordinates is returned. If drivers prescribe the whole motion, the only choice is the
+    empty tuple: no coordinate is independent.
     """
     if study.free == 0:
         return [()]
@@ -287,6 +288,7 @@ def candidates(study: Study) -> list[tuple[int, ...]]:
     worst = {x: float(conditions(study, x).min()) for x in {*begun_with_each, angles} if x is not None}  # over the samples
     best = max(worst.values(), default=0.0)
     sound = sorted(chosen for chosen, condition in worst.items() if condition > max(USABLE, NEAR * best))
+    # first a choice with the crank's angle, then the choice of angles only
     preferred = [] if mechanism.crank is None else [x for x in sound if angle_slot(mechanism.crank) in x][:1]
     if angles is not None and worst[angles] > USABLE:
         preferred.append(angles)

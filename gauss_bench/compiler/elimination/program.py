@@ -5,12 +5,12 @@
 The functions share their expressions: if several are evaluated at the same state, sines, Jacobian and factors are the same.
 
 The search tries independent coordinates and orders of pivots, and keeps those that give the cheapest acceleration. By Markowitz's
-rule for pivots many candidates are equally good. The choice among them decides how many terms cancel later, and how long the
-longest chain of dependent operations is. Half of the attempts choose among equally good pivots by different rules, and the other
-half repeat the best of these rules with other seeds. The search is seeded, and its length depends on the linkage alone, so that a
-linkage always gives the same program. The chosen coordinates and the rule for pivots are stored on disk, so that a later process
-needs only one elimination, with them. A small number in the environment variable GAUSS_BENCH_ATTEMPTS shortens the search, but the
-generated code may then need more time per step.
+rule for pivots many candidates are equally good. The choice among these pivots decides how many terms cancel later, and how long
+the longest chain of dependent operations is. Half of the attempts choose among equally good pivots by different rules, and the
+other half repeat the best of these rules with other seeds. The search is seeded, and its length depends on the linkage alone, so
+that a linkage always gives the same program. The independent coordinates and the rule for pivots that the search has found are
+stored on disk, so that a later process needs only one elimination. A small number in the environment variable GAUSS_BENCH_ATTEMPTS
+shortens the search, but the generated code may then need more time per step.
 """
 
 import json
@@ -43,7 +43,7 @@ THOROUGH = 144  # number of attempts if the environment does not give it
 
 
 def _read_attempts() -> int:
-    """Return the number of attempts in the environment variable SHORTER, or THOROUGH if that is not a positive number."""
+    """Return the largest number of attempts of a search: from the environment, or THOROUGH if it gives no positive whole number."""
     text = os.environ.get(SHORTER, "")
     attempts = int(text) if text.isdecimal() else 0
     return attempts if attempts > 0 else THOROUGH
@@ -99,8 +99,8 @@ def attempt(work: Workspace, searches: Iterable[Search]) -> list[Best]:
 def pick(attempts: Sequence[Best]) -> Best:
     """Return the attempt with the fewest operations among those whose price (estimated cycles) is at most CLOSE times the least.
 
-    Timing single steps cannot distinguish attempts with prices so near to each other. But every operation costs time when many
-    trajectories are computed together.
+    Timing single steps cannot distinguish attempts with so similar prices. But every operation costs time when many trajectories
+    are computed together.
     """
     least = min(x.costs.single for x in attempts)
     return min((x for x in attempts if x.costs.single <= CLOSE * least), key=lambda x: x.costs.operations)
@@ -109,8 +109,8 @@ def pick(attempts: Sequence[Best]) -> Best:
 def best_of(work: Workspace, count: int) -> Best:
     """Make `count` attempts to eliminate the equations, and return the cheapest one.
 
-    Half of the attempts have different search settings, among them the plain ones. The other half repeat the best of these settings
-    with other seeds of the random numbers; settings without random numbers are not repeated.
+    Half of the attempts have different search settings, the first of them PLAIN (Markowitz's count alone). The other half repeat
+    the best of these settings with other seeds of the random numbers; settings without random numbers are not repeated.
     """
     settings = [Search(0, *choice) for choice in product(NOISES, PATIENCES, CROSSINGS)]
     order = np.random.default_rng(0).permutation(len(settings))
@@ -118,7 +118,7 @@ def best_of(work: Workspace, count: int) -> Best:
     attempts = sorted(attempt(work, various), key=lambda x: x.costs.single)
     leaders = attempts[:REPEATED]
     retries = [(k, leaders[k % len(leaders)].search) for k in range(count - len(various))]
-    # settings without random numbers would give the same program again
+    # settings without random numbers would give the same program again; seeds from 100 on are not used in `various`
     again = [replace(search, seed=100 + k) for k, search in retries if search.by_chance]
     return pick([*attempts, *(attempt(work, again) if again else [])])
 
@@ -128,14 +128,14 @@ def cheapest(
 ) -> Best:
     """Return the cheapest elimination over the formulations and independent coordinates that the caller does not prescribe.
 
-    One plain attempt for each of them decides which are worth a longer search.
+    One plain attempt for each combination of formulation and coordinates decides which combinations are searched longer.
 
     Args:
         known: ranks, redundant rows and null spaces of the mechanism.
         open_parameters: names of the mechanism's numbers that are inputs of the program.
         formulation: "gauss", "lagrange", or "auto" for both.
-        independent: the independent coordinates in Gauss's formulation; None for all candidates.
-        drop: index in `Study.drops` of the choice of redundant rows to leave out.
+        independent: the independent coordinates in Gauss's formulation; if None, all candidates are tried.
+        drop: index in `Study.drops` of the redundant rows to leave out.
 
     Raises:
         KernelError: no independent coordinates or no pivots are usable.
@@ -190,13 +190,14 @@ def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) ->
 
 
 def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, drop: int) -> list[Plan]:
-    """List the plans to try.
+    """List the combinations of formulation and independent coordinates to try.
 
     Args:
-        formulation: "gauss" or "lagrange" to get plans of this formulation only, "auto" for both.
-        independent: the independent coordinates in Gauss's formulation; with None there is a plan for each candidate.
-        drop: index in `Study.drops` of the choice of redundant rows to leave out.
+        formulation: "gauss" or "lagrange" for this formulation only, "auto" for both.
+        independent: the independent coordinates in Gauss's formulation; if None, all candidates are tried.
+        drop: index in `Study.drops` of the redundant rows to leave out.
     """
+    # in Lagrange's formulation the independent coordinates only select the free motions
     plans = [Plan("lagrange", covering(known)[0], drop)] if formulation != "gauss" else []
     if formulation != "lagrange":
         choices = (candidates(known) or covering(known)[:1]) if independent is None else [independent]
@@ -283,8 +284,8 @@ def generate(
 ) -> Program:
     """Generate and check the program of a mechanism: straight-line functions for its accelerations, corrections and energy.
 
-    The steps are: analyse ranks and redundant rows; search the cheapest elimination, or recall the result of an earlier search;
-    write the functions; and check their results.
+    The generation finds ranks and redundant rows, searches for the cheapest elimination or loads the result of an earlier search,
+    writes the functions, and checks their results.
 
     Args:
         formulation: "gauss", "lagrange", or "auto" for the one that costs less.
@@ -329,7 +330,7 @@ def partitions(mechanism: Mechanism) -> list[tuple[int, ...]]:
 
 
 def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> Program:
-    """Repeat the elimination of an attempt, and return its program.
+    """Repeat the elimination of the attempt `best`, and return the program that it gives.
 
     Args:
         known: ranks, redundant rows and null spaces of the mechanism.
@@ -349,7 +350,8 @@ def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> P
     multipliers = work.spread_out(elimination.multipliers(work.terms.gamma))
     directions, direction_guards = elimination.directions  # free motions, and guards that they need in addition to `guards`
     pivots, correcting_pivots, direction_pivots = ([x for x, _ in group] for group in (guards, correcting, direction_guards))
-    # the code of a step merges the functions of these outputs, so that all must compute a common node by the same instruction
+    # the code of a step merges the functions of these outputs, which must compute a common node by the same instruction: count its
+    # uses in all of them
     shared = uses([*a, *pivots, *dq, *nearest, *stabilized])
     size = len(links.parameters.names)
     at: Inputs = (("t", 1), ("q", n), ("v", n), ("p", size))
@@ -383,19 +385,20 @@ def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> P
 
 
 def check(program: Program, mechanism: Mechanism) -> None:
-    """Compare a program with the interpreted evaluation at states other than the samples, on the constraints and off them.
+    """Compare a program with the evaluation in numpy at states other than the samples, on the constraints and off them.
 
     Raises:
-        KernelError: the program's error is larger than CHECKED, or the program is usable at none of these states.
+        KernelError: the program's error is larger than CHECKED, or the program is usable at none of the test states.
     """
 
     def accelerate(t: Array, q: Array, v: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return accelerations (k, n), and whether the program is valid at each of the k states, for t (k, 1) and q, v (k, n)."""
+        # `with_lines` gives the parameters at each time: level and slope of the forces that are piecewise linear in time vary
         a, guard = program.acceleration(t, q, v, with_lines(mechanism, program.values, t[:, 0]))
         return a, np.asarray((np.abs(guard) >= program.thresholds).all(axis=1))
 
     def evaluate(t: float, q: Array, v: Array) -> Array:
-        """Return, for one state, one vector of phi of holonomic rows, phi_dot of all rows, and the energy."""
+        """Return, for one state, one vector: the residuals phi of the holonomic rows, the rates phi_dot of all rows, the energy."""
         return np.concatenate([*program.residual([t], q, v, program.values), program.energy(q, v, program.values)[0]])
 
     error, count = error_on_constraints(mechanism, accelerate)

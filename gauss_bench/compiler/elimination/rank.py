@@ -6,8 +6,8 @@ is the acceleration without constraints plus a correction: of all corrections fo
 metric. Singular values give the pseudo-inverse (...)^+. At a change point J loses rank, and the constraints allow velocities in one
 more direction; the motion goes on along the velocity that it has.
 
-Generated programs are checked against these accelerations. At states at which no program can be used, these accelerations are used
-instead. M, J, Q and gamma are evaluated by code that is independent of the generated programs, and the equations are solved by
+Generated programs are checked against the accelerations of this module, which also replace a program at states at which no program
+can be used. M, J, Q and gamma are evaluated by code that is independent of the generated programs, and the equations are solved by
 another method.
 Source: Udwadia and Kalaba, Analytical Dynamics (1996), section 3.3 and eq. (3.17).
 """
@@ -38,7 +38,7 @@ def _by_singular_values(J: Array, r: Array) -> Array:
 
 
 def _constrain(terms: Terms, mass: Array, gamma: Array, solve: Callable[[Array, Array], Array], passes: int) -> Array:
-    """Return the acceleration (n,) by the formula in the module's docstring.
+    """Return the acceleration (n,) M^-1 Q + M^-1/2 (J M^-1/2)^+ (gamma - J M^-1 Q); its second term is a correction.
 
     Args:
         mass: (n,) diagonal of M.
@@ -113,8 +113,8 @@ class RankDecision:
 def acceleration_error(evaluator: Evaluator, t: float, q: Array, v: Array, a: Array) -> float:
     """Return the error of an acceleration a (n,), relative to the larger of the true acceleration and that without constraints.
 
-    Each size is that of the largest component. The error is not divided by the true acceleration alone, because this may vanish, as
-    at rest in equilibrium. The true acceleration is computed with two passes, which reduce rounding errors.
+    Sizes of vectors are their largest absolute components. The error is not divided by the true acceleration alone, which may
+    vanish, as at rest in equilibrium. The true acceleration is computed with two passes, which reduce rounding errors.
     """
     terms = evaluator.terms(t, q, v)
     truth = _constrain(terms, evaluator.mass, terms.gamma, shortest, passes=2)

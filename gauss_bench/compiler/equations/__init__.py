@@ -1,1 +1,1 @@
-"""The equations of a linkage as expressions."""
+"""The equations of motion of a linkage as nodes of an expression graph."""

@@ -1,10 +1,10 @@
 """Constraint rows of a linkage as expressions: the code of `mechanism/equations.py` is called with nodes instead of numbers.
 
-Where the constraints hold, a driven distance equals the value L(t) of its law, and L(t) is used instead of the distance. This saves
-a square root and several products. At states that violate the constraints, the replacement changes the acceleration in proportion
-to the violation, but it changes no residual. For slides the actual distance from the axis is used. The constant offset in its place
-would save three operations in each stage of a step. But it would change the errors of steps, because stages violate the constraints
-by amounts of the order of the squared step size.
+Where the constraints hold, a driven distance equals the value L(t) of its law. L(t) is used instead of the distance, which saves a
+square root and several products. At states that violate the constraints, the use of L(t) changes the acceleration in proportion to
+the violation, but no residual. For slides, however, the actual distance from the axis is used. The constant offset instead of this
+distance would save three operations in each stage of a step, but would change the errors of steps, because stages violate the
+constraints by amounts of the order of the squared step size.
 """
 
 from collections.abc import Sequence

@@ -1,17 +1,17 @@
-"""Applied forces and energy as expressions: laws on coordinates and forces at points, as in `mechanism/equations.py`.
+"""Applied forces and their energy as expressions: force laws on coordinates, and forces at points, as in `mechanism/equations.py`.
 
-The force of a spring with a rest length is not finite where its two points coincide; the interpreted evaluation returns zero there.
+The force of a spring with a rest length is not finite where its two points coincide; the evaluation in numpy returns zero there.
 
-A force that varies is a steady force times a factor (`mechanism/motion_laws.py`), which is the product of two factors. The factor
-of time is a sine, or a straight line level + slope t, whose level and slope are parameters that are set at run time
-(`mechanism/lines.py`). The factor of direction differs between motion along the force and motion against it, with a smooth
-transition by the hyperbolic tangent of the speed x along the force, divided by the speed of the transition:
+A force that varies is a steady force times a time factor and a direction factor (`mechanism/motion_laws.py`). The time factor is a
+sine, or a straight line level + slope t, whose level and slope are parameters that are set at run time (`mechanism/lines.py`). The
+direction factor differs between motion along the force and motion against it, with a smooth transition by the hyperbolic tangent of
+x, the speed along the force divided by the width of the transition:
 
     tanh(x) = u / (u + 2),    u = exp(2 x) - 1
 
-A short series gives exp(y) - 1 at y = 2 x / 2^D, with D = DOUBLINGS. Then the identity exp(2 y) - 1 = (exp(y) - 1) (exp(y) + 1)
-doubles the argument y; after D doublings y = 2 x, and the result is u. Beyond |x| = FLAT the hyperbolic tangent equals 1 or -1 to
-rounding, and x is limited to that range.
+A short series gives u = exp(y) - 1 at y = 2 x / 2^D, with D = DOUBLINGS. Then the identity exp(2 y) - 1 = u (u + 2) doubles the
+argument y; after D doublings y = 2 x. Beyond |x| = FLAT the hyperbolic tangent equals 1 or -1 to rounding, and x is limited to that
+range.
 """
 
 from collections.abc import Iterable
@@ -53,12 +53,12 @@ def _weights(links: Links) -> Iterable[dict[int, Node]]:
 def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
     """Return the generalised force of a force that varies, as a dict from the index of a coordinate to a node.
 
-    It is Q f(t) d(w), with Q the generalised force of the steady force, f the factor of time, d the factor of direction, and w the
+    The generalised force is Q f(t) d(w), with Q that of the steady force, f the time factor, d the direction factor, and w the
     speed along the force. d is 1 for motion along the force and `factor.share` for motion against it, with a smooth transition of
     the width `factor.speed`.
 
     Args:
-        force: the steady force, without its factor.
+        force: the steady force, before its multiplication by `factor`.
     """
     (load,) = force.to_loads()
     graph = links.graph
@@ -78,7 +78,8 @@ def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int,
         scale = graph.constant(1.0)
     else:
         scale = level + slope * links.time
-    if depends_on_direction:  # tanh is 1 for motion along the force, which gives 1, and -1 against it, which gives `share`
+    # d = (1 + share) / 2 + (1 - share) / 2 tanh(w / speed): 1 where tanh is 1 (motion along the force), `share` where it is -1
+    if depends_on_direction:
         scale = scale * (tanh(graph, speed * (1 / factor.speed)) * ((1 - factor.share) / 2) + (1 + factor.share) / 2)
     return {k: x * scale for k, x in entries.items()}
 

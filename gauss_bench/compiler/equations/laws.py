@@ -8,11 +8,11 @@ from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, maximum
 from gauss_bench.mechanism.motion_laws import RISE_LAWS, MotionLaw
 from gauss_bench.terms import Array
 
-Law = tuple[Node, Node, Node]  # value, rate, second rate
+Law = tuple[Node, Node, Node]  # value, first and second time derivative
 
 
 def law_of_time(law: MotionLaw, graph: ExpressionGraph, t: Node) -> Law:
-    """Return value, rate and second rate of a law at the time t.
+    """Return the value and the first and second time derivative of a law at the time t.
 
     Raises:
         ValueError: a law of an unknown kind.
@@ -31,9 +31,9 @@ def law_of_time(law: MotionLaw, graph: ExpressionGraph, t: Node) -> Law:
 
 
 def _rise(graph: ExpressionGraph, t: Node, name: str, start: float, travel: float, time: float) -> Law:
-    """Return value, rate and second rate of a rise from `start` by `travel`, which begins at t = 0 and ends at t = `time` [s].
+    """Return value, first and second time derivative of a rise from `start` by `travel`, which lasts from t = 0 to t = `time` [s].
 
-    Outside this interval the value is constant, and both rates are zero.
+    Before and after the rise, the value is constant, and both derivatives are zero.
 
     Args:
         name: the law of the rise, a key of `RISE_LAWS`.
@@ -46,7 +46,7 @@ def _rise(graph: ExpressionGraph, t: Node, name: str, start: float, travel: floa
 
 
 def _table(graph: ExpressionGraph, t: Node, start: float, knots: Array, values: Array, curvatures: Array) -> Law:
-    """Return value, rate and second rate of a cubic spline at the time t; outside the knots its value is constant.
+    """Return value, first and second time derivative of a cubic spline at the time t; outside the knots its value is constant.
 
     On the piece from knot k, with s = t - knot_k, the value is c0 + c1 s + c2 s^2 + c3 s^3.
 

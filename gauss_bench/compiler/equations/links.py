@@ -11,8 +11,8 @@ therefore rotated by the constant angle `turn` when code is generated:
 
     r = exp(i theta_b) s = exp(i theta_g) (exp(i turn) s)
 
-So links that slides connect share one sine and cosine, and a link that slides connect with the ground needs none. The replacement
-changes nothing where the angles satisfy theta_b = theta_g + turn, and motions never violate these constraints because they are
+So links that slides connect share one sine and cosine, and a link that slides connect with the ground needs none. Using
+theta_g + turn instead of theta_b changes nothing where the two are equal, and motions never violate this constraint because it is
 linear. The argument of a sine is always a coordinate itself, so that a loop over steps can update the sine by a rotation.
 """
 
@@ -53,7 +53,8 @@ def parameter_values(mechanism: Mechanism) -> dict[str, float]:
         KernelError: a force cannot be expressed by laws on coordinates and forces at points.
     """
     try:
-        loads(f for f in mechanism.forces if not factor_of(f))  # called only to raise for a force of an unknown type
+        # called only to raise for a force of an unknown type; `loads` also refuses varying forces, whose types are known
+        loads(f for f in mechanism.forces if not factor_of(f))
     except TypeError as error:
         raise KernelError(str(error)) from None
     values: dict[str, float] = {}
@@ -97,15 +98,16 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
     def change(x: Any) -> Any:
         """Return a copy of a component of the mechanism, such as a joint, force or point, with its numbers in `numbers` replaced.
 
-        Tuples and dataclasses inside the component are copied in the same way. Motion laws and factors have no named numbers.
+        Tuples and dataclasses inside the component are copied recursively. Motion laws and factors of forces have no named numbers,
+        and are returned as they are.
         """
         if isinstance(x, tuple):
             return tuple(map(change, x))
         if isinstance(x, Point):
-            # a point is given in the link's frame, its `local` from the link's centre of mass
-            own, centre = (ground, 0.0) if x.link == GROUND else (links[x.link].points, links[x.link].com)
+            # named points are given from the origin of the link's frame, `local` from the link's centre of mass
+            points, centre = (ground, 0.0) if x.link == GROUND else (links[x.link].points, links[x.link].com)
             name = x.name.partition(".")[2]
-            return replace(x, local=own[name] - centre) if name in own else x
+            return replace(x, local=points[name] - centre) if name in points else x
         if not is_dataclass(x) or isinstance(x, (type, MotionLaw, Factor)):
             return x
         changes = {}
@@ -175,8 +177,8 @@ class Tie:
 def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
     """Return for every link how its angle follows from the angle of another link, its root, if slides connect the two.
 
-    The root is the ground if slides connect the link with the ground. Of other links that slides connect, one is the root of all. A
-    link without slides is its own root.
+    The root is the ground if slides connect the link with the ground. Among links that slides connect with each other, but not with
+    the ground, one link is the root of all. A link without slides is its own root.
     """
     ties = list(free_angles(mechanism))
     for slide in mechanism.slides:
@@ -191,7 +193,7 @@ def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
 
 
 def free_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
-    """Return a `Tie` for every link that makes it its own root, so that expressions are valid also where slides are violated."""
+    """Return a `Tie` of every link to itself, so that expressions are valid also where the constraints of slides are violated."""
     return tuple(Tie(i, 0.0) for i in range(len(mechanism.links)))
 
 
@@ -248,7 +250,7 @@ class Links(Given):
         return self.graph.input(self.state.v, k, self.state.velocities[:, k], SPEED * self.scale[k])
 
     def omega(self, link: int) -> Node:
-        """Return the angular speed of a link, which equals that of the link from whose angle the link's own angle follows."""
+        """Return the angular speed of a link, which is that of the link's root: the link to which slides tie its angle."""
         root = GROUND if link == GROUND else self.ties[link].root
         return self.zero if root == GROUND else self.rate(angle_slot(root))
 
@@ -270,12 +272,12 @@ class Links(Given):
         return self.parameters.node(self.graph, name)
 
     def held(self, joint: str, index: int, value: float) -> Node:
-        """Return the constant value of a coordinate that a joint holds; the first one of a slide may be a parameter, its offset."""
+        """Return the constant value at which a joint holds coordinate `index`; a slide's offset (index 0) may be a parameter."""
         name = f"joints.{joint}.offset"
         return self.number(name) if index == 0 and name in self.parameters.all else self.graph.constant(float(value))
 
     def law(self, law: MotionLaw) -> Motion:
-        """Return value, rate and second rate of a law as expressions of time.
+        """Return value, first and second time derivative of a law as expressions of time.
 
         Raises:
             KernelError: a law of an unknown kind.
@@ -305,7 +307,7 @@ class Links(Given):
         return Vec(self.graph.constant(float(x)), self.graph.constant(float(y)))
 
     def rotate(self, link: int, s: Vec) -> Vec:
-        """Return a vector s, which is fixed in a link and given in its axes, in world axes."""
+        """Convert a vector s that is fixed in a link from the link's axes to world axes."""
         tie = Tie(GROUND, 0.0) if link == GROUND else self.ties[link]  # the link's angle is that of its root plus tie.offset
         s = rotate_vec(self._unit(tie.offset), s)
         if tie.root == GROUND:
@@ -322,7 +324,7 @@ class Links(Given):
         return Direction(self.frame(link), self.rotate(link, self._unit(angle, across)))
 
     def vector(self, link: int, value: Vec) -> Direction:
-        """Return a vector of nodes, which is fixed in a link and given in its axes, in world axes."""
+        """Convert a vector of nodes that is fixed in a link from the link's axes to world axes; return it with the link's frame."""
         return Direction(self.frame(link), self.rotate(link, value))
 
     def end(self, point: Point) -> End:
@@ -337,7 +339,7 @@ class Links(Given):
         return loads([replace(force, **self._numbers(force)) for force in self.mechanism.forces if not factor_of(force)])
 
     def varying(self) -> list[tuple[Torque | PointForce, Factor]]:
-        """Return for every force that varies a steady force, whose numbers are nodes, and the factor that multiplies it."""
+        """Return, for every varying force, the steady force with nodes for its numbers, and the factor that multiplies it."""
         return [(replace(force, factor=None, **self._numbers(force)), factor) for force, factor in self.mechanism.factors]
 
     def _numbers(self, force: Force) -> dict[str, Any]:

@@ -136,8 +136,8 @@ def _close(constraints: Constraints, t: float, q: Array, scale: Array) -> Array 
 def _velocity(constraints: Constraints, scale: Array, pose: Pose, rng: np.random.Generator) -> Array:
     """Return a random velocity (n,) that satisfies all constraint rows.
 
-    It is the sum of the velocity of least norm that the drivers demand, and a random free velocity, whose fastest coordinate has
-    between 0.3 and 1 times SPEED.
+    The velocity is the sum of the least-norm velocity that the drivers prescribe and a random free velocity, whose fastest
+    coordinate has 0.3 to 1 times SPEED.
     """
     t, q = pose
     rows = constraints(t, q, np.zeros_like(q))
@@ -164,6 +164,6 @@ def shortest(J: Array, r: Array) -> Array:
 
 
 def _normal(S: sp.csc_matrix) -> "splu":
-    """Factorise S S^T with a shift of rounding size, so that redundant rows of S do not make it singular."""
+    """Factorise S S^T plus a number of rounding size on the diagonal, so that redundant rows of S do not make it singular."""
     A = (S @ S.T).tocsc()
     return splu(A + sp.identity(A.shape[0], format="csc") * (1e-14 * A.diagonal().max()))

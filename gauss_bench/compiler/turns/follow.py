@@ -1,7 +1,7 @@
 """The routine that computes the positions of a linkage for one sample of its inputs after the other.
 
 Several sequences of samples are computed side by side, each in its own lane: an element of a vector register, or of an array in
-numpy. A linkage is closed where its constraint equations are satisfied. Guards are pivots of its constraint Jacobian, which must
+numpy. A linkage is closed where its constraint equations are satisfied. Guards are pivots of the constraint Jacobian, which must
 not become small.
 
     follow(q, least, inputs, out, report; samples, shift, block, last)
@@ -9,15 +9,15 @@ not become small.
 With n coordinates, K inputs, G guards and R numbers that are stored at each sample, the arrays have these rows, each with one
 number for each lane:
 
-    q        n                     guess at the first sample
-    least    G                     bound of each guard, with the guard's sign
-    inputs   (samples + 1) x 3 K   values, rates, second rates; those of the next group of lanes begin `shift` rows further on
-    out      R for each sample     lane k's samples, side by side; they begin at min(k block, last)
-    report   1 + G                 number of samples closed before the first that could not be, and the guards at the last sample
+    q:        n                      guess at the first sample
+    least:    G                      smallest admissible magnitude of each guard, with the guard's sign
+    inputs:   (samples + 1) x 3 K    values and first and second time derivatives; the next group of lanes begins `shift` rows later
+    out:      R for each sample      the samples of lane k one after the other; they begin at number min(k block, last)
+    report:   1 + G                  number of samples closed before the first failure, and the guards at the last sample
 
 A sample is closed if the last correction was shorter than SETTLED, no correction was longer than REACH, the guess was near the
-previous sample, and no guard is below its bound. The numbers that a lane stores from its first sample on that is not closed are
-invalid. `tracker.py` decides how the motion is computed from there on.
+previous sample, and no guard is below its bound in `least`. After the first sample that a lane cannot close, the numbers that it
+stores are invalid, and `tracker.py` decides how the motion is computed.
 
 Newton's method starts at a guess whose sines are computed from scratch, so that no rounding is carried from sample to sample. A
 correction adds z to q, and sines and cosines of q + z follow from those of q by a rotation through z. Sine and cosine of z are
@@ -44,7 +44,7 @@ from gauss_bench.terms import Array as Floats
 REACH = 0.0065  # [rad] largest norm of one correction: two terms of the rotation are exact so far, and no other assembly is near
 SETTLED = 1e-8  # [rad] norm of a correction after which no other one follows: the error left is about its square
 TURN = 0.3  # [rad] largest norm of the step to the next guess: far less than lies between two assembly modes
-LEVELS = 3  # numbers of an input at a sample: value u, rate w, second rate b; the value n at the next sample stands behind them
+LEVELS = 3  # numbers of an input at a sample: value u, time derivatives w and b; the value n at the next sample follows them
 LIMIT = 8  # largest number of corrections; from the farthest guess that is accepted quadratic convergence needs four
 
 
@@ -52,7 +52,7 @@ LIMIT = 8  # largest number of corrections; from the farthest guess that is acce
 class _Sample:
     """The values that are computed at one sample; each is given by its index in the routine's expression graph.
 
-    One Newton correction leads from a position q to q + z. Its angles are the coordinates whose sines are needed.
+    One Newton correction leads from a position q to q + z. The angles are the coordinates whose sines are needed.
 
     Attributes:
         start: sine, cosine, sine, ... of the angles of the guess, the position before the first correction.
@@ -81,11 +81,11 @@ def _leaves(g: Graph, name: str, count: int) -> list[int]:
 def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, _Sample]:
     """Write one Newton correction, and the values that are computed at the corrected position, into a new graph.
 
-    Return the graph, and the indices of these values in it. The leaves (inputs) of the graph are q with its sines s and cosines c,
-    the guess, and of each input the value u, rate w, second rate b, and the value n at the next sample.
+    Return the graph, and the indices of these values in the graph. The leaves (inputs) of the graph are q with its sines s and
+    cosines c, the guess of the position, and each input's value u, time derivatives w and b, and value n at the next sample.
 
     Args:
-        plain: whether sines and cosines are calls of a library's function, and sums and products are left as they are. Otherwise
+        plain: whether sines and cosines are calls of a library's function, and sums and products are left as they are. If false,
             sines and cosines are computed by polynomials, or by a rotation of previous values, and the arithmetic is regrouped for
             speed.
     """
@@ -96,18 +96,18 @@ def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, _Sample]
         return (g.make("sin", x), g.make("cos", x)) if plain else trigonometry.sincos(g, x)
 
     q, guess = _leaves(g, "q", n), _leaves(g, "guess", n)
-    u, w, b, next_u = (_leaves(g, letter, K) for letter in "uwbn")  # values, rates, second rates, values at the next sample
+    u, w, b, next_u = (_leaves(g, letter, K) for letter in "uwbn")  # values, both time derivatives, values at the next sample
     at_q = {q[k]: (g.leaf(f"%s{k}"), g.leaf(f"%c{k}")) for k in angles}  # angle -> its sine and cosine, which are leaves too
-    ((*z,),) = inline(g, program.correction, (q, u), at_q.__getitem__)  # Newton's correction, the only result of the function
-    closed = [g.add(x, change) for x, change in zip(q, z, strict=True)]
+    ((*correction,),) = inline(g, program.correction, (q, u), at_q.__getitem__)  # Newton's z, the only result of the function
+    closed = [g.add(x, change) for x, change in zip(q, correction, strict=True)]
     start = [sincos(guess[k]) for k in angles]
-    end = [sincos(closed[k]) if plain else trigonometry.rotate(g, at_q[q[k]], z[k], REACH) for k in angles]
+    end = [sincos(closed[k]) if plain else trigonometry.rotate(g, at_q[q[k]], correction[k], REACH) for k in angles]
     at_closed = {closed[k]: pair for k, pair in zip(angles, end, strict=True)}
     # at the corrected position: the guards, the step to the guess at the next sample, and the numbers to be stored
     step = [g.sub(after, before) for before, after in zip(u, next_u, strict=True)]
     guards, advance, stored = inline(g, program.motion, (closed, u, w, b, step), at_closed.__getitem__)
     following = [g.add(x, change) for x, change in zip(closed, advance, strict=True)]
-    norms = [g.squares([x[k] for k in angles]) for x in (z, advance)]
+    norms = [g.squares([x[k] for k in angles]) for x in (correction, advance)]
     flat_start, flat_end = ([x for pair in pairs for x in pair] for pairs in (start, end))
     parts = [flat_start, flat_end, closed, guards, following, stored, norms]  # in the order of the fields of `_Sample`
     if not plain:  # regroup the arithmetic; the parts are then found under other indices, in a new graph
@@ -120,14 +120,14 @@ def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, _Sample]
 def _settle(g: Graph, program: ClosingProgram, sample: _Sample, values: Sequence[int], alive: int) -> tuple[Loop, int]:
     """Build the loop of Newton's corrections at one sample; it starts with the guess as q.
 
-    Each iteration computes the correction z, adds it to q, and rotates the sines and cosines through z. The loop continues, for at
-    most LIMIT iterations, as long as the corrections of some lane are unsettled: the lane is alive, its last |z| is larger than
-    SETTLED, and none of its |z| was larger than REACH.
+    Each iteration computes the correction z, adds z to q, and rotates the sines and cosines through z. The loop continues, for at
+    most LIMIT iterations, as long as some lane is unsettled: all its samples so far were closed (`alive`), the last |z| is larger
+    than SETTLED, and no |z| of this sample was larger than REACH.
 
     Return the loop, and a mask that is true for the lanes in which no correction was longer than REACH.
 
     Args:
-        values: indices in the graph of the values that one correction computes, in the order in which they are computed.
+        values: graph indices of the values that one correction computes, in the order of computation.
         alive: mask of the lanes in which the linkage could be closed at all samples so far.
     """
     always, one = g.all(True), g.whole(1)
@@ -149,8 +149,8 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
     """Build the routine in which each lane of a group computes one sample after the other.
 
     At each sample the routine corrects a guess until the linkage is closed, checks the guards, stores the results and makes the
-    guess at the next sample. It ends after the last sample, or when no lane of the group has a closed sample and a near guess at
-    the next one.
+    guess at the next sample. The routine ends after the last sample, or when no lane of the group has a closed sample and a near
+    guess at the next sample. Inputs are named by letters: value u, first and second time derivative w and b, next value n.
 
     Args:
         plain: whether the target calls a library's functions for sines and cosines, and keeps operations in the order in which they
@@ -221,13 +221,13 @@ class Follower:
 
         Args:
             q: (lanes, n) guesses at the first samples.
-            least: (lanes, G) bounds of the guards, with the guards' signs.
-            inputs: (lanes, samples + 1, 3, K) values, rates, second rates. The last row is needed for a guess beyond the last
-                sample; only its values matter.
+            least: (lanes, G) smallest admissible magnitudes of the guards, with the guards' signs.
+            inputs: (lanes, samples + 1, 3, K) values, first and second time derivatives. The last row is needed for a guess beyond
+                the last sample; only its values matter.
             rows: (any, R) array for the stored numbers. The array begins with the samples of the first lane, then come the samples
                 of the second lane, and so on; it ends with the samples of the last lane. If the array is too short for the samples
-                of all lanes, the last lanes share some of its rows. They must then have the same inputs at these samples. For
-                example, of two lanes with 3 samples each and 5 rows, the first lane has rows 0 to 2, the second rows 2 to 4.
+                of all lanes, the last lanes share some rows, and must have the same inputs at the samples in shared rows. For
+                example, with 5 rows and two lanes of 3 samples each, the first lane has rows 0 to 2, the second rows 2 to 4.
         """
         lanes, samples = self.loaded.lanes(len(q)), inputs.shape[1] - 1
         guesses, bounds, levels = (in_lanes(a, lanes) for a in (q, least, inputs.reshape(len(inputs), -1)))

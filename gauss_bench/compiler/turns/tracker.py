@@ -1,12 +1,12 @@
-"""Distribution of the samples of one linkage over the lanes of a vector, and recovery where a sample cannot be closed at once.
+"""Distribution of the samples of one linkage over the lanes of a vector, and recovery where the loops cannot be closed at once.
 
-A sample is closed if positions are found at which the constraints hold for its inputs. The samples are cut into as many parts as
-there are lanes (elements of a vector register). A single lane first finds the positions at which the parts begin, in steps of at
-most STRIDE; then all parts are computed side by side, each in its lane.
+A sample is closed if positions are found at which the constraints hold for the inputs of the sample. The samples are cut into as
+many parts as there are lanes (elements of a vector register). A single lane first finds the positions at which the parts of the
+motion begin, in steps of at most STRIDE; then all parts are computed side by side, each in its lane.
 
 If a lane cannot close a sample, the step to that sample is divided into smaller steps. If the small steps fail too,
-`kinematics.loop_closure` tries to close the linkage at the sample. If it finds a limit of motion or a singular position there, the
-motion ends, and no later sample is reported as closed.
+`kinematics.loop_closure` tries to close the linkage at that sample. If `loop_closure` finds a limit of motion or a singular
+position, the motion ends, and no later sample is closed.
 """
 
 from collections.abc import Mapping
@@ -63,8 +63,8 @@ class Loss:
 class Tracker:
     """Computes the motion of a linkage for samples of its inputs, beginning at its start.
 
-    A sample is closed if the position satisfies the constraints. Arrays `levels` (k, 3, K) are values, rates and second rates of K
-    inputs at k samples. Arrays `rows` (k, R) receive q, v and a of each sample, R = 3n.
+    A sample is closed if the position satisfies the constraints. Arrays `levels` (k, 3, K) are values, first and second time
+    derivatives of K inputs at k samples. Arrays `rows` (k, R) receive q, v and a of each sample, R = 3n.
 
     Attributes:
         q, u: position (n,) with closed loops, and inputs (K,), at the start.
@@ -83,7 +83,8 @@ class Tracker:
         self.program, self.driven = program, program.driven
         self.follower, self.lanes, self.n = Follower(program, target), target.lanes, program.driven.n
         sizes = [1.0 if d.coordinate.unit == "rad" else typical_length(self.driven) for d in self.driven.drivers]
-        # steps and corrections are limited in the norm of all angles, which grows with the root of their number
+        # `follow` limits the norm over all angles of steps and corrections, which grows with the root of the number of angles:
+        # linkages with more than MANY angles get shorter steps
         shorter = max(1.0, sqrt(len(program.angles) / MANY))
         self.per_stride = shorter / STRIDE / np.array(sizes)
         q0, rows = self.driven.q0, np.empty((1, program.width))
@@ -101,7 +102,7 @@ class Tracker:
         """Compute all samples of the inputs; return where and why the motion ends before the last sample, or None if it does not.
 
         Args:
-            levels: (k, 3, K) value, rate and second rate of the inputs at every sample.
+            levels: (k, 3, K) value, first and second time derivative of the inputs at every sample.
             stride: largest step between successive samples, as a multiple of STRIDE.
             rows: (k, R) receives q, v and a of every sample, NaN where the linkage is not closed.
             status: (k,) receives how each sample was closed; it must be `Status.CLOSED` everywhere at first.
@@ -126,7 +127,11 @@ class Tracker:
         """Compute the motion in parts, one in each lane; return the number of samples before the first that cannot be closed.
 
         All parts have the same number of samples, and the last part ends with the last sample, so that the last parts may overlap.
-        The arguments are those of `track`.
+
+        Args:
+            levels: (k, 3, K) value, first and second time derivative of the inputs at every sample.
+            stride: largest step between successive samples, as a multiple of STRIDE.
+            rows: (k, R) receives q, v and a of every sample.
         """
         k = len(rows)
         parts = self.lanes if k >= FEW * self.lanes else 1
@@ -148,7 +153,7 @@ class Tracker:
         return int(begins[incomplete[0]] + valid[incomplete[0]]) if len(incomplete) else k
 
     def _finish(self, levels: Array, rows: Array, status: NDArray[np.int8], at: int) -> Loss | None:
-        """Compute the samples from index `at` on; at this sample the lanes could not close the linkage in one step.
+        """Compute the samples from index `at` on, the first sample at which a lane could not close the linkage in one step.
 
         Each sample that fails is tried in smaller steps, then by the library `kinematics`; after a success in small steps the
         samples behind it follow in one lane. Return where and why the motion ends before the last sample, or None if it does not.
@@ -168,17 +173,19 @@ class Tracker:
         return None
 
     def _follow_in_small_steps(self, q: Array, u: Array, levels: Array, rows: Array) -> int:
-        """Compute samples in one lane, with the step to the first of them divided into smaller steps; return the number closed.
+        """Compute samples in one lane, with the step to the first sample divided into 8 or 64 smaller steps (SUBDIVISIONS).
+
+        Return the number of samples that were closed before the first failure.
 
         Args:
             q, u: position (n,) with closed loops and inputs (K,) from which the step begins.
-            levels: (k, 3, K) values, rates and second rates of the inputs at the samples.
+            levels: (k, 3, K) values, first and second time derivatives of the inputs at the samples.
             rows: (k, R) array whose first rows receive q, v and a of the samples that are closed.
         """
         for parts in SUBDIVISIONS:
             between = u + _fractions(parts) * (levels[0, 0] - u)
-            # `parts` samples from u on, with zero rates, without their repeated last one; then the samples to be computed, with the
-            # last one repeated, because the routine reads the inputs of one sample more than it closes
+            # `parts` samples from u on, with zero derivatives, without the repeated last one of `_at_rest`; then the samples to be
+            # computed, with the last one repeated, because the routine reads the inputs of one sample more than it closes
             ahead = np.concatenate([_at_rest(between)[:, :-1], levels[None], levels[None, -1:]], axis=1)
             found = np.empty((parts + len(rows), self.program.width))
             closed = int(self.follower.run(q[None], self.least[None], ahead, found)[0][0]) - parts
@@ -191,9 +198,9 @@ class Tracker:
         """Close one sample near the position q by `loop_motion`; return its row (R,), or why it cannot be closed.
 
         Args:
-            levels: (3, K) value, rate and second rate of the inputs.
+            levels: (3, K) value, first and second time derivative of the inputs.
         """
-        # every driver gets a law with the same value, rate and second rate at all times, so that the time 1.0 below is arbitrary
+        # every driver gets a law with the same value and derivatives at all times, so that the time 1.0 below is arbitrary
         drivers = [replace(d, law=_hold(level)) for d, level in zip(self.driven.drivers, levels.T, strict=True)]
         try:
             motion = loop_motion(replace(self.driven, q0=q.copy(), drivers=tuple(drivers)), np.array([1.0]))
@@ -210,10 +217,10 @@ def _fractions(count: int) -> Array:
 
 
 def _at_rest(u: Array) -> Array:
-    """Return inputs u (k, K) with zero rates and second rates, in the layout (1, k + 1, 3, K) that the routine `follow` reads.
+    """Return inputs u (k, K) with zero time derivatives, in the layout (1, k + 1, 3, K) that the routine `follow` reads.
 
-    The first index is that of the lane, of which there is one. The last sample is repeated, because the routine reads the inputs of
-    one sample beyond the last one that it closes.
+    The first index of the result is the lane; there is only one lane. The last sample is repeated, because the routine reads the
+    inputs of one sample beyond the last one that it closes.
     """
     levels = np.zeros((1, len(u) + 1, 3, u.shape[1]))
     levels[0, :-1, 0], levels[0, -1, 0] = u, u[-1]
@@ -221,5 +228,5 @@ def _at_rest(u: Array) -> Array:
 
 
 def _hold(levels: Array) -> MotionLaw:
-    """Return the law that has the given value, rate and second rate (3,) at every time."""
+    """Return the law that has the given value, first and second time derivative (3,) at every time."""
     return MotionLaw("held", lambda t: (levels[0], levels[1], levels[2]))
