@@ -13,9 +13,9 @@ WRITERS = ("mujoco", "pinocchio", "exudyn", "casadi")
 
 def holds(engine: str, integrator: str, stabilization: str, code: str = "") -> bool:
     """Tell whether an exported program can use this integrator and stabilisation; `code` is how CasADi evaluates functions."""
-    if engine == "pinocchio":
+    if engine == "pinocchio":  # the suite's own projection is not a part of scripts
         return stabilization != "projection"
-    if engine == "casadi":
+    if engine == "casadi":  # a script integrates by CVODES, or in CasADi's virtual machine, and never as compiled C
         return stabilization == "none" and (integrator.startswith("cvodes") or code == "virtual machine")
     return True
 

@@ -139,7 +139,7 @@ class Resolver:
         Raises:
             BuildError: a fault that shows only when positions are computed from the file's numbers, such as a bar without length.
         """
-        self.number_type, self.edition = number, document["format"]
+        self.number_type, self.format = number, document["format"]  # format: edition of the grammar, such as "planar-linkage/1"
         links = {name: build_link(name, table, number) for name, table in document["links"].items()}
         welds = {} if unwelded else document.get("welds", {})
         # links that are welded to each other make up one body; each pose is a link's frame in the frame of its body
@@ -162,7 +162,7 @@ class Resolver:
 
     def pairs_to_damp(self, joint: str) -> tuple[Joint, ...]:
         """Return the pairs in which damping of a joint acts: all pairs of its links; in the first edition, neighbours only."""
-        return pins_of_all_pairs(self.pairs(joint)) if self.edition == SECOND else self.pairs(joint)
+        return pins_of_all_pairs(self.pairs(joint)) if self.format == SECOND else self.pairs(joint)
 
     def pair(self, values: Any) -> Array:
         """Return a pair of numbers of the file, such as [x, y], as an array (2,) of the computation's number type."""

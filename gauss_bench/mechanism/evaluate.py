@@ -140,7 +140,7 @@ class Evaluator:
     def _terms(self) -> Callable[..., list[Array]]:
         """The generated function of t, q and v that returns five arrays.
 
-        They are the entries of J that vary with the state, Q of the steady forces (those without a factor of time or direction),
+        The arrays are the entries of J that vary with the state, Q of the steady forces (those without a time or direction factor),
         gamma, phi and phi_t.
         """
         symbols = self.constraints.symbols

@@ -33,7 +33,7 @@ from gauss_bench.terms import Array
 
 
 class AppliedForces:
-    """Gravity and the active forces of one mechanism. Steady forces are those without a factor of time or direction.
+    """Gravity and the active forces of one mechanism. Steady forces are those without a time or direction factor.
 
     Attributes:
         gravity: (n,) the generalised force of gravity.

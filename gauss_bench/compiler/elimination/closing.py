@@ -206,7 +206,7 @@ class _Equations:
             return vector(graph, factors.solve({r: x for r, x in enumerate(right) if not x.zero}), n)
 
         def follow(rates: Sequence[Node], seconds: Sequence[Node]) -> tuple[list[Node], list[Node]]:
-            """Return first and second time derivatives (n) of all coordinates, for given ones (`rates`, `seconds`) of the inputs."""
+            """Return the first and second derivatives (n) of all coordinates for those (`rates`, `seconds`) of the inputs."""
             v = solve_rows([-row.phi_t for row in self._rows(rates, seconds)])
             return v, solve_rows([row.gamma for row in self._rows(rates, seconds, v)])
 

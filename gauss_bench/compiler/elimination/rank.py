@@ -62,7 +62,7 @@ class RankDecision:
 
     @cached_property
     def evaluator(self) -> Evaluator:
-        """The interpreted evaluation of M, J, Q and gamma."""
+        """The evaluation of M, J, Q and gamma in numpy."""
         return Evaluator(self.mechanism)
 
     def acceleration(self, t: float, q: Array, v: Array, damped: bool = False) -> Array:
