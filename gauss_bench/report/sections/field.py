@@ -1,7 +1,7 @@
 """The section "The field": results of the same tests for all engines, for each setting, with a reason for each missing result.
 
-The rows are those of a run of the suite `field`, which is run separately. Its folder may be the subfolder `field` of another run's
-folder; then the report of the other run shows the section.
+The rows are those of a run of the suite `field`, which is run separately. The folder of this run may be the subfolder `field` of
+another run's folder; then the report of the other run has this section too.
 """
 
 import math
@@ -67,7 +67,7 @@ def answers(run: Run, engine: str = "") -> list[Row]:
 
 
 def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
-    """Return the test results of a setting that follow from its accuracy cases, and whether two runs of it are equal bit by bit.
+    """Return the test results of a setting: errors and orders of its accuracy cases, and whether two runs are equal bit by bit.
 
     Args:
         row: a row of the table `field`.
@@ -124,10 +124,10 @@ def describe_end(row: Row) -> str:
 
 
 def costs(run: Run, engine: str = "") -> list[Row]:
-    """Return a row for each engine, or for one if it is named: its cost at both ACCURACIES, its time to start, its installed size.
+    """Return a row for each engine, or only for `engine`: its cost at both ACCURACIES, its time to start, and its installed size.
 
-    The columns "coarse" and "fine" have costs: the time of the engine's cheapest setting [s], and in columns with the ending
-    `_range_low` and `_range_high` its range. Columns with the ending `_over` have this time divided by that of the fastest engine.
+    The columns "coarse" and "fine" have the time of the engine's cheapest setting [s]. The columns with the endings `_range_low`
+    and `_range_high` have the range of this time, and those with the ending `_over` the time divided by that of the fastest engine.
     Columns `why_*` have reasons for missing values (see `content.missing_reason`).
     """
     run = run.field_run
