@@ -43,12 +43,12 @@ class Entry:
 
     @property
     def address(self) -> str:
-        """The table's HTML anchor, such as `forces.torque`: the first path of the table without `.*` and `[*]`, then its first kind."""
+        """The table's HTML anchor, such as `forces.torque`: its first path without `.*` and `[*]`, then the first of its kinds."""
         return ".".join(filter(None, (re.sub(r"\.\*|\[\*\]", "", self.places[0]), *self.kinds[:1])))
 
 
 def list_entries() -> list[Entry]:
-    """Return the tables of a linkage file, each before the tables inside it; a table that may stand at several paths occurs once."""
+    """Return the tables of a linkage file, each before the tables inside it; a table that may stand at several paths comes once."""
     entries: dict[type[schema.Table], Entry] = {}
     add_entry(entries, schema.LinkageTable, "", edition=1)
     return list(entries.values())

@@ -1,7 +1,7 @@
 """The two pictures of README as SVG files: one linkage that moves in two engines, and the error of all engines against their time.
 
-Both pictures are made from stored rows alone, follow the dark mode of the reader, and are reproducible byte for byte. `python -m
-gauss_bench.report.pictures REPORTS README.md` writes both pictures and README's first table; `make publish` calls it.
+Both pictures are made from stored rows alone, follow the dark mode of the reader, and are reproducible byte for byte.
+`python -m gauss_bench.report.pictures REPORTS README.md` writes both and README's first table; `make publish` calls it.
 """
 
 import math

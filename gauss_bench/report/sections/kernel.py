@@ -240,8 +240,7 @@ def describe_long_runs(rows: Sequence[Row]) -> str:
 
 
 def describe_growth(rows: Sequence[Row]) -> str:
-    """Return a sentence on the exponents, with ranges, at which each engine's time grows with the size of a chain of N four-bars.
-    """
+    """Return a sentence on the exponents p, with ranges, of the growth N^p of each engine's time on chains of N four-bars."""
     # of an engine that has a loop of its own only the times in this loop are given
     looped = {r["engine"] for r in rows if r["quantity"] == "in its own loop"}
     shown = [r for r in rows if r["quantity"] == "in its own loop" or r["engine"] not in looped]

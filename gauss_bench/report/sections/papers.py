@@ -55,8 +55,7 @@ def mark_contradiction(row: Row) -> Row:
 
 
 def list_causes(rows: Sequence[Row]) -> list[Row]:
-    """Return a row for each cause of errors: the number of audited lines that are wrong for this cause, and their equation numbers.
-    """
+    """Return a row for each cause of errors: how many audited lines are wrong for this cause, and their equation numbers."""
     causes: list[Row] = []
     for group in group_causes(rows).values():
         verdict = group[0]["verdict"]

@@ -33,6 +33,7 @@ def section(run: Run) -> Section | None:
     blocks: list[Block] = [Text(layouts()["search"]["words"]), Text(scope)]
     for kind, group in group_by(rows, "required").items():
         winners = list_winners(run, group)
+        # tables of other errors than that of positions are folded; "end" is the position at the end of the run
         blocks.append(lay_out("search", winners, kind=ERRORS.get(kind, kind), folded=kind not in ("position", "end")))
     blocks += blocks_of("search_owned", list_owned(run.table("search_owned")))
     space = run.table("search_space")
@@ -190,8 +191,7 @@ def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
     """Return rows of `search_winners` whose ratios are relative to the fastest of this suite's compiled engines on each linkage.
 
     The rows of this suite's compiled engines have the entry `ours`. A stored ratio may be relative to one of these engines that is
-    not the fastest, but as fast within the spread. Division by the smallest ratio of these engines makes the ratio of the fastest
-    1.
+    not the fastest, but as fast within the spread. Division by the smallest ratio of these engines gives the fastest the ratio 1.
     """
     least: dict[str, float] = {}
     for row in with_number(group, "ratio"):

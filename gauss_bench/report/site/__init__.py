@@ -1,2 +1,1 @@
-"""The published site: pages, charts and data from stored rows alone. The site works from a local folder and from any web address.
-"""
+"""The published site: pages, charts and data from stored rows alone. It works from a local folder and from any web address."""
