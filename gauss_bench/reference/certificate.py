@@ -29,7 +29,7 @@ CERTIFICATES = "certificates"  # name of the folder of certificates, beside a li
 
 
 class CertificateError(BadInput, ValueError):
-    """A file that is no certificate, or a certificate of another linkage."""
+    """The file is not a certificate of a motion, or it certifies the motion of another linkage."""
 
 
 @dataclass(frozen=True, eq=False)
