@@ -221,7 +221,7 @@ class Case:
         local: errors of the accelerations of every run at the checkpoints in `sound`; None for a run without such checkpoints.
         start: the start state, repeated once for each checkpoint of `sound[-1]`.
         noise: relative error below which accelerations count as correct (numerical noise).
-        map: the map from reported times to times of the true motion; NaN until it is found.
+        map: the fit true time = shift + rate * reported time of the samples; NaN until it is found.
         jump_time: time of a jump of the state [s]; NaN until it is found.
     """
 
@@ -401,6 +401,7 @@ class Case:
         A second run is sampled at every step between those two checkpoints whose displacement the velocities and accelerations do
         not explain. Return None if there are none, or if the integrator chooses its own steps.
         """
+        # from the start on, because the state may jump before the first checkpoint
         reported = _join_states(self.first.start, self.first.at)
         k = samples.suspicious_window(reported, np.vstack([self.own.accelerations(self.first.start), self.first.a]))
         if k is None or self.adaptive:
@@ -701,6 +702,7 @@ class Case:
             horizon=float(self.first.at.t[self.steps.horizon - 1]),
             limit_error=self.limit,
             step_error=self.by_step,
+            # errors of the accelerations that the engine reports, and of those that follow from its changes of velocities
             told=tuple(np.nan if x is None else x.relative_reported for x in self.local),
             moved=tuple(np.nan if x is None else x.relative_implied for x in self.local),
             step_exponent=self.step_exponent(),

@@ -159,9 +159,10 @@ def order(mechanism: Mechanism, truth: States, reported: States) -> Order | None
 
 
 def _columns(mechanism: Mechanism, truth: States, reported: States) -> Iterator[tuple[str, Array, Array, list[str]]]:
-    """Yield, for each kind of coordinate, the values whose order an engine may confuse, one row for each link or joint. The kinds
-    are positions, velocities and angles of links, and coordinates and velocities of joints. Each item has the name of the kind, the
-    reported values and the true values (columns, ...), and the names of the columns, which are links or joints.
+    """Yield, for each kind of coordinate, the values whose order an engine may confuse, one row for each link or joint.
+
+    The kinds are positions, velocities and angles of links, and coordinates and velocities of joints. Each item has the name of the
+    kind, the reported values and the true values (columns, ...), and the names of the columns, which are links or joints.
     """
 
     def links(x: Array) -> Array:
@@ -224,13 +225,14 @@ def jump(own: OwnMotion, dense: States) -> Jump | None:
     displacement that the velocities allow. The jump leads back to the start if the state after the jump is nearer to the start than
     a tenth of the size of the jump.
     """
-    x = dense[1:]
+    x = dense[1:]  # samples at every step; dense[0] may lie long before them
     h = np.diff(x.t)[:, None]
     unexplained = np.abs(np.diff(x.q, axis=0) - h / 2 * (x.v[1:] + x.v[:-1])).max(axis=1)
     allowed = (h * np.maximum(np.abs(x.v[1:]), np.abs(x.v[:-1]))).max(axis=1)  # displacement that the velocities allow
     if not len(unexplained):
         return None
     usual, k = float(np.median(unexplained)), int(unexplained.argmax())
+    # no jump: not far above the usual size; or neither large nor far above what the velocities allow
     if unexplained[k] <= max(JUMP * usual, min(JUMP * (allowed[k] + usual), SUSPICIOUS)):
         return None
     from_start = float(np.abs(x.q[k + 1] - own.mechanism.q0).max())

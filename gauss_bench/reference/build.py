@@ -188,7 +188,7 @@ def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, 
     if minimal and mechanism.driver is not None:
         driven = build_driven(mechanism, random_times())
         return TrueStates(driven.t, driven.q, driven.v, driven.a)
-    Evaluator(mechanism).check_loads()
+    Evaluator(mechanism).check_loads()  # with joint friction, redundant constraints would leave the accelerations undetermined
     if minimal:
         motion = MinimalCoordinate(mechanism)
         theta = np.sort(rng.uniform(*motion.angles_reached(), count))

@@ -144,13 +144,14 @@ def _sleigh(name: str, t: list[Any]) -> States:
     """Return the motion of Chaplygin's sleigh, a body on a knife edge, which moves along its edge only.
 
     The sleigh has the mass m and the inertia I, and its knife edge lies at the distance `lead` behind its centre of mass. The
-    motion of the sleigh has two velocities: v of the edge along the sleigh, and the angular velocity w. With b^2 = (I + m lead^2) /
-    m and the constant V^2 = v^2 + b^2 w^2, they are
+    motion of the sleigh has two velocities: v of the edge along the sleigh, and the angular velocity w. With
+    b^2 = (I + m lead^2) / m and the constant V^2 = v^2 + b^2 w^2, they are
 
         v = V tanh(kappa t + c),   b w = V sech(kappa t + c),   kappa = lead V / b^2
 
     The constant c follows from the start. The angle of the sleigh is known in closed form; the position of its edge is the
-    numerical integral of the edge's velocity. Source: Neimark and Fufaev, Dynamics of Nonholonomic Systems (1972), section III.2.
+    numerical integral of the edge's velocity.
+    Source: Neimark and Fufaev, Dynamics of Nonholonomic Systems (1972), section III.2.
     """
     import mpmath
 

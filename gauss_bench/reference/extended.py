@@ -1,4 +1,4 @@
-"""The second of the two computations that make a certificate: collocation of order 20 in long double, in absolute coordinates.
+"""The second of two computations that certify a reference motion: collocation of order 20 in long double, in absolute coordinates.
 
 The unknowns of a step are the accelerations and multipliers x_i = [a_i, lambda_i] at ten Gauss nodes. The accelerations determine
 the positions q_i = q + c_i h v + h^2 (A A a)_i and the velocities v_i = v + h (A a)_i at the nodes. At every node the unknowns must

@@ -57,7 +57,8 @@ class Linkage:
     def inverse(self, t: Any, J: Array) -> SaddleInverse:
         """Return the inverse, in double precision, of the matrix [M J^T; J 0] of the equations of motion.
 
-        J (..., m, n) are the constraint Jacobians at one or several times t [s]. Several are reported by the first time.
+        J (..., m, n) are the constraint Jacobians at one or several times t [s]; messages and `nearest` have the first of these
+        times.
 
         Raises:
             Unsolved: the position is singular.

@@ -20,7 +20,7 @@ Progress = Callable[[float], None]  # takes the time reached [s]
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Samples of a motion in extended precision, in the absolute coordinates and row order of the mechanism.
+    """Samples of a motion in extended precision, in absolute coordinates, with constraint rows in the order of the mechanism.
 
     Attributes:
         times: decimal texts of the sample times [s] that were reached.
