@@ -75,7 +75,7 @@ class Numbers(split.Closure):
         moved: median relative error of the accelerations that follow from the change of velocities in a step, for every run.
         step_exponent: exponent k if the error of one step is proportional to h^k: 0 for round-off, 1 for wrong accelerations,
             p + 1 for an integrator of order p.
-        shift: shift b [s] of the time map, by which a sample reported at t is the true state at b + rate t.
+        shift: shift b [s] of the fitted map of time, by which a sample reported at t is the true state at b + rate t.
         rate: the factor `rate` of this time map.
         jump_time: time of a jump of the state [s].
     """
@@ -203,10 +203,10 @@ class Case:
         choices: the setting of every run, the requested one first.
         adaptive: whether the settings differ by tolerance instead of step.
         projected: the first setting with projected steps, or None.
-        first: burst of the run with the requested setting: its samples one step before, at, and one step after each checkpoint.
+        first: the run with the requested setting: its samples one step before, at, and one step after each checkpoint.
         true: reference states at the checkpoints of this run.
         off: position errors (k, n) of this run at its checkpoints [m, rad].
-        bursts: burst of every run at the checkpoints that all runs reached; the run with the smallest step comes last.
+        bursts: such samples of every run, at the checkpoints that all runs reached; the run with the smallest step comes last.
         errors: largest position error of every run [m, rad].
         error: largest position error of the first run [m, rad].
         bar: largest error bar of the reference [m, rad].
@@ -725,7 +725,7 @@ class Case:
         """
         by_part = dict.fromkeys(Part, 0.0)
         if cause.part in (Part.SAMPLING, Part.ROUND_OFF) or cause in UNDIVIDED:
-            left = self.map.left if cause.part is Part.SAMPLING else 0.0  # share that the map of times does not explain
+            left = self.map.left if cause.part is Part.SAMPLING else 0.0  # share of the error that the fitted map of time leaves
             return by_part | {cause.part or Part.MODEL: self.whole * (1 - left), Part.INTEGRATOR: self.whole * left}
         owner, soft = Part.MODEL, cause is Cause.SOFTNESS  # owner: part to which the error at step zero is attributed
         # gaps that do not decrease with the step (`closure_stays`) are not drift

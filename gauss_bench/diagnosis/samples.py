@@ -16,7 +16,7 @@ from gauss_bench.mechanism.spaces import angles, bodies
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
-LEFT = 0.2  # largest share of the error (median over the samples) that a map may leave
+LEFT = 0.2  # largest share of the error (median over the samples) that a map of time or a new order may leave
 ITERATIONS = 12  # largest number of iterations of a fit
 LOOKED_AT = 20  # number of samples to which a time map is fitted
 STILL = 1e-3  # largest travel of samples without motion, relative to the true travel

@@ -1,10 +1,10 @@
-"""Certification of a motion by two pipelines that share neither integrator nor equations.
+"""Certification of a motion by two independent computations that share neither integrator nor equations.
 
-A pipeline is a complete computation of the motion from the linkage file. The first pipeline, a Taylor series in 128-bit numbers,
-gives the values of the certified motion. The second pipeline, collocation in long double, gives the error bars, which are the
-differences between the two computed motions. The step of the collocation is halved until its own error is negligible. If the motion
-has a closed form, the closed form gives the values, and both computed motions are compared with it. The certificate ends where the
-two motions agree to fewer digits than are to be certified, or where one of them stops.
+Each computation (pipeline) begins with the linkage file. The first one, a Taylor series in 128-bit numbers, gives the values of the
+certified motion. The second one, collocation in long double, gives the error bars, which are the differences between the two
+computed motions. The step of the collocation is halved until its own error is negligible. If the motion has a closed form, the
+closed form gives the values, and both computed motions are compared with it. The certificate ends where the two motions agree to
+fewer digits than are to be certified, or where one of them stops.
 """
 
 import io
@@ -81,7 +81,7 @@ def certify(
     duration = mechanism.duration if until is None else until
     times = sample_times(duration)
     report = report or _ignore
-    # `first` and `second` are the motions of the two pipelines, and `truth` is the one whose values are certified
+    # `first` and `second` are the two computed motions, and `truth` is the motion whose values are certified
     first = taylor_motion(document, mechanism.scenario, times, progress=partial(report, "Taylor series"))
     exact = closed_form(mechanism, times)
     truth = first if exact is None else exact

@@ -124,7 +124,7 @@ def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Arra
     guess = assemble_doubles(document, scenario)
     mechanism = build_mechanism(document, scenario, "", "", LONG)
     if mechanism.has_friction:
-        raise ArithmeticError("dry friction in joints: the second pipeline has no equations for it")
+        raise ArithmeticError("dry friction in joints: the collocation in long double has no equations for it")
     free = replace(mechanism, drivers=())  # the scenario's prescribed values, `held`, stand for the drivers at the start
     close = Constraints(replace(free, knife_edges=())).residual  # knife edges restrict no positions
     held = list_held(mechanism, document["scenarios"][scenario], LONG)  # prescribed coordinates, with target values and rates

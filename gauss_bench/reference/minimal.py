@@ -1,8 +1,8 @@
 """The equation of motion of a linkage with one degree of freedom, written in a single coordinate, the crank angle.
 
 The crank angle theta is the independent variable of the geometry, instead of time: an imagined driver prescribes that the angle of
-the crank is theta, and adds a row of its own to J. Let q(theta) be the position in which the loops are closed. The derivatives of q,
-d = dq/dtheta and e = d2q/dtheta2, follow from J d = 0, d_crank = 1 and J e = gamma(q, d), e_crank = 0. With the crank's speed
+the crank is theta, and adds a row of its own to J. Let q(theta) be the position in which the loops are closed. The derivatives
+d = dq/dtheta and e = d2q/dtheta2 of q follow from J d = 0, d_crank = 1 and J e = gamma(q, d), e_crank = 0. With the crank's speed
 w = theta', the velocities are v = d w and the accelerations a = d w' + e w^2. The virtual work of M a - Q along d vanishes, hence
 
     w' = d . (Q - M e w^2) / (d . M d)
