@@ -243,6 +243,7 @@ class Case:
         self.off = self.first.at.q - self.true.q
         self.errors = tuple(_largest(b.at.q - truth.at(b.at.t).q) for b in bursts)
         self.error, self.bar = self.errors[0], float(truth.bar(self.first.at.t).max())
+        # the argument has the samples of each run at all checkpoints that this run reached, the attribute only at common ones
         shortest = min(len(b.at) for b in bursts)
         self.bursts = tuple(b[np.arange(len(b.at)) < shortest] for b in bursts)
         # the part of the error that the step causes, the part that remains at step zero, and the gaps of the loops
@@ -551,14 +552,14 @@ class Case:
         return float(np.log(coarse_error / fine_error) / np.log(coarse_step / fine_step))
 
     def _is_round_off(self) -> bool:
-        """Tell whether the error falls more slowly than by order 1, and the error of one step does not depend on the step."""
+        """Tell whether the error falls more slowly than in proportion to the step, and that of one step does not depend on the step."""
         return bool(self.errors[-1] > self.error / 2 ** (len(self.errors) - 1) and self.step_exponent() < 0.5)
 
     def _explain_remaining_error(self) -> Answer:
         """Explain an error that remains with smaller steps by wrong accelerations, or by loops that stay open at any step.
 
-        Both errors of accelerations are of the run with the smallest step: `last.reported` of those that the engine reports, and
-        `last.implied` of those that follow from its changes of velocities. `closure.held` is the correlation of gap and force.
+        Accelerations are those of the run with the smallest step: `last.reported` is the error of the accelerations that the engine
+        reports, `last.implied` that of the changes of velocities in a step, divided by the step.
         """
         last, closure = self.local[-1], self.closure
         if last is None:
