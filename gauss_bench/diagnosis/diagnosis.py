@@ -552,7 +552,7 @@ class Case:
         return float(np.log(coarse_error / fine_error) / np.log(coarse_step / fine_step))
 
     def _is_round_off(self) -> bool:
-        """Tell whether the error falls more slowly than in proportion to the step, and that of one step does not depend on the step."""
+        """Tell whether the error falls more slowly than the step itself, and that of one step does not depend on the step."""
         return bool(self.errors[-1] > self.error / 2 ** (len(self.errors) - 1) and self.step_exponent() < 0.5)
 
     def _explain_remaining_error(self) -> Answer:
