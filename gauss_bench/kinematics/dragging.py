@@ -7,11 +7,11 @@ point, P = dp/dy its Jacobian, and r = p - target. A step y follows from the equ
 
 in which mu makes the matrix positive definite. Gauss-Newton then projects the position after the step back onto the constraints.
 
-A step is halved until the linkage certainly moves continuously: the directions of the free motions change little along the step,
-and the projected position is near the prediction of second order. The linkage therefore reaches another assembly only by moving
-there. At a fork, a position from which the linkage can move in several ways, it keeps its direction. If the linkage has two free
-motions, the Jacobian P is square, and the linkage does not cross a singular position det P = 0: an arm that is pulled straight
-folds back to the side from which it came.
+A step is halved until the linkage moves continuously: the directions of the free motions change little along the step, and the
+projected position is near the prediction of second order. The linkage therefore reaches another assembly only by moving there. At a
+fork, a position from which the linkage can move in several ways, it keeps its direction. If the linkage has two free motions, the
+Jacobian P is square, and the linkage does not cross a singular position det P = 0: an arm that is pulled straight folds back to the
+side from which it came.
 """
 
 from collections.abc import Iterator

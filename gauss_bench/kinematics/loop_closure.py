@@ -3,12 +3,11 @@
 A state x has TU + TK entries, named as in the paper: the values of the TU unknown variables, followed by those of the TK inputs
 (the known variables), as in `LoopEquations`. A state is closed if the vectors around every loop add up to zero.
 
-Between two sample times all inputs change linearly, in proportion to each other. A step between two states is halved until the new
-state certainly belongs to the same assembly: every angle changes by a small amount, Newton's method converges near the second-order
-prediction, and det(J^T J_next) > 0, where J and J_next are the Jacobians at both states (for a square J: its determinant keeps its
-sign). The
-motion ends where even the shortest step fails: at a limit, beyond which the loops cannot be closed, or at a singular position,
-where they can be closed in more than one way.
+Between two sample times all inputs change linearly, in proportion to each other. A step between two states is halved until nothing
+suggests that the new state belongs to another assembly: every angle changes by a small amount, Newton's method converges near the
+second-order prediction, and det(J^T J_next) > 0, where J and J_next are the Jacobians at both states (for a square J: its
+determinant keeps its sign). The motion ends where even the shortest step fails: at a limit, beyond which the loops cannot be
+closed, or at a singular position, where they can be closed in more than one way.
 Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Transactions of CSAM 41(2),
 2010, fig. 4 (the flow: position, velocity, acceleration at each time; exit where there is no solution or a singular position).
 """

@@ -203,9 +203,8 @@ def find_groups(model: PointModel) -> tuple[PointGroup, ...]:
 
     Each unknown coordinate is matched with an equation, from which it can be computed if the other unknowns in this equation are
     known: the coordinate depends on these other unknowns. Unknowns that depend on each other (a strongly connected component of the
-    graph of dependences) form
-    a group. Two kinds of groups are left out: those of linear equations, which have only one solution, and those that depend on
-    redundant equations, which have more equations than unknowns and therefore no determinant.
+    graph of dependences) form a group. Two kinds of groups are left out: those of linear equations, which have only one solution,
+    and those that depend on redundant equations, which have more equations than unknowns and therefore no determinant.
     """
     # the pattern of J at random points, where no entry is zero by chance
     z: Vectors = np.random.default_rng(0).normal(size=(model.points.N, 2)) @ np.array([1.0, 1.0j])

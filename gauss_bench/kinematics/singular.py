@@ -187,7 +187,7 @@ def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list
     positions: list[Singular] = []
     q = mechanism.q0
     tangent = curve.tangent(q, gradient(driving.coordinate, q))  # in the direction in which the driving coordinate grows
-    first, side = tangent, curve.orientation(q, tangent)  # `side` changes its sign where the curve forks
+    first, side = tangent, curve.orientation(q, tangent)  # the orientation changes its sign where the curve forks
     rates = [gradient(c.coordinate, q) @ tangent for c in coordinates]  # g . x of each coordinate at the last position
     for count in range(LONGEST):
         if ended is not None and ended.is_set():
