@@ -187,8 +187,8 @@ def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict
 def compare_joint_forces(evaluator: Evaluator, states: Trajectory, told: Array) -> tuple[float, float]:
     """Return the largest error of the joint forces that an engine returns, and the largest true joint force, both [N, N m].
 
-    The true forces follow from the accelerations of the states by Newton's laws. Both are NaN if the engine returns no joint
-    forces, or if redundant rows leave them undetermined.
+    The true forces follow from the accelerations of the states by Newton's laws. Both numbers are NaN if the engine returns no
+    joint forces, or if redundant rows leave them undetermined.
 
     Args:
         told: (k, joints, 3) fx, fy and moment of each joint as the engine reports them, with the signs and reference points of

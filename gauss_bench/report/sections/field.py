@@ -45,7 +45,7 @@ def describe_questions(run: Run) -> str:
 
 
 def describe_run(run: Run) -> str:
-    """Return sentences which say that the rows come from a separate run, and why its times differ from those on other pages."""
+    """Return sentences on the separate run of the rows, and on why its times differ from those on other pages."""
     return (
         f"The rows are of a run of their own ({', '.join(facts(run.field_run))}). Its times are those of a brief search; the suite "
         f"`{run.environment.get('suite', '')}`, whose times stand on the other pages, searched longer and found other settings."
@@ -73,7 +73,8 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
         row: a row of the table `field`.
 
     Returns:
-        Columns of the layout `field`. Columns that begin with `why_`, and `missing`, are reasons for missing values (see
+        Columns of the layout `field`. `same` says whether the accelerations at given states agree with the reference; `repeats`,
+        whether two runs are equal. Columns that begin with `why_`, and `missing`, are reasons for missing values (see
         `content.missing_reason`).
     """
     cases = [r for r in run.results if all(r[k] == row[k] for k in METHOD)]
@@ -99,7 +100,7 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
         "repeats_tone": "good" if row["same_bits"] else "warn",
         "why_repeats": row["message"] or "not run twice",
         "why_force_error": row["message"] or "the forces are not determined",
-        "why_told_force_error": row["message"] or "none told",
+        "why_told_force_error": row["message"] or "none told",  # joint forces that the engine itself returns
         **redundant_rows(cases, row["redundant"]),
     }
 

@@ -102,8 +102,8 @@ def answer_of(run: Run, row: Row) -> Reach:
 def findings(run: Run) -> Iterator[Finding]:
     """Yield findings on the searches.
 
-    One finding lists the linkages whose race (timed comparison) failed. Then there is one for each engine with settings by its
-    authors. Finally there is one for each requirement, which compares the suite's own compiled engines with the others.
+    One finding lists the linkages whose race (timed comparison) failed. A finding follows for each engine with settings by its
+    authors, and for each requirement a finding that compares the suite's own compiled engines with the others.
     """
     unsearched = [r for r in run.table("search_winners") if not r["required"]]
     if unsearched:
@@ -135,7 +135,7 @@ def findings(run: Run) -> Iterator[Finding]:
 def compare_owned(run: Run) -> Iterator[Finding]:
     """Yield a finding for each engine with settings by its authors.
 
-    It states the time of the authors' cheapest setting divided by the time of this suite's cheapest setting for the same engine.
+    The finding states the time of the authors' cheapest setting divided by that of this suite's cheapest setting for the engine.
     """
     for engine, rows in group_by(run.table("search_owned"), "engine").items():
         ratios = [f"{_place(r)} {spread(r, 'ratio').print_with(ratio_text)}" for r in with_number(rows, "ratio")]

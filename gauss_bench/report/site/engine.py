@@ -145,8 +145,8 @@ def _inaccuracy(row: Row) -> tuple[bool, bool, float]:
 def cheapest_table(run: Run, name: str) -> Table:
     """Return the table of the engine's cheapest setting for each linkage at each of the accuracies TABLED.
 
-    If no setting meets an accuracy, the row has the reason in the columns `words` and `missing`. The table is empty if neither a
-    setting nor an error of the engine is stored.
+    If no setting meets an accuracy, the row has the reason in the columns `words` and `missing`. The table is empty if no setting
+    of the engine with a known error is stored.
     """
     lines: list[Row] = []
     # linkages on which the search ran the engine, and linkages with a stored setting of the engine

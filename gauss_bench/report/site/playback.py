@@ -131,8 +131,8 @@ def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[
 
     The data have all stored runs, of which a reader chooses two. The script of the page draws the differences of the runs from the
     reference magnified. If the crank can turn fully, links move along the turn of the crank (see the top of this file); otherwise
-    differences are multiplied by a factor. The result is None if fewer than two runs or no reference are stored, or if the linkage
-    does not load.
+    each difference is multiplied by the factor that the reader chooses. The result is None if fewer than two runs or no reference
+    are stored, or if the linkage does not load.
     """
     turn = find_turn(run, name)
     try:

@@ -169,7 +169,7 @@ def all_settings(run: Run) -> dict[str, list[Setting]]:
 
 
 @lru_cache(maxsize=2)
-def _settings_by_place(run: Run) -> dict[tuple[Any, ...], Setting]:
+def _settings_by_key(run: Run) -> dict[tuple[Any, ...], Setting]:
     """Return a dictionary that maps the tuple that `setting_key` returns for a setting to the first setting with this tuple.
 
     Searching through thousands of settings instead took half of the time in which the site is built.
@@ -182,13 +182,13 @@ def _search(run: Run) -> Iterator[Setting]:
     """Yield the settings that a search tried on each linkage, each with its time: measured in a race, or estimated from a race."""
     raced = [r for r in with_number(run.table("search_times"), "seconds") if r["status"] == "ok"]
     races = group_by(raced, variant_of)
-    at_place = {setting_key(r): r for r in reversed(raced)}  # reversed: of several rows of one setting the first stays
+    raced_at = {setting_key(r): r for r in reversed(raced)}  # reversed: of several rows of one setting the first stays
     steps_at = {setting_key(r): number(r, "steps") for r in run.table("search_ladder")}
     for row in with_number(run.table("search_ladder"), "position_error"):
         steps = number(row, "steps")
         if row["status"] != "ok" or steps == 0:
             continue
-        raced_row = at_place.get(setting_key(row))
+        raced_row = raced_at.get(setting_key(row))
         if raced_row is not None:
             time = race_time(raced_row)
         else:
@@ -237,7 +237,7 @@ def cheapest_stored(run: Run, mechanism: str, position: float, force: float = ma
     for row in with_number(run.table("search_winners"), "seconds"):
         asked = row["required"] == "position" and math.isclose(row["accuracy"], position, rel_tol=1e-6)
         if asked and row["mechanism"] == mechanism and row["status"] == "ok":
-            stored = _settings_by_place(run).get(setting_key(row))
+            stored = _settings_by_key(run).get(setting_key(row))
             more = {"force": stored.force, "until": stored.until} if stored else {}
             leaders[row["engine"]] = make_setting(row, **race_time(row), **more, position=number(row, "error"))
     return leaders
