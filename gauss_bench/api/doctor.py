@@ -154,7 +154,7 @@ def _check_builds(known: Iterable[Offer]) -> Iterator[Finding]:
 def _find_lacking(offer: Offer, choices: Iterable[Choice]) -> str:
     """Return why an engine's code cannot be compiled on this machine: the name of a missing compiler or library, in a sentence.
 
-    The text is empty if nothing is missing, or if the adapter is not one of the suite's and thus must not run in this process.
+    The text is empty if nothing is missing, or if the engine's adapter may only run in a worker process and is not asked here.
     """
     if offer.name not in SAFE:  # only the suite's adapters named in SAFE run in this process; others run in a worker
         return ""
