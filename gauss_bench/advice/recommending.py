@@ -46,7 +46,7 @@ from gauss_bench.trajectory import Status
 
 SHARE = "share of the requirement"  # kind of error: the largest of the errors, each divided by its requirement
 HALF = Requirement(SHARE, 0.5)  # what an accepted setting meets: each error is at most half of the allowed one
-KNOWN = 0.1  # largest error bar of the reference, as a share of the requirement
+KNOWN = 0.1  # largest error bar of the reference, divided by the allowed error
 REFERENCE_ENGINE = "gauss-native"  # engine whose compiled model computes the reference; it is also searched like any other engine
 DENSE = 400  # largest number of samples of a run with equal steps
 EVALUATED = 24  # largest number of runs of one variant
@@ -332,7 +332,7 @@ class Recommender:
         return None
 
     def _search_variant(self, engine: _Engine, variant: Variant) -> None:
-        """Search one variant over steps or tolerances, and store its trial runs in `engine.trials`."""
+        """Search one variant over its sizes, which are steps or tolerances, and store its trial runs in `engine.trials`."""
         way = Way(engine.name, variant.name, variant.integrator, variant.stabilization, 0.0)
         adaptive, before, is_first = variant.integrator in engine.adaptive, engine.best(), not engine.has_run
         trials: list[Trial] = []
@@ -515,7 +515,7 @@ class Recommender:
             own = {w: x for w, x in times.items() if w.settings in engine.options}
             answer = self._accepted_answer(engine, way, trial, times.get(way), fastest)
             accepted.append(replace(answer, loops=by_loop(engine, own, fastest)))
-        accepted.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)  # settings without a race come last
+        accepted.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)  # settings that were not timed come last
         return accepted + [self._answer_without_setting(x) for x in self.engines.values() if x.title not in chosen]
 
     def call_worker(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...], least: float = 1.0) -> Any:

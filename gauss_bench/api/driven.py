@@ -294,7 +294,7 @@ def _hold_pin(moved: dict[str, Any], own: Mechanism, name: str, value: float | N
         own: the mechanism of the file as it is, which gives the values at the start.
         name: name of the pin.
         value: held angle [deg] of the second link relative to the first; None holds the angle of the start.
-        start: the scenario's table `start`, to which the held angle of a link on the ground is added.
+        start: the scenario's table `start`, to which the held angle of a link that is pinned to the ground is added.
     """
     near, far = moved["joints"][name]["at"]  # both as "link.point"
     near_link, far_link = (x.partition(".")[0] for x in (near, far))

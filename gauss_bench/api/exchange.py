@@ -68,8 +68,8 @@ class Tuning(Result):
 
     @property
     def met(self) -> bool:
-        """Whether both errors are at most half of the required ones; the other half is reserved for the error of the reference."""
-        is_precise = self.known <= self.motion_wanted / 10  # the error bar of the reference
+        """Whether both errors are at most half of the required ones, and the error bar of the reference at most a tenth."""
+        is_precise = self.known <= self.motion_wanted / 10  # known: error bar of the reference
         return is_precise and self.loops_open <= self.loops_wanted / 2 and self.motion_error <= self.motion_wanted / 2
 
     @property

@@ -117,7 +117,7 @@ def redundancy(count: float) -> Document:
         "links": dict.fromkeys(cranks, bar) | {"coupler": coupler},
         "joints": joints,
         "assembly": {"angles_deg": dict.fromkeys(cranks, RELEASE) | {"coupler": 0.0}},
-        "scenarios": scenario(0.5, RELEASE, 0.0),
+        "scenarios": scenario(duration=0.5, crank_deg=RELEASE, speed=0.0),
     }
 
 
@@ -147,7 +147,7 @@ def size(count: float) -> Document:
     """Return the content of a linkage file: the N-four-bar with N = count, released at rest at the angle RELEASE [deg]."""
     document = n_four_bar(round(count))  # the N + 1 cranks are named v0, v1, ...; the N couplers stay horizontal
     document["assembly"] = {"angles_deg": {x: RELEASE if x.startswith("v") else 0.0 for x in document["links"]}}
-    return document | {"scenarios": scenario(0.1, RELEASE, 0.0)}
+    return document | {"scenarios": scenario(duration=0.1, crank_deg=RELEASE, speed=0.0)}
 
 
 def pendulum(count: float, t: Array, tolerance: float) -> Array:

@@ -45,7 +45,7 @@ Told = Callable[[str], object]
 
 @dataclass(frozen=True)
 class Way:
-    """One way of running a linkage: an engine with settings and stabilization, and the engine's first integrator."""
+    """An engine with the settings, integrator and stabilization with which it runs linkages."""
 
     engine: str
     settings: str

@@ -264,7 +264,7 @@ def call_engine_function(worker: Worker, place: str, *arguments: object) -> Any:
 
 
 def as_data(answers: Answers) -> dict[str, Any]:
-    """Return answers as dictionaries, lists, numbers and texts, which the journal stores as JSON."""
+    """Return answers as dictionaries, lists, numbers and texts, which a file of results (`Journal`) stores as JSON."""
     figures = [
         {"key": x.key, "status": x.status, "message": x.message, "text": x.text, "error": x.error}
         | {"values": x.values.tolist(), "shifted": x.shifted.tolist()}

@@ -1,9 +1,9 @@
 """Python environments, one for each release of an engine's library.
 
 Each environment is a subfolder `ENGINE-VERSION` of the user's data folder, and stays there for later calls. pip first downloads the
-library's wheel. If `releases.toml` lists a hash for the file, the hash must agree; files without a listed hash
-are installed by their version alone. pip chooses the versions of numpy >= 2 and of further requirements, as it does for a user who
-installs the release today.
+library's wheel. If `releases.toml` lists a hash for the file, the hash must agree; files without a listed hash are installed by
+their version alone. pip chooses the versions of numpy >= 2 and of further requirements, as it does for a user who installs the
+release today.
 """
 
 import contextlib

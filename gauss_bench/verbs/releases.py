@@ -85,7 +85,7 @@ def releases(
 
 
 def ask_or_recall(library: Library, release: Release, budget: float, journal: Journal, told: Told) -> Answers:
-    """Return what a release of a library computes, from the journal if the same code has stored it, or else by running it."""
+    """Return what a release of a library computes: from the file `journal` if the same code stored it there, else by running it."""
     if not release.python:
         return Answers(release.version, status=str(Status.SKIP), message=release.reason)
     stamp = f"{source_digest(*ASKED)} {release.how} {budget:g}"
