@@ -329,7 +329,7 @@ class Kernel:
 
         p (n_p,) has the number arguments of the code (`_numbers`).
         """
-        end = self._programs.runner(0, integrator).run_one(q, v, p, t0, dt, n)
+        end = self._programs.runner(0, integrator).run_one(q, v, p, t0, dt, n)  # 0 is the index of the first program
         if not isinstance(end, Stop):
             return end
         # a guard stopped the first program: the driver continues with other programs from the state that was reached

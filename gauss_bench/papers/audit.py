@@ -131,7 +131,8 @@ def lines_of(paper: Table) -> Iterator[Line]:
 def form_of(module: str, form: Any) -> Any:
     """Return the function that a string in a data file names; return any other value (a number, list or table) unchanged.
 
-    The string `form` is the name of a function in `module`, the chapter's module, or the path of a function in `gauss_bench.papers`.
+    The string `form` is the name of a function in `module`, the chapter's module, or the path of a function in
+    `gauss_bench.papers`.
     """
     if not isinstance(form, str):
         return form

@@ -366,7 +366,7 @@ class Builder:
         motions = self.directions(self.t, q, v)
 
         def derivatives(states: Iterable[tuple[list[int], list[int]]]) -> list[list[int]]:
-            """Return the derivatives (f, f) of the independent accelerations by differences, one column for each displaced state."""
+            """Return the derivatives (f, f) of the independent accelerations by differences, a column for each displaced state."""
             columns = [self.acceleration(self.t, *state) for state in states]
             return [[g.mul(per, g.sub(x[k], a[k])) for x in columns] for k in free]
 

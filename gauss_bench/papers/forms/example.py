@@ -42,7 +42,7 @@ def mass_off(form: Callable[[], Array]) -> float:
 
 
 def power_off(s: ExampleState, f: Array | float, a: Array) -> float:
-    """Return the power v . (M a + f - Q) at the state s, divided by the power of the absolute terms M a and Q.
+    """Return the power v . (M a + f - Q) at the state s, divided by |v| . (|M a| + |Q|).
 
     The equation of motion, eq. (20), is M a + f = Q - J^T lambda, with forces f besides the applied forces Q; the true f is zero.
     For the true a and f, M a + f - Q is the constraint force, which has no power.
@@ -108,8 +108,7 @@ def row_off(squared: list[str], s: ExampleState, rows: list[int]) -> float:
         s: state of the reference motion.
         rows: numbers of the rows of J a = g that are tested, counted from 1.
     """
-    # getattr(s, *squared) is s.v or s.a
-    off = crank_slider.bias(s.q, getattr(s, *squared)) - gradient(crank_slider.residual, s.q) @ s.a
+    off = crank_slider.bias(s.q, getattr(s, squared[0])) - gradient(crank_slider.residual, s.q) @ s.a
     return float(np.abs(off)[[row - 1 for row in rows]].max() / np.abs(s.a).max())
 
 

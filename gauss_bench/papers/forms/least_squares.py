@@ -199,7 +199,8 @@ def matrix_off(exponent: float, p: Problem) -> float:
 def vector_off(exponent: float, p: Problem) -> float:
     """Return the relative error of the vector b (`vector`) with the given exponent of M in its first term.
 
-    If a by eq. (8) is inserted in G by eq. (2) of the paper, the terms without h are M^(-1/2) (M J^- g + f - Q), and the true b is minus these terms.
+    If a by eq. (8) is inserted in G by eq. (2) of the paper, the terms without h are M^(-1/2) (M J^- g + f - Q), and the true b is
+    minus these terms.
     """
     return relative(vector(p, exponent), power(p.M, -0.5) @ (p.Q - p.f - p.M @ pinv(p.J) @ p.g))
 
