@@ -41,10 +41,10 @@ VALUES = (
 
 
 def list_published_values(mechanism: Mechanism, reference: Reference) -> list[dict[str, Any]]:
-    """Return a row for each printed value: both values, their difference, and the numbers of printed and of right digits.
+    """Return a row for each printed value: printed and certified value, difference, and numbers of printed and of right digits.
 
-    A row also has the error bar of the certified value, and as `floor` the change of this value if the numbers of the linkage change
-    by rounding, a relative 1e-16. The reference must end at the time of the published values.
+    A row also has the error bar of the certified value, and as `floor` the change of this value if the numbers of the linkage
+    change by rounding, a relative 1e-16. The reference must end at the time of the published values.
     """
     linkage, scenario, t = SQUEEZER
     assert abs(reference.t[-1] - t) < 1e-12

@@ -114,7 +114,7 @@ def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
 
 
 def _key(text: str, level: int) -> str:
-    """Return the name of object code in the cache: a hash of the module's text, the level of optimisation, and this host."""
+    """Return the name of object code in the cache: a hash of the module's text, the optimisation level, LLVM and the processor."""
     import llvmlite
 
     parts = (VERSION, llvmlite.__version__, str(_binding().llvm_version_info), *host(), str(level), text)

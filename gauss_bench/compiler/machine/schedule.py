@@ -51,8 +51,7 @@ def order(g: Graph, roots: Iterable[int], carried: Mapping[str, int], plain: boo
     """Return the roots (results) and all values that they depend on, the most urgent first, or if `plain` in the order of indices.
 
     The urgency of a value is its height: the length [cycles] of the longest path of operations that wait for it. A path may
-        continue in later iterations of the loop; for each later iteration, one period (the cycles per iteration) is subtracted from
-        its length:
+    continue in later iterations of the loop; for each of them, one period (the cycles per iteration) is subtracted from its length:
 
         height(k) = max over users x of k of (height(x) + latency(x))
         height(next value of a variable) = height(the variable) - period

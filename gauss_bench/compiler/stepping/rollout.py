@@ -161,7 +161,8 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
     h, t0, t, done = (g.leaf(f"%{x}") for x in ("h", "t0", "t", "done"))
     # masks of the lanes that have not stopped, and of those that need a body with a larger reach
     alive, far = (g.make("mask", payload=x) for x in ("%alive", "%far")) if many else (always, none)
-    # a lane goes on if its guards hold; `beyond`: in this step it only exceeded the reach, so that a larger one will do
+    # regular: no pivot is too small; within: no link turns by more than the reach. A lane goes on if both are true; `beyond`: only
+    # the reach was exceeded in this step, so that code with a larger reach will do
     beyond = g.both([alive, body.step.regular, g.make("not", body.step.within)])
     going = g.both([alive, body.step.regular, body.step.within])
     # number of the next step, whether there is one, and its time

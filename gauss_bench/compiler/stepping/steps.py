@@ -481,6 +481,7 @@ class Builder:
         """
         g, regular_out = self.g, self.g.both(out_pivots if self.code.projected else [])
         regular, within = g.both(self.pivots), self.within(v)  # no pivot is too small; no angle has changed too much
+        # variables of the next step if the state is projected before it
         settled = self.carried(*self.settle(q, v, pairs)) if self.code.settles else {}
         return Step(g, self.carried(q, v, pairs), [*self.q, *out_v], regular, regular_out, within, settled=settled)
 
