@@ -1,8 +1,8 @@
 """Continuation of trajectories that a guard has stopped, because a pivot of the program's elimination is too small at a state.
 
 A program is the code generated for one choice of pivots. Another program, with other pivots, continues from this state if one is
-usable. If none is, a single step is taken by rank decision: dense linear algebra decides which rank the constraint rows have at
-each state of the step.
+usable. If no program is, a single step is taken by dense linear algebra, which decides the rank of the constraint rows at each
+state of the step.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -19,12 +19,12 @@ from gauss_bench.terms import Array
 # time [s] -> the number arguments (k, n_p) of the code at this time, for k trajectories
 Numbers = Callable[[float], Array]
 
-STRIDE = 1e-4  # size of a step by rank decision under step size control, relative to the duration
+STRIDE = 1e-4  # size of a step by dense linear algebra under step size control, relative to the duration
 INTEGRATORS = ("rk4", "semi_implicit_euler", "dop853_fixed", "gauss_legendre")
 
 
 class ByRank(Protocol):
-    """Single integration steps of a mechanism by rank decision: each evaluation determines the rank of the constraint rows.
+    """Single integration steps of a mechanism by dense linear algebra: each evaluation determines the rank of the constraint rows.
 
     The parameters of the mechanism have the values of its linkage file.
     """
@@ -44,7 +44,7 @@ class Tally:
 
     Attributes:
         switches: number of times that a trajectory was continued by another program, with other pivots.
-        fallbacks: number of steps by rank decision (dense linear algebra), because no program was usable.
+        fallbacks: number of steps by dense linear algebra, because no program was usable.
         lost: number of trajectories that could not be continued.
     """
 
@@ -59,7 +59,7 @@ class Driver:
     A trajectory is lost if it cannot be continued; its later states are NaN.
 
     Attributes:
-        by_rank: takes steps by rank decision (see the module) at states where no generated program is usable.
+        by_rank: takes steps by dense linear algebra at states where no generated program is usable.
         projected: whether samples must lie on the constraints.
         given: number of open parameters: numbers of the linkage that each call may change. The number arguments of the code are
             first the open parameters, then functions of time, which `by_rank` evaluates by itself.
@@ -72,7 +72,7 @@ class Driver:
         self.tally = Tally()
 
     def nominal(self, p: Array) -> bool:
-        """Tell whether the open parameters have the values of the linkage file; only then are steps by rank decision possible.
+        """Tell whether the open parameters have the values of the linkage file; only then can `by_rank` take steps.
 
         The open parameters are the first `given` of the code's number arguments p (..., n_p).
         """
