@@ -102,7 +102,7 @@ def list_survivors(
         The result of the last race, and engine -> failure, for each engine that crashed or hung in an earlier one.
 
     Raises:
-        WorkerFailure: the race crashed while no engine was running, or raised an error.
+        WorkerFailure: the timed comparison crashed while no engine was running, or raised an error.
     """
     lost: dict[str, WorkerFailure] = {}
     with tempfile.NamedTemporaryFile() as file, Worker() as worker:
@@ -119,9 +119,10 @@ def list_survivors(
 
 
 def watching(path: str) -> Watch:
-    """Return a function that writes the engine's name in the key of an entry into the file `path`; a call takes a microsecond.
+    """Return a function that, given the key of an entry, writes the name of the entry's engine into the file `path`.
 
-    The function is called before code of this entry runs, so that a crash can be attributed to the engine.
+    The function is called before the entry's code runs, so that a crash can be attributed to the engine; a call takes a
+    microsecond. The name is filled up to ROOM bytes, so that it replaces the whole of an earlier name.
     """
     file = os.open(path, os.O_WRONLY)
     return lambda entry: os.pwrite(file, str(getattr(entry, "engine", "")).encode()[:ROOM].ljust(ROOM, b"\0"), 0)
