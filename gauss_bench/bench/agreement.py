@@ -140,8 +140,8 @@ def is_excusable(subject: Subject, choice: Choice, run: Run, mechanism: Mechanis
     """Tell whether a run failed for a reason that is no fault of the engine.
 
     Four reasons are no fault: the engine refuses the linkage; the time for all checks is used up; the engine cannot solve the
-    linkage's redundant constraint rows; the solver gave up in a run with a variant, which only searches for the cheapest setting
-    try. The solver must not give up with one of the engine's settings, because users choose among these.
+    linkage's redundant constraint rows; the solver gave up in a run with a variant, because variants are tried only in searches for
+    the cheapest setting. With one of the engine's settings, among which users choose, the solver must not give up.
     """
     redundant = run.status is Status.RANK_LOST and mechanism.redundant > 0
     return run.status is Status.SKIP or redundant or (choice.settings in subject.offer.variants and run.status in GAVE_UP)

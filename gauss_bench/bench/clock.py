@@ -93,7 +93,7 @@ class Missing(Failure):
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """The result of a race.
+    """The result of a race (timed comparison).
 
     Attributes:
         samples: key of an entry -> seconds per repetition of its work, as an array (processes, rounds); NaN in rounds that the
@@ -175,7 +175,7 @@ class Race:
 
 
 def key_of(row: Row) -> Key:
-    """Return the key of the entry of a race to which a row of a result table belongs."""
+    """Return the key of the timed quantity to which a row of a result table belongs."""
     return Key(*(row[x] for x in Key._fields))
 
 

@@ -91,7 +91,7 @@ def _start(subject: Subject) -> Iterator[Check]:
         gap = max(np.abs(x.q[0] - m.q0).max(), np.abs(x.v[0] - m.v0).max() / max(1.0, np.abs(m.v0).max()))
         if gap <= START:
             return ""
-        return f"it is {gap:.1e} away (m, rad, or relative to the largest speed): wrong units, order of links, or a step too many?"
+        return f"it is {gap:.1e} off (m, rad, or of the largest speed); possible causes: units, order of links, a step too many"
 
     yield from _check_runs(subject, "the first sample is the start", find_wrong_start)
 
@@ -195,7 +195,7 @@ def _is_undisturbed(subject: Subject) -> Iterator[Check]:
 
 def _step_counts(subject: Subject) -> Iterator[Check]:
     """Check that the engine reports the correct number of steps, if it counts its steps."""
-    title, wanted = "steps are counted", len(EVERY_STEP) - 1
+    title, wanted = "steps are counted", len(EVERY_STEP) - 1  # these sample times are one step apart
     if subject.offer.integrators[0] in subject.offer.adaptive:
         yield Check(title, None, "its first integrator chooses its own steps")
     elif all(run.trajectory is not None and run.trajectory.steps is None for run in subject.whole.values()):

@@ -246,11 +246,8 @@ def known_cases(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
     def is_kept(case: Case) -> bool:
         """Tell whether the baseline has this case or, if the engine cannot be used here, any case of this linkage and engine."""
         mechanism = load(case.linkage, case.scenario or None)
-        key = (
-            mechanism.name,
-            mechanism.scenario,
-            *astuple(case)[2:],
-        )  # in the order of the columns KEY: the fields of a case after linkage and scenario
+        # in the order of the columns KEY: mechanism, scenario, and the fields of a case after linkage and scenario
+        key = (mechanism.name, mechanism.scenario, *astuple(case)[2:])
         return key in known or ((mechanism.name, case.engine) in pairs and not offer(case.engine).usable)
 
     return [case for case in cases if is_kept(case)]

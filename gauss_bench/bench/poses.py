@@ -63,8 +63,7 @@ def wrap(q: Array) -> Array:
 def true_poses(mechanism: Mechanism, truth: Reference) -> Rows:
     """Return one row (link, time, pose) for each link at each frame (time of the animation), from the reference motion.
 
-    Angles are wrapped to [-pi, pi). The columns of the pose are AXES without a suffix: therefore the key is "" in the call of
-    `_rows`.
+    Angles are wrapped to [-pi, pi). The columns of the pose are AXES without a suffix, as the key "" says.
     """
     times = frames(truth)
     at = common_times(truth.t, times)[0]

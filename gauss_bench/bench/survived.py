@@ -1,4 +1,4 @@
-"""Races that continue after a crash: an engine that crashes the process gets rows with the reason, and all others are timed again.
+"""Timed comparisons ("races") that survive a crash: the engine that crashes gets rows with the reason, all others are timed again.
 
 The process of a race writes the name of the running engine into a small file. After a crash or a hang the parent reads the name
 there, and starts the race again without that engine.
@@ -25,7 +25,7 @@ Entries = Callable[
 def race_here(
     entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str] | None = None, path: str = ""
 ) -> Rows:
-    """Race entries(*arguments) in this process; return one row for each round of an entry, and one for each entry that failed.
+    """Time entries(*arguments) alternately in this process; return one row for each round of an entry, and one for each failed entry.
 
     `entries` yields, for each timed quantity, a key and a function that makes its block, the piece of work to be timed. If a block
     has facts, further columns that it returns after the race, there is one more row with these facts.
@@ -53,7 +53,7 @@ def race_here(
 
 
 def race_survivors(entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str]) -> Rows:
-    """Race entries(*arguments) as `race_here` does, but in a process of its own.
+    """Time entries(*arguments) alternately, as `race_here` does, but in a process of its own.
 
     If an engine crashes this process or hangs, each entry of the engine gets one row with the reason, and the race of all other
     entries is repeated.

@@ -49,7 +49,7 @@ class Task(NamedTuple):
     """A task for a worker.
 
     Attributes:
-        key: identifies the task in the journal.
+        key: identifies the task in the journal, the file of finished tasks.
         function, arguments: function(*arguments) returns table -> rows.
         stamp: digest of the code and data that the rows depend on.
         table: name of the table that gets a row if the task fails.
@@ -93,9 +93,9 @@ def with_race_limit(task: Task, processes: int = 1) -> Task:
 
 
 def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = None) -> Tables:
-    """Run the tasks that the journal does not hold yet, `jobs` at a time, and return table -> rows of all tasks, in their order.
+    """Run the tasks that are not finished yet, `jobs` at a time, and return table -> rows of all tasks, in their order.
 
-    `label` names the tasks in reports of progress.
+    `journal` is the file of finished tasks, to which the tasks are added; `label` names the tasks in reports of progress.
     """
     done: dict[str, Tables] = {}  # key of a task -> its answer
     for task in tasks:

@@ -1,7 +1,7 @@
 """Run, judge and time settings of engines, for the searches in `measurements/search.py` and `../advice`.
 
-A setting of this kind is called a way (class `Way`): an engine, one of its variants (options, integrator, stabilisation), and a
-size, that is, a step or a tolerance.
+A setting of this kind (class `Way`) is an engine with one of its variants (options, integrator, stabilisation) and a size, that is,
+a step or a tolerance.
 """
 
 import math

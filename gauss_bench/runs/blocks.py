@@ -89,7 +89,8 @@ def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
         RunFailure: the engine cannot run the mechanism.
     """
     most, count = max(1, round(MOTION / step)), 1  # the number of steps grows until they last long enough
-    while True:  # prepared for the times of start and end
+    while True:
+        # the model is prepared for two sample times, the start and the end of `count` steps
         block = Block(entry, partial(model.prepare, step * np.arange(2.0) * count, native=native), model.run, count)
         block.ready()
         elapsed = measure_seconds(block.go)

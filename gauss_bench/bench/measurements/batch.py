@@ -38,8 +38,8 @@ def race_batch(linkage: str, scenario: str, part: Batch, race: Callable[..., Any
     """Time our own batch of trajectories and a rival engine's in turn, in several processes, and return the linkage's row.
 
     The times in the table row are those of one step of one trajectory. If an engine crashes or hangs in a process, the row has the
-    reason of this failure instead of times. `part` is the suite's section on batches, which names both engines. `race` is
-    `race_survivors`, or `race_here` in tests.
+    reason of this failure instead of times. `part` is the suite's section on batches, which names both engines. `race` is the
+    function that times the engines: `race_survivors`, or `race_here` in tests.
     """
     mechanism = load(linkage, scenario or None)
     start: Row = place_of(mechanism) | {"states": part.states, "steps": part.step_count}
@@ -52,7 +52,7 @@ def race_batch(linkage: str, scenario: str, part: Batch, race: Callable[..., Any
 
 
 def list_keys(part: Batch) -> tuple[Key, Key]:
-    """Return the keys of two entries of the race: our own engine (`part.own`), and the engine it is compared with."""
+    """Return the keys of the two timed quantities: that of our own engine (`part.own`), and that of the rival engine."""
     return Key(QUANTITY, part.own), Key(QUANTITY, part.rival, part.settings)
 
 

@@ -51,10 +51,10 @@ Make = Callable[[], Block]
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return a race for each linkage and process, and the cold builds (first model and step in a new process).
+    """Return a task that times all engines for each linkage and process, and the cold builds (first model and step in a new process).
 
     Engines that crashed or hung on a linkage are not timed there. The processes that time the same linkage do not run in
-    succession, so that a disturbance of a minute affects few of them.
+    succession, so that a disturbance that lasts a minute affects few of them.
     """
     lost = {(r["mechanism"], r["engine"]) for r in tables.get("results", []) if r["status"] in LOST}
     tasks = []
@@ -88,7 +88,7 @@ def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0, race: Ca
     Args:
         part: section of the suite that names the engines to be timed.
         number: index of the process, which is written into the rows.
-        race: `race_survivors`, or `race_here` in tests.
+        race: function that times the engines; `race_survivors` does so in a new process, `race_here` in this one (in tests).
     """
     start = place_of(load(linkage, scenario or None))
     # the loops that measure the processor are entries of an engine named PROCESSOR
@@ -189,8 +189,8 @@ def gather_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:
 def complete(suite: Suite, tables: Tables) -> None:
     """Fill in the cost columns of the table `results`.
 
-    Of equal rows of the table `untimed`, which several processes may have written, only one is kept. This table has a row for each
-    timed quantity of an engine for which there are no times.
+    The table `untimed` has a row for each quantity of an engine that could not be timed; of equal rows from several processes, one
+    is kept.
     """
     if "untimed" in tables:
         tables["untimed"] = [dict(x) for x in dict.fromkeys(tuple(r.items()) for r in tables["untimed"])]

@@ -47,10 +47,8 @@ def absent(part: SameQuestions) -> list[str]:
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """Return the tasks that run `compare_runs`: one for each linkage, engine and setting.
 
-    The engine's first integrator is used, without stabilisation.
-
-    The engines in PLAIN differ from other engines only in how they solve the same equations, and are run with their default setting
-    only.
+    The engine's first integrator is used, without stabilisation. The engines in PLAIN differ from other engines only in how they
+    solve the same equations, and are run with their default setting only.
     """
     tasks = []
     for part in suite.field:
