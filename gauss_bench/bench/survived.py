@@ -25,7 +25,7 @@ Entries = Callable[
 def race_here(
     entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str] | None = None, path: str = ""
 ) -> Rows:
-    """Time entries(*arguments) alternately in this process; return one row for each round of an entry, and one for each failed entry.
+    """Time entries(*arguments) alternately in this process; return a row for each round of an entry, and one for each failed entry.
 
     `entries` yields, for each timed quantity, a key and a function that makes its block, the piece of work to be timed. If a block
     has facts, further columns that it returns after the race, there is one more row with these facts.

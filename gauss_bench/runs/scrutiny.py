@@ -87,7 +87,7 @@ def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, l
 
 
 def at_samples(finer: Run, times: Array) -> Run:
-    """Return the repetition of a run with smaller steps, but only its samples at the sample times (k,) [s] of the original run."""
+    """Return the finer repetition of a run, but only its samples at the sample times (k,) [s] of the original run."""
     x = finer.trajectory
     return finer if x is None else replace(finer, trajectory=x[metrics.common_times(x.t, times)[0]])
 

@@ -51,7 +51,7 @@ Make = Callable[[], Block]
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return a task that times all engines for each linkage and process, and the cold builds (first model and step in a new process).
+    """Return the tasks that time all engines, one for each linkage and process, and those of the cold builds in new processes.
 
     Engines that crashed or hung on a linkage are not timed there. The processes that time the same linkage do not run in
     succession, so that a disturbance that lasts a minute affects few of them.

@@ -22,7 +22,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def example_motion(store: str) -> Tables:
-    """Return the table rows of the example motion in the first of the two papers on Gauss's principle that the suite tests.
+    """Return the table rows of the example motion of Yuan and Ge (2016).
 
     The reference of the motion is stored in the folder `store`.
     """
