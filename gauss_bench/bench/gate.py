@@ -1,9 +1,9 @@
 """The accuracy gate: compare the figures (measured numbers and statuses) of the gate suite with a committed baseline.
 
 Times are not compared. The limit of a figure follows from its value in the baseline by the rules below (RULES and other constants).
-A figure fails if it is worse than its limit, which is the baseline times a factor. It is reported as better if it is better than
-the baseline by this factor. A figure that is much better fails too, because a faulty metric may be the cause; a real improvement is
-accepted like any other change. A new baseline is accepted only with a reason, which is stored with the date.
+A figure fails if it is worse than its limit, which is the baseline times a factor. A figure is reported as better if it is better
+than the baseline by this factor. A figure that is much better fails too, because a faulty metric may be the cause; a real
+improvement is accepted like any other change. A new baseline is accepted only with a reason, which is stored with the date.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -5,9 +5,9 @@ A run's pose at a time is the sum
     q = reference + ahead + gap,    reference + ahead: the pose nearest to q whose loops are closed
 
 Here `ahead` is a motion of the linkage with closed loops, and `gap` is the distance of the links from their places in closed loops.
-The report's player draws a magnified deviation of a run from the reference. It multiplies the two parts separately: it moves the
-linkage along its motion for `ahead`, and shifts single links by `gap`. If the player magnified the sum `ahead` + `gap`, a run that
-is only late would be drawn with open loops, because links move along arcs.
+The report's player draws a magnified deviation of a run from the reference. The player multiplies the two parts separately: it
+moves the linkage along its motion for `ahead`, and shifts single links by `gap`. If the player magnified the sum `ahead` + `gap`, a
+run that is only late would be drawn with open loops, because links move along arcs.
 
 `ahead` and `gap` are stored separately, so that a gap of 1e-12 m is not lost beside a delay of a centimetre.
 """

@@ -343,7 +343,7 @@ def _variant(name: str, said: Any) -> Variant:
 def _options(engine: Any) -> dict[str, tuple[str, ...]]:
     """Return option -> texts that are allowed as values, for each option that can be set by itself.
 
-    These are the options that the engine declares as `knobs` or, if it declares none, those that it lists in `options`.
+    These options are the engine's `knobs` or, if the engine declares no knobs, the names that it lists in `options`.
     """
     knobs = {str(k): tuple(map(str, getattr(x, "values", ()))) for k, x in dict(ask(engine, "knobs")).items()}
     return {k: x for k, x in knobs.items() if k not in CHOSEN} or dict.fromkeys(map(str, ask(engine, "options")), ())

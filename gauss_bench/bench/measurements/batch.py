@@ -85,8 +85,8 @@ def check_lanes(model: Any, q: Array, v: Array, steps: int) -> Row:
     """Run all trajectories in vector lanes and some again one by one, and return the columns `lanes`, `lanes_error` and `lost`.
 
     `lanes` is the number of trajectories that are computed at once. `lanes_error` is the largest difference [m, rad] between the
-    end of a trajectory in a lane and its end in a run by itself. `lost` is the number of trajectories that failed in lanes. The
-    model runs `steps` steps from the states q, v (k, n).
+    last state of a trajectory in a lane and the last state of the same trajectory in a run by itself. `lost` is the number of
+    trajectories that failed in lanes. The model runs `steps` steps from the states q, v (k, n).
     """
     ends = ask(model, "batch")(q, v, steps)()
     lost = model.kernel.lost  # read before the single runs overwrite it

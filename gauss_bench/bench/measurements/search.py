@@ -5,7 +5,7 @@ its steps. A setting (class `Way`) is a variant with a step size or tolerance. A
 functions and tables, a "ladder" is the list of the trials of a variant, at finer and finer steps or tolerances.
 
 In the first stage, every variant runs alone in a worker process, at sizes from coarse to fine. The errors of a run are the largest
-error of a position, of an angle and of a joint force during the run. They are taken at 50 sample times at equal distances (or
+error of a position, of an angle and of a joint force during the run. The errors are taken at 50 sample times at equal distances (or
 fewer, if the reference has no samples there). If some of the sample times are no ends of steps, because the steps are long, the
 errors are taken at the others. Nothing is timed in this stage.
 
