@@ -2,7 +2,7 @@
 
 Users who want speed from CasADi write such steps, without an integrator of SUNDIALS. The accelerations are generated as C, and
 compiled together with the steps. If there is no C compiler, or if a variant asks for it, CasADi's virtual machine takes the steps.
-The note of a run names which of them was used.
+The note of a run names the method that took the steps.
 """
 
 from collections.abc import Mapping
