@@ -87,7 +87,7 @@ def step_through(
         laws: index of a driven joint -> its motion law.
         plan: stretches of equal steps: begin [s], number of steps, their length [s], `last` [s], and the index of the sample at the
             end of the stretch, or None. No force is evaluated later than `last`, a time just before the jump of a force at the end
-            of the stretch.
+            of the stretch; infinite without a jump.
         samples: arrays x and dx (k, n) for the states in the world's coordinates, which are filled.
     """
     # forces that never change need no call of Python between the steps

@@ -22,7 +22,7 @@ class Stepper:
     """A plant that is evaluated at given states and takes steps from them."""
 
     def __init__(self, built: Built):
-        """Make a context of the plant; a context is Drake's object that holds a state."""
+        """Make a context for steps of the plant; a context is Drake's object that holds a state."""
         self.built = built
         self.length = float(built.plant.time_step())  # [s]; 0 of a continuous plant
         # context of the whole diagram, and the part of it that belongs to the plant

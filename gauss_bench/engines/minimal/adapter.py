@@ -160,7 +160,7 @@ class MinimalModel:
         walk: sampled states of the linkage's motion.
         scales: for each way an array (dyads,) by which the openings are divided, so that the largest is 1.
         signs: for each way the signs (states, dyads) of the openings at the sampled states.
-        open: (ways, states) smallest opening of the dyads of each way at each sampled state.
+        open: (ways, states) smallest opening of the dyads of each way at each sampled state, after division by `scales`.
         steady: indices of the ways whose openings stay above STEADY at all sampled states; each serves for the whole motion.
         least: a way is not used at states at which the opening of one of its dyads is below this number.
         equations: key -> equation of motion, for the keys needed so far.
@@ -187,9 +187,9 @@ class MinimalModel:
         self.signs = [np.sign(x) for x in openings]
         self.open = np.array([_smallest(x, scale) for x, scale in zip(openings, self.scales, strict=True)])
         self.steady = [k for k in range(len(self.ways)) if self.open[k].min() > STEADY]
-        # smallest opening during the motion if the coordinate with the largest openings is used at each state
+        # smallest opening during the motion if, at each state, the coordinate is used whose smallest opening is largest
         best_opening = float(self.open.max(axis=0).min())
-        # the half of it, so that at a state at which one coordinate reaches `least`, another one has larger openings
+        # `least` is at most half of it (if this is above NARROW), so that where one coordinate reaches it, another has larger openings
         self.least = STEADY / 2 if self.steady else min(CHANGE, max(best_opening / 2, NARROW))
         self.equations: dict[Key, Equation] = {}
         self.evaluators: dict[Key, Callable[[Array], list[Array]]] = {}

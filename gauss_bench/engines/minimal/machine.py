@@ -54,7 +54,8 @@ class Machine:
     def memory_for(self, slots: int) -> Single:
         """Return the memory of a rollout with `slots` samples, allocated on the first call."""
         if slots not in self._memories:
-            # the arrays of the routine `rollout`: state y, parameters (none), samples, and a report of three numbers
+            # the arrays of the routine `rollout`: state y, parameters (none), samples, and a report of three numbers; codes[1] is
+            # the machine code for one trajectory at a time
             self._memories[slots] = Single(self._fixed_code.codes[1], (2 * self.n, 0, slots * 2 * self.n, 3))
         return self._memories[slots]
 

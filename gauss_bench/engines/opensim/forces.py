@@ -35,7 +35,7 @@ class JointForces:
     Attributes:
         joints: pairs of a branch of the tree (a link with its joint) and OpenSim's object for the joint.
         pins: pairs of a pin that closes a loop and OpenSim's object for its constraint.
-        on_bodies: loads that are forces on bodies in OpenSim; all other loads are forces on coordinates.
+        on_bodies: loads that OpenSim applies to bodies; all other loads are forces on coordinates.
         driven: index of a driven tree coordinate -> its driver.
         beyond: link -> the link itself and all its descendants in the tree. OpenSim's joint of the link transmits the loads on
             coordinates of all these links.
