@@ -189,7 +189,7 @@ class MinimalModel:
         self.steady = [k for k in range(len(self.ways)) if self.open[k].min() > STEADY]
         # smallest opening during the motion if, at each state, the coordinate is used whose smallest opening is largest
         best_opening = float(self.open.max(axis=0).min())
-        # `least` is at most half of it (if this is above NARROW), so that where one coordinate reaches it, another has larger openings
+        # `least` is at most half of it, or NARROW, so that where one coordinate reaches `least`, another has larger openings
         self.least = STEADY / 2 if self.steady else min(CHANGE, max(best_opening / 2, NARROW))
         self.equations: dict[Key, Equation] = {}
         self.evaluators: dict[Key, Callable[[Array], list[Array]]] = {}
